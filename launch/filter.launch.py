@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Start the filter on one topic: ``ros2 launch lidar_outlier_filter filter.launch.py``."""
+
+from pathlib import Path
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
+
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.node import NODE_NAME, remappings
+
+ARGUMENTS = [
+    DeclareLaunchArgument(
+        'input_topic',
+        default_value='points',
+        description='PointCloud2 topic of the sensor; answers go to its /cleaned and /outliers.',
+    ),
+    DeclareLaunchArgument(
+        'params_file',
+        default_value='',
+        description="ROS parameter file for the filter; empty: the node's defaults.",
+    ),
+    DeclareLaunchArgument(
+        'namespace',
+        default_value='',
+        description='Namespace of the node, and of an input_topic without a leading slash.',
+    ),
+    DeclareLaunchArgument(
+        'use_sim_time',
+        default_value='false',
+        choices=['true', 'false'],
+        description='Take the time from /clock, as when a recording is played with --clock.',
+    ),
+    DeclareLaunchArgument(
+        'log_level',
+        default_value='info',
+        choices=['debug', 'info', 'warn', 'error', 'fatal'],
+        description='Least severe message that the node logs.',
+    ),
+]
+
+
+def filter_node(context: LaunchContext) -> list[Node]:
+    """Make the node; only now is the topic known that the three remappings come from."""
+    argument = context.launch_configurations
+    use_sim_time = ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)
+    parameters: list[object] = [{'use_sim_time': use_sim_time}]
+    if params_file := argument['params_file']:
+        if not Path(params_file).is_file():  # launch_ros would warn, and start with the defaults
+            raise ParameterError('params_file', 'a file that exists', repr(params_file))
+        parameters.append(ParameterFile(params_file))
+    node = Node(
+        package='lidar_outlier_filter',
+        executable='outlier_filter_node',
+        name=NODE_NAME,
+        namespace=argument['namespace'],
+        parameters=parameters,
+        remappings=remappings(argument['input_topic']),
+        ros_arguments=['--log-level', argument['log_level']],
+        output='screen',
+    )
+    return [node]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments, then start the node with them."""
+    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=filter_node)])

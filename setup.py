@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Build and install the package: with colcon on a machine with ROS, with pip on any other.
+
+The metadata live here and not in a [project] table, because colcon reads them here.
+"""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'lidar_outlier_filter'
+ROOT = Path(__file__).parent
+
+
+def shared_files() -> list[tuple[str, list[str]]]:
+    """List what goes to share/: what ROS finds the package by, launch and config files."""
+    found: dict[str, list[str]] = {
+        'share/ament_index/resource_index/packages': [f'resource/{NAME}'],
+        f'share/{NAME}': ['package.xml'],
+    }
+    for folder in ('launch', 'config'):
+        for path in sorted((ROOT / folder).rglob('*')):
+            relative = path.relative_to(ROOT)
+            if path.is_file() and '__pycache__' not in relative.parts:
+                found.setdefault(f'share/{NAME}/{relative.parent}', []).append(str(relative))
+    return list(found.items())
+
+
+setup(
+    name=NAME,
+    version='0.1.0',  # also in package.xml and in the package itself; a test compares the three
+    description='Clean lidar clouds from a moving vehicle, the same live and offline',
+    author='The lidar_outlier_filter authors',
+    maintainer='The lidar_outlier_filter authors',
+    maintainer_email='lidar_outlier_filter@example.org',
+    license='Apache-2.0',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['py.typed']},
+    data_files=shared_files(),
+    zip_safe=True,
+    python_requires='>=3.11',
+    # Lower bounds: what Ubuntu 24.04 packages, so that a Jazzy machine needs pip for rosbags only.
+    install_requires=[
+        'matplotlib>=3.6',
+        'numba>=0.58',
+        'numpy>=1.26',
+        'Pillow>=10.2',
+        'PyYAML>=6.0',
+        'rich>=13.7',
+        'rosbags>=0.11.6',
+        'scipy>=1.11',
+    ],
+    extras_require={
+        # The real Jazzy as wheels, where none is installed; rclpy does not import without the rmw.
+        'ros': [
+            'ros-jazzy-rcl-interfaces>=2.0,<3',
+            'ros-jazzy-rclpy>=7.1,<8',
+            'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9',
+            'ros-jazzy-sensor-msgs>=5.3,<6',
+        ],
+        'audit': ['filterpy>=1.4.5'],  # `engine: filterpy`
+        'bench': ['open3d>=0.18'],  # the ratio that `lidar-outlier-filter bench` prints
+        'test': [
+            'catkin-pkg>=1.0',
+            'colcon-core>=0.17',
+            'colcon-ros>=0.5',
+            'filterpy>=1.4.5',
+            'hypothesis>=6.98',
+            'mcap-ros2-support>=0.5',
+            'psutil>=5.9',
+            'pytest>=7.4',
+            'pytest-timeout>=2.2',
+            'pytest-xdist>=3.4',
+            'scikit-learn>=1.4',
+        ],
+        'lint': [
+            'mypy>=1.13',
+            'ruff>=0.12',
+            'types-psutil',
+            'types-PyYAML',
+        ],
+    },
+    entry_points={
+        'console_scripts': [
+            f'lidar-outlier-filter = {NAME}.cli:main',
+            f'outlier_filter_node = {NAME}.start:main',
+        ],
+    },
+)
