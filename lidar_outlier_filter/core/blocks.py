@@ -1,0 +1,212 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stream: push points, get finished verdicts, whatever the points were cut into.
+
+Sensor time is cut into blocks that are aligned absolutely: block n covers [n·block, (n + 1)·block).
+A block is judged, together with its halo on either side, once nothing more can arrive for them. So
+a verdict depends on the points alone and not on the messages that brought them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.chain import Chain, Verdict
+from lidar_outlier_filter.core.points import SECOND, Points, concatenate
+from lidar_outlier_filter.errors import CloudError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.parameters import FilterParameters
+
+BEGINNING = -(2**62)  # before any time, nanoseconds
+END = 2**62
+
+
+@dataclass
+class _Message:
+    """The points of one message, in wait for their verdict or seen as halo of others."""
+
+    points: Points  # the valid ones
+    where: NDArray[np.intp]  # their places in the message
+    verdict: Verdict  # of all points of the message
+    tag: Any
+    first: int = field(init=False)  # earliest and latest time, ns
+    last: int = field(init=False)
+    sorted: bool = field(init=False)  # by time
+
+    def __post_init__(self) -> None:
+        """Note the stretch of time that the points cover; without points it is empty."""
+        t = self.points.t
+        self.first, self.last = (int(t.min()), int(t.max())) if len(t) else (END, BEGINNING - 1)
+        self.sorted = bool((t[1:] >= t[:-1]).all())
+
+    def between(self, begin: int, end: int) -> slice | NDArray[np.intp]:
+        """Find the points with begin <= t < end."""
+        t = self.points.t
+        if begin <= self.first and self.last < end:
+            return slice(0, len(t))
+        if self.sorted:
+            return slice(*np.searchsorted(t, (begin, end)).tolist())
+        return np.flatnonzero((t >= begin) & (t < end))
+
+
+class Stream:
+    """Points in, verdicts out: one for each message, in order.
+
+    ``chain`` may be replaced between two calls: the next block is judged by the new one.
+    """
+
+    def __init__(self, parameters: FilterParameters) -> None:
+        """Take block, halo, lateness, time_jump, max_points and the chain from the parameters."""
+        self.chain = Chain(parameters)
+        self._block = round(parameters.block * SECOND)
+        self._halo = round(parameters.halo * SECOND)
+        self._lateness = round(parameters.lateness * SECOND)
+        self._jump = round(parameters.time_jump * SECOND)
+        self._most = parameters.max_points
+        self.resets = 0
+        self._clear()
+
+    def _clear(self) -> None:
+        self._seen: deque[_Message] = deque()  # with points that blocks to come need
+        self._waiting: deque[_Message] = deque()  # without an answer yet
+        self._held = 0  # points in _seen
+        self._unanswered = 0  # points in _waiting, missing returns too
+        self._newest = BEGINNING  # latest time of any point
+        self._pending = END  # earliest time of a point without a verdict
+        self._judged = BEGINNING  # every point before this has its verdict
+        self._closed = BEGINNING  # no point before this can be taken any more
+
+    @property
+    def waiting(self) -> int:
+        """Count the messages without an answer."""
+        return len(self._waiting)
+
+    @property
+    def oldest(self) -> Any:
+        """The tag of the message that has waited longest; None where none waits."""
+        return self._waiting[0].tag if self._waiting else None
+
+    @property
+    def held(self) -> int:
+        """Count the points held: those that are needed, or those that wait, whichever are more."""
+        return max(self._held, self._unanswered)
+
+    def push(self, points: Points, tag: Any = None) -> list[tuple[Any, Verdict]]:
+        """Take the points of the next message; return the messages that are finished by it.
+
+        Returns
+        -------
+        list of (tag, verdict)
+            In the order they were pushed. A verdict has an entry for each point of the message;
+            that of an invalid point is untested.
+
+        Raises
+        ------
+        CloudError
+            If a point is older than what was judged already, or if more points would be held than
+            ``max_points``. The stream is as it was before.
+
+        """
+        where = np.flatnonzero(points.valid)
+        valid = points if len(where) == len(points) else points.take(where)
+        message = _Message(valid, where, Verdict.untested(len(points)), tag)
+        set_back = len(where) > 0 and message.last < self._newest - self._jump
+        self._refuse(message, anew=set_back)
+        # A clock that was set back: what was before has nothing to do with what comes.
+        finished = self.flush() if set_back else []
+        self.resets += set_back
+        if len(where):
+            self._seen.append(message)
+        self._waiting.append(message)
+        self._held += len(where)
+        self._unanswered += len(points)
+        self._newest = max(self._newest, message.last)
+        self._pending = min(self._pending, message.first)
+        self._judge_until(self._newest - self._lateness)
+        return finished + self._finished()
+
+    def flush(self) -> list[tuple[Any, Verdict]]:
+        """Judge all that is pending with what is there, and begin anew."""
+        finished = self.hurry()
+        self._clear()
+        return finished
+
+    def hurry(self) -> list[tuple[Any, Verdict]]:
+        """Judge all that is pending with what is there, and go on: what comes sees it as halo."""
+        self._judge_until(END)
+        return self._finished()
+
+    def _refuse(self, message: _Message, *, anew: bool) -> None:
+        if not anew and message.first < self._closed:
+            late = (self._closed - message.first) / SECOND
+            got = f'a point {late:.6f} s older than that'
+            raise CloudError('the time of a cloud', 'at or after what is judged already', got)
+        total = len(message.verdict.score) + (0 if anew else self.held)
+        if total > self._most:
+            raise CloudError(
+                'the number of points held', f'at most max_points = {self._most}', total
+            )
+
+    def _judge_until(self, complete: int) -> None:
+        """Judge every block that is complete with its halo; END: every block, complete or not."""
+        while self._pending != END:
+            begin = self._pending - self._pending % self._block
+            end = begin + self._block
+            if end + self._halo > complete:
+                return
+            self._judge(begin, end)
+            if complete == END:
+                # What comes later in this block is still welcome.
+                self._judged = self._closed = min(end, self._newest + 1)
+            else:
+                self._judged, self._closed = end, end + self._halo
+            self._look_for_pending()
+            self._forget()
+
+    def _judge(self, begin: int, end: int) -> None:
+        """Judge the pending points of one block with its halo; tell their messages."""
+        first, last = begin - self._halo, end + self._halo
+        near = [message for message in self._seen if first <= message.last and message.first < last]
+        members = [(message, message.between(first, last)) for message in near]
+        together = concatenate([message.points.take(index) for message, index in members])
+        verdict = self.chain.judge(together)
+        judged = (together.t >= max(begin, self._judged)) & (together.t < end)
+        offset = 0
+        for message, index in members:
+            places = message.where[index]
+            part = slice(offset, offset + len(places))
+            target = places[judged[part]]
+            message.verdict.score[target] = verdict.score[part][judged[part]]
+            message.verdict.detectors[target] = verdict.detectors[part][judged[part]]
+            offset += len(places)
+
+    def _look_for_pending(self) -> None:
+        self._pending = END
+        for message in self._waiting:
+            if message.first >= self._judged:
+                self._pending = min(self._pending, message.first)
+            elif message.last >= self._judged:
+                t = message.points.t
+                self._pending = min(self._pending, int(t[t >= self._judged].min()))
+
+    def _forget(self) -> None:
+        """Let go of messages that end before the halo of the block to come."""
+        needed = self._judged - self._judged % self._block - self._halo
+        self._seen = deque(message for message in self._seen if message.last >= needed)
+        self._held = sum(len(message.points) for message in self._seen)
+
+    def _finished(self) -> list[tuple[Any, Verdict]]:
+        """Take the messages from the head of the queue whose points are all judged."""
+        finished = []
+        while self._waiting and self._waiting[0].last < self._judged:
+            message = self._waiting.popleft()
+            self._unanswered -= len(message.verdict.score)
+            finished.append((message.tag, message.verdict))
+        return finished

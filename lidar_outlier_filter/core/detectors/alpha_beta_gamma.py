@@ -1,0 +1,322 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The moving fixed-interval smoother derived from the α-β-γ filter (Leslar, Wang and Hu 2010).
+
+Each point is predicted from its window, the points in front and behind it in its line segment,
+under constant acceleration without process noise (equations 1-4), and the difference is tested
+(15-17).
+
+Equations (11)-(16) weigh all points of the window, the tested one too, and then take it out again
+by dividing by 1 - a_0. That is the least squares prediction from the other points alone, so the
+kernel sums over those: with N their normal matrix (14), the prediction's variance is q = (N⁻¹)₀₀
+and (16) is σ_k² + q.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from lidar_outlier_filter.core.detectors import smoother_kernels
+from lidar_outlier_filter.core.detectors.smoother_kernels import (
+    AFTER,
+    BEFORE,
+    CENTRED,
+    RATE,
+    WEIGHT,
+    Series,
+    T,
+    X,
+    empty_series,
+)
+from lidar_outlier_filter.core.kernels import kernel, median
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.scanlines import Lines
+    from lidar_outlier_filter.parameters import AlphaBetaGamma
+
+    Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
+
+FEWEST_RESIDUALS = 10  # fewer of them in a line give no standard deviation
+MAD_TO_SIGMA = 1.4826  # median of |N(0, 1)| is 0.6745
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the smoother says of N points.
+
+    Attributes
+    ----------
+    score : (N,) float64
+        Statistic ÷ critical value; NaN for untested points; more than 1 exactly where rejected.
+    rejected : (N,) bool
+        Rejected points.
+    passes : int
+        Passes that were needed.
+
+    """
+
+    score: NDArray[np.float64]
+    rejected: NDArray[np.bool_]
+    passes: int
+
+
+def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
+    """Test every point against the prediction from its window.
+
+    Each pass rejects, of all points that fail, those that fail worse than every other within reach
+    of their window, and the next one tests the neighbours again without them: the worst of a window
+    carries the others with it, so rejecting all at once would condemn good ones. The last pass
+    allowed rejects all that fail.
+
+    Parameters
+    ----------
+    points : N points, sorted by line and time, all of them valid
+    lines : their lines and segments
+    parameters : see :class:`~lidar_outlier_filter.parameters.AlphaBetaGamma`
+
+    """
+    before, after = parameters.before, parameters.after
+    series = _series(points, lines, max(before, after))
+    residuals = _engine(parameters)
+    everything = np.arange(len(points), dtype=np.int64)
+    standard = residuals(series, everything, parameters)
+    sigma = _sigma(standard, points, lines, parameters)
+    critical = critical_values(parameters.significance, parameters.test)
+    either = parameters.sides == 'either'
+    score = _scores(standard, sigma, everything, *critical, either)
+    rejected = np.zeros(len(points), np.bool_)
+    failing = np.flatnonzero(score > 1)
+    number = 1
+    while len(failing) and number < parameters.passes:
+        worst = failing[_is_worst(failing, score, series.before, series.after, before + after)]
+        rejected[worst] = True
+        spoiled = _unlink(worst, series.before, series.after, before, after, rejected)
+        standard = residuals(series, spoiled, parameters)
+        score[spoiled] = _scores(standard, sigma, spoiled, *critical, either)
+        failing = _still_failing(failing, spoiled, score, rejected)
+        number += 1
+    rejected[failing] = True
+    return Outcome(score, rejected, number)
+
+
+def critical_values(significance: float, test: str) -> tuple[float, float]:
+    """Return the critical value of one coordinate and of all three, inf for one that is not tested.
+
+    One coordinate's is two-sided normal (17); three independent ones have χ² with three degrees of
+    freedom.
+    """
+    each = float(norm.isf(significance / 2)) if test != 'joint' else np.inf
+    joint = float(np.sqrt(chi2.isf(significance, 3))) if test != 'each' else np.inf
+    return each, joint
+
+
+def _series(points: Points, lines: Lines, pad: int) -> Series:
+    # The links are copied: taking a point out must not be seen by other detectors.
+    series = empty_series(pad, lines.before.copy(), lines.after.copy())
+    # Relative to the first point, nanoseconds are whole in a float64 too.
+    series.row(T)[:] = points.t - points.t[:1]
+    series.row(slice(X, X + 3))[:] = points.xyz.T
+    series.row(WEIGHT)[:] = 1 if points.sigma is None else points.sigma**-2.0
+    known = lines.interval > 0
+    rate = np.where(known, 1 / np.where(known, lines.interval, 1.0), 0.0)
+    series.row(RATE)[:] = np.repeat(rate, np.diff(lines.first))
+    return series
+
+
+def _engine(parameters: AlphaBetaGamma) -> Residuals:
+    if parameters.engine == 'kernel':
+        return smoother_kernels.residuals
+    from lidar_outlier_filter.core.detectors import filterpy_engine  # noqa: PLC0415  optional
+
+    return filterpy_engine.residuals
+
+
+def _sigma(
+    standard: NDArray[np.float64], points: Points, lines: Lines, parameters: AlphaBetaGamma
+) -> NDArray[np.float64]:
+    """Return the (3, N) standard deviations that the differences are still to be divided by."""
+    if points.sigma is not None:
+        return np.ones((3, len(points)))
+    if parameters.sigma > 0:
+        return np.full((3, len(points)), parameters.sigma)
+    return _line_sigma(standard[CENTRED], lines.first, parameters.sigma_floor)
+
+
+@kernel
+def _line_sigma(
+    standard: NDArray[np.float64], first: NDArray[np.int64], floor: float
+) -> NDArray[np.float64]:
+    """Estimate σ of each line and coordinate from its median absolute centred difference.
+
+    A line with too few differences for a median has NaN: its points stay untested.
+    """
+    result = np.full(standard.shape, np.nan)
+    scratch = np.empty(standard.shape[1])
+    for axis in range(3):
+        for line in range(len(first) - 1):
+            count = 0
+            for i in range(first[line], first[line + 1]):
+                value = abs(standard[axis, i])
+                scratch[count] = value
+                count += not np.isnan(value)
+            if count >= FEWEST_RESIDUALS:
+                sigma = max(floor, MAD_TO_SIGMA * median(scratch, count))
+                result[axis, first[line] : first[line + 1]] = sigma
+    return result
+
+
+@kernel
+def _scores(
+    standard: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    which: NDArray[np.int64],
+    critical_each: float,
+    critical_joint: float,
+    either: bool,
+) -> NDArray[np.float64]:
+    """Score points by the centred window, or by the one side they agree with better."""
+    result = np.empty(len(which))
+    for m in range(len(which)):
+        k = which[m]
+        score = np.nan
+        if either:
+            front = _window_score(standard[BEFORE], m, sigma, k, critical_each, critical_joint)
+            behind = _window_score(standard[AFTER], m, sigma, k, critical_each, critical_joint)
+            # The smaller one; a comparison with NaN is false.
+            score = behind if behind < front or np.isnan(front) else front
+        if np.isnan(score):
+            score = _window_score(standard[CENTRED], m, sigma, k, critical_each, critical_joint)
+        result[m] = score
+    return result
+
+
+@kernel
+def _window_score(
+    standard: NDArray[np.float64],
+    m: int,
+    sigma: NDArray[np.float64],
+    k: int,
+    critical_each: float,
+    critical_joint: float,
+) -> float:
+    """Divide the statistics of one window by their critical values; the larger counts."""
+    a = abs(standard[0, m]) / sigma[0, k]
+    b = abs(standard[1, m]) / sigma[1, k]
+    c = abs(standard[2, m]) / sigma[2, k]
+    # All three are NaN together, and max() would not tell.
+    if np.isnan(a):
+        return np.nan
+    score = max(a, b, c) / critical_each
+    if critical_joint < np.inf:
+        score = max(score, np.sqrt(a * a + b * b + c * c) / critical_joint)
+    return float(score)
+
+
+@kernel
+def _is_worst(
+    failing: NDArray[np.int64],
+    score: NDArray[np.float64],
+    before: NDArray[np.int64],
+    after: NDArray[np.int64],
+    reach: int,
+) -> NDArray[np.bool_]:
+    """Tell which points fail worse than every survivor within reach; of equals the first is.
+
+    The reach is a whole window: near an end of the segment, where windows are shifted, points may
+    see each other from that far.
+    """
+    result = np.ones(len(failing), np.bool_)
+    for m in range(len(failing)):
+        k = failing[m]
+        i, j = before[k], after[k]
+        for _ in range(reach):
+            # A comparison with NaN is false: untested points exceed nobody.
+            if (i >= 0 and score[i] >= score[k]) or (j >= 0 and score[j] > score[k]):
+                result[m] = False
+                break
+            i = before[i] if i >= 0 else i
+            j = after[j] if j >= 0 else j
+    return result
+
+
+@kernel
+def _unlink(
+    worst: NDArray[np.int64],
+    before: NDArray[np.int64],
+    after: NDArray[np.int64],
+    reach_before: int,
+    reach_after: int,
+    rejected: NDArray[np.bool_],
+) -> NDArray[np.int64]:
+    """Take points out of their segments; return, once each, those whose windows held one."""
+    reach = reach_before + reach_after
+    marked = np.zeros(len(before), np.bool_)
+    spoiled = np.empty(2 * reach * len(worst), np.int64)
+    count = 0
+    for k in worst:
+        for side in range(2):
+            link = before if side == 0 else after
+            length = _chain_length(link, k, reach)
+            # A point in front holds k among those behind it, and the other way round.
+            near = reach_after if side == 0 else reach_before
+            far = reach_before if side == 0 else reach_after
+            i = link[k]
+            for distance in range(1, min(length, reach) + 1):
+                # Windows near an end of the segment are shifted inwards and reach farther.
+                shifted = length <= reach and distance > length - far
+                if (distance <= near or shifted) and not marked[i]:
+                    marked[i] = True
+                    spoiled[count] = i
+                    count += 1
+                i = link[i]
+    for k in worst:
+        if before[k] >= 0:
+            after[before[k]] = after[k]
+        if after[k] >= 0:
+            before[after[k]] = before[k]
+    kept = 0
+    for m in range(count):
+        if not rejected[spoiled[m]]:
+            spoiled[kept] = spoiled[m]
+            kept += 1
+    return spoiled[:kept]
+
+
+@kernel
+def _chain_length(link: NDArray[np.int64], k: int, most: int) -> int:
+    """Count the points along the links to the end of the segment; most + 1 if there are more."""
+    length = 0
+    i = link[k]
+    while i >= 0 and length <= most:
+        length += 1
+        i = link[i]
+    return length
+
+
+@kernel
+def _still_failing(
+    failing: NDArray[np.int64],
+    spoiled: NDArray[np.int64],
+    score: NDArray[np.float64],
+    rejected: NDArray[np.bool_],
+) -> NDArray[np.int64]:
+    """Return, each once, the points that fail now."""
+    marked = np.zeros(len(score), np.bool_)
+    result = np.empty(len(failing) + len(spoiled), np.int64)
+    count = 0
+    for group in (failing, spoiled):
+        for i in group:
+            if score[i] > 1 and not rejected[i] and not marked[i]:
+                marked[i] = True
+                result[count] = i
+                count += 1
+    return result[:count]

@@ -1,0 +1,85 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""How kernels are compiled, and the small ones that several rooms share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar, cast
+
+import numba
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+SMALL = 16  # values that are sorted rather than partitioned
+
+Function = TypeVar('Function', bound='Callable[..., object]')
+
+
+def kernel(function: Function) -> Function:
+    """Compile with numba: cached on disk, without the GIL, floating point in the order written.
+
+    No fast-math flag: it would forbid NaN, and let the answer depend on the machine.
+    """
+    compiled = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
+    return cast('Function', compiled)
+
+
+@kernel
+def select(values: NDArray[np.float64], count: int, rank: int) -> float:
+    """Return the value of ``rank`` (from 0) among the first ``count``, none NaN; reorders them.
+
+    Afterwards no value before ``rank`` is larger, and none behind it smaller. Quickselect; its
+    partition has no branch on the values, which a processor could not predict.
+    """
+    low, high = 0, count - 1
+    while high - low > SMALL:
+        a, b, c = values[low], values[(low + high) // 2], values[high]
+        pivot = max(min(a, b), min(max(a, b), c))
+        middle = low
+        for i in range(low, high + 1):
+            value = values[i]
+            values[i] = values[middle]
+            values[middle] = value
+            middle += value < pivot
+        if rank < middle:
+            high = middle - 1
+        elif middle > low:
+            low = middle
+        else:
+            # The pivot is the smallest: take all its equals out, so that ties end the search.
+            for i in range(low, high + 1):
+                value = values[i]
+                values[i] = values[middle]
+                values[middle] = value
+                middle += value <= pivot
+            if rank < middle:
+                return float(pivot)
+            low = middle
+    for i in range(low + 1, high + 1):
+        value = values[i]
+        j = i
+        while j > low and values[j - 1] > value:
+            values[j] = values[j - 1]
+            j -= 1
+        values[j] = value
+    return float(values[rank])
+
+
+@kernel
+def median(values: NDArray[np.float64], count: int) -> float:
+    """Return the median of the first ``count`` values, at least one; reorders them.
+
+    An even count gives the mean of the two in the middle, as numpy's does.
+    """
+    half = count // 2
+    upper = select(values, count, half)
+    if count % 2 == 1:
+        return upper
+    lower = values[0]
+    for i in range(1, half):
+        lower = max(lower, values[i])
+    return float((lower + upper) / 2)

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Points: what every stage after the decoder works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import kernel
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+SECOND = 1_000_000_000  # nanoseconds
+
+
+@dataclass(frozen=True)
+class Points:
+    """N points in the order of their message.
+
+    Time is an integer, because a float64 of 1.7e9 seconds resolves 240 ns only, and because integer
+    differences do not depend on where the stream was cut.
+
+    Attributes
+    ----------
+    xyz : (N, 3) float64
+        Position, metres.
+    t : (N,) int64
+        Time of measurement, nanoseconds of the sensor's clock.
+    line : (N,) int64
+        Identity of the scan line: points of one line are compared along it.
+    valid : (N,) bool
+        False for missing returns (NaN, Inf, 0 0 0), which no detector sees.
+    sigma : (N,) float64 or None
+        Own standard deviation of each point, metres.
+
+    """
+
+    xyz: NDArray[np.float64]
+    t: NDArray[np.int64]
+    line: NDArray[np.int64]
+    valid: NDArray[np.bool_]
+    sigma: NDArray[np.float64] | None = None
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self.t)
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Points:
+        """Choose points by index, mask or slice, in that order."""
+        return Points(
+            self.xyz[index],
+            self.t[index],
+            self.line[index],
+            self.valid[index],
+            None if self.sigma is None else self.sigma[index],
+        )
+
+
+@kernel
+def is_return(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell real returns from missing ones: all three finite, and not all three 0."""
+    result = np.empty(len(xyz), np.bool_)
+    for i in range(len(xyz)):
+        x, y, z = xyz[i]
+        finite = np.isfinite(x) and np.isfinite(y) and np.isfinite(z)
+        result[i] = finite and (x != 0 or y != 0 or z != 0)
+    return result
+
+
+def concatenate(parts: Sequence[Points]) -> Points:
+    """Join points in the order given; all or none of the parts have a sigma."""
+    if len(parts) == 1:
+        return parts[0]
+    columns: dict[str, Any] = {}
+    for field in fields(Points):
+        values = [getattr(part, field.name) for part in parts]
+        columns[field.name] = None if values[0] is None else np.concatenate(values)
+    return Points(**columns)

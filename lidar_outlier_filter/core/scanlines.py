@@ -1,0 +1,167 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Points → scan lines → line segments (Leslar 2010, section 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import kernel, median
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points import Points
+
+
+@dataclass(frozen=True)
+class Lines:
+    """The order of N points along their scan lines.
+
+    Attributes
+    ----------
+    first : (L + 1,) int64
+        Where each line begins in the sorted points; the last entry is N.
+    interval : (L,) float64
+        Shot interval of each line, nanoseconds: the median of its positive time differences; 0 for
+        a line that has none.
+    before, after : (N,) int64
+        Neighbour of each point in its line segment, in front and behind; -1 at the segment's ends.
+
+    """
+
+    first: NDArray[np.int64]
+    interval: NDArray[np.float64]
+    before: NDArray[np.int64]
+    after: NDArray[np.int64]
+
+
+def order_by_line(points: Points) -> NDArray[np.int64]:
+    """Return the order of the points by line, then time, then arrival."""
+    line, t = points.line, points.t
+    if not len(t):
+        return np.empty(0, np.int64)
+    low, high = int(line.min()), int(line.max())
+    # Lines are numbered densely in all but odd streams: counting beats sorting there.
+    if high - low <= 4 * len(t) + 1024:
+        order = _count_lines(line, low, high - low + 1)
+        if _is_ordered(line, t, order):
+            return order
+    return np.lexsort((t, line)).astype(np.int64)
+
+
+@kernel
+def is_unchanged(order: NDArray[np.int64]) -> bool:
+    """Tell whether an order leaves everything where it is."""
+    for i in range(len(order)):  # noqa: SIM110  a kernel
+        if order[i] != i:
+            return False
+    return True
+
+
+def find_lines(points: Points, gap_factor: float) -> Lines:
+    """Find lines and segments of points that are sorted by line and time.
+
+    A segment ends before the next shot where that is more than ``gap_factor`` × the line's own shot
+    interval later; exactly as much later does not end it.
+    """
+    first = _line_starts(points.line)
+    interval, before, after = _link(points.t, first, gap_factor)
+    return Lines(first, interval, before, after)
+
+
+def _line_starts(line: NDArray[np.int64]) -> NDArray[np.int64]:
+    if not len(line):
+        return np.zeros(1, np.int64)
+    inner = np.flatnonzero(line[1:] != line[:-1]) + 1
+    return np.concatenate(([0], inner, [len(line)])).astype(np.int64)
+
+
+@kernel
+def _count_lines(line: NDArray[np.int64], low: int, count: int) -> NDArray[np.int64]:
+    """Sort stably by line with a counting sort."""
+    place = np.zeros(count + 1, np.int64)
+    for i in range(len(line)):
+        place[line[i] - low + 1] += 1
+    for j in range(count):
+        place[j + 1] += place[j]
+    order = np.empty(len(line), np.int64)
+    for i in range(len(line)):
+        j = line[i] - low
+        order[place[j]] = i
+        place[j] += 1
+    return order
+
+
+@kernel
+def _is_ordered(line: NDArray[np.int64], t: NDArray[np.int64], order: NDArray[np.int64]) -> bool:
+    """Tell whether no line goes back in time in this order."""
+    for i in range(1, len(order)):
+        a, b = order[i - 1], order[i]
+        if line[a] == line[b] and t[b] < t[a]:
+            return False
+    return True
+
+
+@kernel
+def _link(
+    t: NDArray[np.int64], first: NDArray[np.int64], gap_factor: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Join neighbours of one line unless a gap parts them."""
+    lines = len(first) - 1
+    interval = np.zeros(lines)
+    before = np.full(len(t), -1, np.int64)
+    after = np.full(len(t), -1, np.int64)
+    differences = np.empty(len(t))
+    for line in range(lines):
+        begin, end = first[line], first[line + 1]
+        count = 0
+        for i in range(begin + 1, end):
+            if t[i] > t[i - 1]:
+                differences[count] = t[i] - t[i - 1]
+                count += 1
+        if count:
+            interval[line] = median(differences, count)
+        longest = gap_factor * interval[line]
+        for i in range(begin + 1, end):
+            if t[i] - t[i - 1] <= longest:
+                after[i - 1] = i
+                before[i] = i - 1
+    return interval, before, after
+
+
+class LineCounter:
+    """Numbers the scan lines of a sensor that does not number them itself."""
+
+    def __init__(self) -> None:
+        """Begin before the first line."""
+        self._line = 0
+        self._angle = np.nan
+
+    def next_line(self, count: int) -> NDArray[np.int64]:
+        """Begin a new line of ``count`` points."""
+        self._line += 1
+        return np.full(count, self._line)
+
+    def by_angle(self, angle: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Begin a new line wherever the scan angle wraps: where it steps by more than half a turn.
+
+        Parameters
+        ----------
+        angle : (N,) float64, radians, in order of measurement valid : (N,) bool, False where the
+        angle means nothing; such a point belongs to the line it is in
+
+        """
+        seen = np.concatenate(([self._angle], angle[valid]))
+        # The first angle ever is no wrap: a comparison with NaN is false.
+        wraps = np.abs(np.diff(seen)) > np.pi
+        line = np.zeros(len(angle), np.int64)
+        line[valid] = wraps
+        line = self._line + np.cumsum(line)
+        if len(seen) > 1:
+            self._angle = float(seen[-1])
+            self._line = int(line[-1])
+        return line

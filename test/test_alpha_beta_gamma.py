@@ -1,0 +1,489 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fast α-β-γ smoother is its naive twin, and does what is promised of it."""
+
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import naive
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
+
+from lidar_outlier_filter.core.detectors import alpha_beta_gamma
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma import Outcome, detect
+from lidar_outlier_filter.core.detectors.smoother_kernels import residuals
+from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.scanlines import find_lines, order_by_line
+from lidar_outlier_filter.parameters import AlphaBetaGamma
+
+Floats = NDArray[np.float64]
+
+GAP = 1.5
+SHOT = 10_000  # nanoseconds
+NOISE = 0.01  # metres
+FAR_AWAY = np.array([4096.0, -65536.0, 512.0])
+UTM = np.array([389_512.25, 5_819_204.5, 34.125])
+
+
+# Clouds in their order of arrival -----------------------------------------------------------------
+
+
+def smoother(**changes: Any) -> AlphaBetaGamma:
+    """Windows of 5 and 5 as in the paper, unless changed."""
+    paper = {
+        'before': 5,
+        'after': 5,
+        'order': 2,
+        'min_window': 4,
+        'significance': 0.001,
+        'passes': 10,
+    }
+    return AlphaBetaGamma(**{**paper, **changes})
+
+
+def points(t: object, xyz: object, line: object = 0, sigma: Floats | None = None) -> Points:
+    """Gather points; one line number may stand for all of them."""
+    times = np.asarray(t, np.int64)
+    lines = np.broadcast_to(np.asarray(line, np.int64), times.shape).copy()
+    positions = np.asarray(xyz, np.float64).reshape(-1, 3)
+    return Points(positions, times, lines, np.ones(len(times), np.bool_), sigma)
+
+
+def curve(t: NDArray[np.int64]) -> Floats:
+    """Bend smoothly, as a scan line on a road does; metres."""
+    u = t / SHOT
+    return np.stack([0.1 * u, 0.002 * u**2 - 0.03 * u, 2 * np.sin(u / 40)], axis=1)
+
+
+def noisy(xyz: Floats, rng: np.random.Generator, outliers: int) -> Floats:
+    """Add noise to all, and to some that are chosen at random much more."""
+    xyz = xyz + rng.normal(scale=NOISE, size=xyz.shape)
+    some = rng.choice(len(xyz), size=min(outliers, len(xyz)), replace=False)
+    xyz[some] += rng.normal(scale=30 * NOISE, size=(len(some), 3))
+    return xyz
+
+
+def smooth(rng: np.random.Generator) -> Points:
+    """One line along a curve, with outliers."""
+    t = np.arange(100) * SHOT
+    return points(t, noisy(curve(t), rng, 8))
+
+
+def corners(rng: np.random.Generator) -> Points:
+    """Walls at right angles and a step in depth, with outliers."""
+    t = np.arange(100) * SHOT
+    u = np.arange(100) % 40 / 10
+    xyz = np.stack([np.minimum(u, 2), np.maximum(u, 2), np.where(t > 70 * SHOT, 3.0, 0.0)], axis=1)
+    return points(t, noisy(xyz, rng, 4))
+
+
+def irregular(rng: np.random.Generator) -> Points:
+    """Jittering times, and shots that are missing at random."""
+    t = np.cumsum(rng.integers(1, 2 * SHOT, size=100))
+    t += SHOT * np.cumsum(rng.random(100) < 0.1)
+    return points(t, noisy(curve(t), rng, 8))
+
+
+def ties(rng: np.random.Generator) -> Points:
+    """Every third shot has two returns, at one time.
+
+    With fewer different times in a window, a parabola goes through two of the points and is as far
+    from the other at the same time as that one's is from it: the digits lost decide which is worse.
+    """
+    t = np.arange(100) * 3 // 4 * SHOT
+    return points(t, noisy(curve(t), rng, 8))
+
+
+def duplicates(rng: np.random.Generator) -> Points:
+    """Points sent twice: the same time, the same place."""
+    once = smooth(rng)
+    return once.take(np.sort(np.concatenate([np.arange(100), np.arange(3, 100, 4)])))
+
+
+def short_segments(rng: np.random.Generator) -> Points:
+    """Segments of 1 to 12 points, on three lines that arrive mixed."""
+    lengths = np.concatenate([rng.permutation(np.arange(1, 13)) for _ in range(2)])
+    gaps = np.repeat(np.arange(len(lengths)) * 4, lengths)
+    t = (np.arange(len(gaps)) + gaps) * SHOT
+    line = np.repeat(np.arange(len(lengths)) % 3, lengths)
+    mixed = rng.permutation(len(t))
+    return points(t, noisy(curve(t), rng, 12), line).take(mixed)
+
+
+def small_lines(rng: np.random.Generator) -> Points:
+    """Lines of 1 to 14 points, negative and far-apart numbers, two rings firing in turn."""
+    line = np.repeat(rng.permutation(np.arange(-7, 7)) * 10**12, np.arange(1, 15))
+    t = np.arange(len(line)) * SHOT
+    return points(t, noisy(curve(t), rng, 8), line)
+
+
+def utm(rng: np.random.Generator) -> Points:
+    """Large coordinates and times as they are in the field."""
+    cloud = smooth(rng)
+    return replace(cloud, xyz=cloud.xyz + UTM, t=cloud.t + 1_726_000_000_123_456_789)
+
+
+def single_precision(rng: np.random.Generator) -> Points:
+    """Round to what a sensor's float32 fields can hold, hundreds of metres away."""
+    cloud = smooth(rng)
+    return replace(cloud, xyz=(cloud.xyz + 200).astype(np.float32).astype(np.float64))
+
+
+CLOUDS = {
+    make.__name__: make
+    for make in (
+        *(smooth, corners, irregular, ties, duplicates),
+        *(short_segments, small_lines, utm, single_precision),
+    )
+}
+
+
+def with_own_sigma(cloud: Points, rng: np.random.Generator) -> Points:
+    """Give every point a standard deviation of its own."""
+    return replace(cloud, sigma=NOISE * rng.uniform(0.5, 3.0, len(cloud)))
+
+
+# Fast and naive -----------------------------------------------------------------------------------
+
+
+def fast(cloud: Points, parameters: AlphaBetaGamma) -> Outcome:
+    """Judge points with the package; the answer is in their order of arrival."""
+    order = order_by_line(cloud)
+    ordered = cloud.take(order)
+    answer = detect(ordered, find_lines(ordered, GAP), parameters)
+    back = np.argsort(order)
+    return Outcome(answer.score[back], answer.rejected[back], answer.passes)
+
+
+def slow(cloud: Points, parameters: AlphaBetaGamma) -> Outcome:
+    """Judge points with the twin; the answer is in their order of arrival."""
+    order = np.array(naive.scan_order(cloud.t.tolist(), cloud.line.tolist()), np.int64)
+    ordered = cloud.take(order)
+    t, line = ordered.t.tolist(), ordered.line.tolist()
+    scores, rejected, passes = naive.alpha_beta_gamma(
+        ordered.t,
+        ordered.xyz,
+        np.array(naive.segments(t, line, GAP), np.int64),
+        ordered.line,
+        own_sigma=ordered.sigma,
+        **{
+            name: getattr(parameters, name)
+            for name in ('before', 'after', 'order', 'significance', 'sides', 'test', 'sigma')
+        },
+        sigma_floor=parameters.sigma_floor,
+        min_window=parameters.min_window,
+        passes=parameters.passes,
+    )
+    back = np.argsort(order)
+    return Outcome(scores[back], rejected[back], passes)
+
+
+def assert_same(got: Outcome, expected: Outcome, rtol: float, atol: float) -> None:
+    """Ask for the same verdicts and passes, the same points untested, and scores alike."""
+    assert_array_equal(np.isnan(got.score), np.isnan(expected.score))
+    assert_allclose(got.score, expected.score, rtol=rtol, atol=atol)
+    assert_array_equal(got.rejected, expected.rejected)
+    assert got.passes == expected.passes
+
+
+def assert_fast_is_naive(cloud: Points, parameters: AlphaBetaGamma) -> Outcome:
+    """Compare the two, and return the answer; a score below 1e-9 is as good as 0."""
+    answer = fast(cloud, parameters)
+    assert_same(answer, slow(cloud, parameters), rtol=1e-9, atol=1e-9)
+    return answer
+
+
+@pytest.mark.parametrize('name', CLOUDS)
+@pytest.mark.parametrize('sides', ['both', 'either'])
+def test_fast_is_naive_on_all_clouds(name: str, sides: str) -> None:
+    """Defaults, on every kind of cloud; each of them has outliers to find."""
+    cloud = CLOUDS[name](np.random.default_rng(7))
+    answer = assert_fast_is_naive(cloud, smoother(sides=sides))
+    assert answer.rejected.any()
+
+
+@pytest.mark.parametrize(
+    ('sides', 'test', 'order', 'mode'),
+    list(product(['both', 'either'], ['each', 'joint', 'both'], [1, 2], ['line', 'fixed', 'own'])),
+)
+def test_fast_is_naive_in_all_modes(sides: str, test: str, order: int, mode: str) -> None:
+    """Every combination of sides, test, order and source of σ, on the cloud with ties."""
+    rng = np.random.default_rng(11)
+    cloud = ties(rng)
+    if mode == 'own':
+        cloud = with_own_sigma(cloud, rng)
+    sigma = 0.02 if mode == 'fixed' else 0.0
+    parameters = smoother(sides=sides, test=test, order=order, sigma=sigma)
+    assert_fast_is_naive(cloud, parameters)
+
+
+@pytest.mark.parametrize('sides', ['both', 'either'])
+@pytest.mark.parametrize(
+    'parameters',
+    [
+        smoother(before=3, after=6),
+        smoother(before=6, after=3, min_window=5, significance=0.05),
+        smoother(before=0, after=6),
+        smoother(before=6, after=0),
+        smoother(before=1, after=4, passes=3, significance=0.01),
+        smoother(before=20, after=20, significance=1e-9),
+        smoother(min_window=10),
+        smoother(passes=1),
+        smoother(passes=2),
+    ],
+)
+def test_fast_is_naive_for_all_windows(parameters: AlphaBetaGamma, sides: str) -> None:
+    """Lopsided, one-sided and long windows, few passes, short segments."""
+    cloud = short_segments(np.random.default_rng(13))
+    assert_fast_is_naive(cloud, replace(parameters, sides=sides))
+
+
+@pytest.mark.parametrize('sides', ['both', 'either'])
+def test_fast_is_naive_on_long_lines(sides: str) -> None:
+    """Many more points than the kernel takes at once, in two lines, with windows of 36."""
+    t = np.arange(300) * SHOT
+    cloud = points(t, noisy(curve(t), np.random.default_rng(3), 15), np.arange(300) // 140)
+    parameters = smoother(before=20, after=15, sides=sides, passes=2)
+    assert assert_fast_is_naive(cloud, parameters).rejected.any()
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_fast_is_naive_with_many_outliers(seed: int) -> None:
+    """A quarter of all points is wrong: many passes, clusters, two lines in turn, own σ or not."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(80) * SHOT
+    cloud = points(t, noisy(curve(t), rng, 20), np.arange(80) % 2)
+    if seed % 2:
+        cloud = with_own_sigma(cloud, rng)
+    sides = 'either' if seed % 4 < 2 else 'both'
+    answer = assert_fast_is_naive(cloud, smoother(sides=sides))
+    assert answer.passes > 2
+
+
+DEGENERATE = {
+    'nothing': [],
+    'one point': [5],
+    'one time': [5] * 12,
+    'two times': [0] * 6 + [1] * 6,
+    'two times and more': [0] * 7 + [1] * 7 + [2, 3, 4, 5, 6, 7, 8, 9, 10, 11],
+    'three times': [0] * 5 + [1] * 5 + [2] * 5,
+    'almost one time': [*range(9), *range(10**9, 10**9 + 9)],
+}
+
+
+@pytest.mark.parametrize('sides', ['both', 'either'])
+@pytest.mark.parametrize('order', [1, 2])
+@pytest.mark.parametrize('name', DEGENERATE)
+def test_degenerate_windows(name: str, order: int, sides: str) -> None:
+    """Windows that cannot predict: the same points stay untested."""
+    t = np.array(DEGENERATE[name], np.int64) * SHOT
+    rng = np.random.default_rng(17)
+    cloud = points(t, rng.normal(scale=NOISE, size=(len(t), 3)))
+    parameters = smoother(order=order, sides=sides, sigma=NOISE)
+    answer = fast(cloud, parameters)
+    expected = slow(cloud, parameters)
+    assert_same(answer, expected, rtol=1e-9, atol=1e-9)
+    if name in ('one point', 'one time') or (name, order) == ('two times', 2):
+        assert np.isnan(answer.score).all()
+
+
+# The other engine ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('name', 'sides', 'order', 'own'),
+    [
+        ('smooth', 'both', 2, False),
+        ('corners', 'either', 1, False),
+        ('irregular', 'either', 2, True),
+        ('ties', 'both', 1, True),
+        ('ties', 'either', 2, False),
+        ('duplicates', 'either', 2, False),
+        ('short_segments', 'either', 2, True),
+        ('utm', 'either', 2, False),
+    ],
+)
+def test_engine_filterpy_is_the_kernel(name: str, sides: str, order: int, *, own: bool) -> None:
+    """A Kalman filter with its smoother in place of the normal equations: the same verdicts."""
+    rng = np.random.default_rng(19)
+    cloud = CLOUDS[name](rng).take(slice(60))
+    if own:
+        cloud = with_own_sigma(cloud, rng)
+    parameters = smoother(sides=sides, order=order)
+    answer = fast(cloud, replace(parameters, engine='filterpy'))
+    assert_same(answer, fast(cloud, parameters), rtol=1e-5, atol=1e-9)
+
+
+def test_engine_filterpy_leaves_the_same_points_untested() -> None:
+    """Windows that cannot predict, by the same rule."""
+    rng = np.random.default_rng(23)
+    for t in DEGENERATE.values():
+        cloud = points(np.array(t, np.int64) * SHOT, rng.normal(scale=NOISE, size=(len(t), 3)))
+        parameters = smoother(sigma=NOISE)
+        answer = fast(cloud, replace(parameters, engine='filterpy'))
+        assert_same(answer, fast(cloud, parameters), rtol=1e-5, atol=1e-9)
+
+
+# Properties ---------------------------------------------------------------------------------------
+
+
+def on_a_grid(cloud: Points) -> Points:
+    """Round coordinates to multiples of 2⁻²⁰ m, so that sums of them are exact."""
+    return replace(cloud, xyz=np.round(cloud.xyz * 2**20) / 2**20)
+
+
+def assert_identical(got: Outcome, expected: Outcome) -> None:
+    """Ask for the same answer to the last bit."""
+    assert_array_equal(got.score, expected.score)
+    assert_array_equal(got.rejected, expected.rejected)
+    assert got.passes == expected.passes
+
+
+@pytest.mark.parametrize('sides', ['both', 'either'])
+@pytest.mark.parametrize('name', CLOUDS)
+def test_where_and_when_do_not_matter(name: str, sides: str) -> None:
+    """Moved by kilometres and years, a cloud gets the same scores, bit for bit."""
+    cloud = on_a_grid(CLOUDS[name](np.random.default_rng(29)))
+    moved = replace(cloud, xyz=cloud.xyz + FAR_AWAY, t=cloud.t + 10**17)
+    parameters = smoother(sides=sides)
+    assert_identical(fast(moved, parameters), fast(cloud, parameters))
+
+
+def test_numbers_of_the_lines_do_not_matter() -> None:
+    """Lines in another order, by other numbers: every point keeps its score, bit for bit."""
+    cloud = short_segments(np.random.default_rng(31))
+    renamed = replace(cloud, line=np.array([500, -3, 70])[cloud.line])
+    assert_identical(fast(renamed, smoother()), fast(cloud, smoother()))
+
+
+def test_other_lines_do_not_matter() -> None:
+    """A line judged alone gets the scores that it gets among others."""
+    cloud = short_segments(np.random.default_rng(37))
+    together = fast(cloud, smoother())
+    for one in range(3):
+        alone = fast(cloud.take(cloud.line == one), smoother())
+        assert_array_equal(alone.score, together.score[cloud.line == one])
+        assert_array_equal(alone.rejected, together.rejected[cloud.line == one])
+
+
+@pytest.mark.parametrize('order', [1, 2])
+def test_unit_of_length_does_not_matter(order: int) -> None:
+    """With σ from the line, and its floor in the same unit, scores have no unit."""
+    cloud = irregular(np.random.default_rng(41))
+    metres = smoother(order=order)
+    feet = replace(metres, sigma_floor=metres.sigma_floor / 0.3048)
+    answer = fast(replace(cloud, xyz=cloud.xyz / 0.3048), feet)
+    assert_same(answer, fast(cloud, metres), rtol=1e-9, atol=1e-12)
+
+
+def test_speed_of_the_scanner_does_not_matter() -> None:
+    """Scores do not depend on the unit of time: a scanner seven times as slow gets the same."""
+    cloud = irregular(np.random.default_rng(43))
+    answer = fast(replace(cloud, t=cloud.t * 7), smoother())
+    assert_same(answer, fast(cloud, smoother()), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize('sides', ['both', 'either'])
+def test_direction_of_the_scan_does_not_matter(sides: str) -> None:
+    """With as many points behind as in front, a line scanned backwards gets the same scores."""
+    cloud = irregular(np.random.default_rng(47))
+    parameters = smoother(sides=sides)
+    answer = fast(replace(cloud, t=-cloud.t), parameters)
+    assert_same(answer, fast(cloud, parameters), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize('passes', [1, 2, 10])
+@pytest.mark.parametrize('sides', ['both', 'either'])
+@pytest.mark.parametrize('name', CLOUDS)
+def test_rejected_is_a_score_above_one(name: str, sides: str, passes: int) -> None:
+    """Exactly the rejected have more than 1; untested points have NaN and are not rejected."""
+    cloud = CLOUDS[name](np.random.default_rng(53))
+    answer = fast(cloud, smoother(sides=sides, passes=passes))
+    assert_array_equal(answer.rejected, answer.score > 1)
+    assert not answer.rejected[np.isnan(answer.score)].any()
+    assert answer.passes <= passes
+
+
+@pytest.mark.parametrize(('before', 'after'), [(5, 5), (3, 8), (8, 3), (0, 6), (6, 0)])
+@pytest.mark.parametrize('order', [1, 2])
+@pytest.mark.parametrize('name', CLOUDS)
+def test_both_kernels_agree(name: str, order: int, before: int, after: int) -> None:
+    """All points in tiles, or all but one through the links: the same but for the last digits."""
+    rng = np.random.default_rng(67)
+    cloud = with_own_sigma(CLOUDS[name](rng), rng)
+    cloud = cloud.take(order_by_line(cloud))
+    parameters = smoother(order=order, before=before, after=after)
+    series = alpha_beta_gamma._series(cloud, find_lines(cloud, GAP), max(before, after))
+    in_tiles = residuals(series, np.arange(len(cloud)), parameters)
+    one_by_one = residuals(series, np.arange(len(cloud) - 1), parameters)
+    assert_allclose(in_tiles[:, :, :-1], one_by_one, rtol=1e-9, atol=1e-9)
+
+
+def test_input_is_not_changed() -> None:
+    """Points and lines are read only: other detectors see them too."""
+    cloud = smooth(np.random.default_rng(59))
+    lines = find_lines(cloud, GAP)
+    before, after = lines.before.copy(), lines.after.copy()
+    for array in (cloud.xyz, cloud.t, cloud.line, lines.before, lines.after):
+        array.setflags(write=False)
+    detect(cloud, lines, smoother())
+    assert_array_equal(lines.before, before)
+    assert_array_equal(lines.after, after)
+
+
+# What it is for -----------------------------------------------------------------------------------
+
+
+def straight_line(outlier: int) -> Points:
+    """50 points on a straight line but one, which is a metre off."""
+    xyz = np.stack([0.1 * np.arange(50), np.zeros(50), np.full(50, 2.0)], axis=1)
+    xyz[outlier, 2] += 1.0
+    return points(np.arange(50) * SHOT, xyz)
+
+
+@pytest.mark.parametrize('where', [12, 25, 30])
+@pytest.mark.parametrize('test', ['each', 'joint', 'both'])
+@pytest.mark.parametrize('order', [1, 2])
+@pytest.mark.parametrize('sides', ['both', 'either'])
+def test_gross_outlier_is_rejected_alone(sides: str, order: int, test: str, where: int) -> None:
+    """It goes, its neighbours stay."""
+    answer = fast(straight_line(where), smoother(sides=sides, order=order, test=test))
+    assert np.flatnonzero(answer.rejected).tolist() == [where]
+    assert answer.passes == 2
+
+
+@pytest.mark.parametrize('where', range(50))
+def test_gross_outlier_is_rejected_everywhere(where: int) -> None:
+    """At every place of a segment, its ends included, and alone if windows are centred."""
+    both = fast(straight_line(where), smoother(sides='both'))
+    assert np.flatnonzero(both.rejected).tolist() == [where]
+    either = fast(straight_line(where), smoother(sides='either'))
+    assert either.rejected[where]
+
+
+def test_first_of_equal_outliers_goes_first() -> None:
+    """Two equal outliers, a good point between them, as worked out in test_naive: it is saved."""
+    xyz = np.zeros((9, 3))
+    xyz[[3, 5], 2] = 10.0
+    cloud = points(np.arange(9) * SHOT, xyz)
+    parameters = smoother(before=2, after=2, order=1, min_window=2, sides='both', sigma=1.0)
+    answer = assert_fast_is_naive(cloud, parameters)
+    assert np.flatnonzero(answer.rejected).tolist() == [3, 5]
+    assert answer.passes == 3
+
+
+@pytest.mark.parametrize('order', [1, 2])
+@pytest.mark.parametrize('depth', [0.0, 5.0])
+def test_corner_is_an_outlier_to_both_sides_only(depth: float, order: int) -> None:
+    """Two walls at a right angle, or an edge with depth behind it: kept where one side agrees."""
+    t = np.arange(60) * SHOT
+    u = 0.1 * (np.arange(60) - 30)
+    xyz = np.stack([np.minimum(u, 0), np.maximum(u, 0), np.where(u > 0, depth, 0.0)], axis=1)
+    xyz += np.random.default_rng(61).uniform(-0.001, 0.001, size=xyz.shape)
+    either = fast(points(t, xyz), smoother(order=order, sides='either'))
+    assert not either.rejected.any()
+    both = fast(points(t, xyz), smoother(order=order, sides='both'))
+    assert both.rejected[28:34].any()

@@ -1,0 +1,432 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The stream: which points are judged together, and when a message is answered."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.core.blocks import Stream
+from lidar_outlier_filter.core.chain import Chain, Verdict
+from lidar_outlier_filter.core.points import SECOND, Points
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.parameters import FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+BLOCK, HALO = 10_000_000, 2_000_000  # nanoseconds
+LATE = 'the time of a cloud must be at or after what is judged already, got a point .* older'
+
+
+@dataclass
+class Census:
+    """Stands in for a chain: the score of a point tells which points were judged with it."""
+
+    bit: int = 1
+    blocks: list[list[int]] = field(default_factory=list)
+
+    def judge(self, points: Points) -> Verdict:
+        """Score every point by the sum of what was seen."""
+        self.blocks.append(points.t.tolist())
+        score = np.full(len(points), tell(points.t.tolist()), np.float32)
+        return Verdict(score, np.full(len(points), self.bit, np.uint16))
+
+
+def tell(times: Sequence[int]) -> int:
+    """Give a number that differs where the times do, exact in float32."""
+    return sum(t // 1000 % 9973 for t in times) % 2**23
+
+
+def stream(**values: object) -> tuple[Stream, Census]:
+    """Make a stream with short blocks and a census for a chain."""
+    short = {'block': BLOCK / SECOND, 'halo': HALO / SECOND}
+    made = Stream(FilterParameters().changed(short | values))
+    census = Census()
+    made.chain = cast('Chain', census)
+    return made, census
+
+
+def points_at(times: Sequence[int], missing: Sequence[bool] = ()) -> Points:
+    """Make points at these nanoseconds."""
+    count = len(times)
+    valid = ~np.array(missing, np.bool_) if len(missing) else np.ones(count, np.bool_)
+    t = np.where(valid, np.array(times, np.int64), 0)
+    return Points(np.zeros((count, 3)), t, np.zeros(count, np.int64), valid)
+
+
+def random_times(rng: np.random.Generator, count: int = 400) -> tuple[list[int], list[bool]]:
+    """Make times in order, with ties, gaps of several blocks and points on the edges of blocks."""
+    steps = rng.choice([0, 1000, 100_000, 300_000, BLOCK // 2, 5 * BLOCK], count)
+    steps[rng.uniform(size=count) < 0.9] = 100_000
+    start = int(rng.choice([-7 * BLOCK, 0, 1_700_000_000 * SECOND]))
+    return (start + np.cumsum(steps)).tolist(), (rng.uniform(size=count) < 0.1).tolist()
+
+
+def expected_scores(times: Sequence[int], missing: Sequence[bool]) -> list[float]:
+    """Score each point by the points of its block and halo, with plain loops."""
+    seen = [t for t, gone in zip(times, missing, strict=True) if not gone]
+    scores = []
+    for t, gone in zip(times, missing, strict=True):
+        begin = t // BLOCK * BLOCK
+        near = [s for s in seen if begin - HALO <= s < begin + BLOCK + HALO]
+        scores.append(np.nan if gone else float(tell(near)))
+    return scores
+
+
+def cut(rng: np.random.Generator, count: int, parts: int) -> list[tuple[int, int]]:
+    """Cut 0 … count into parts, some of them empty."""
+    places = np.sort(rng.integers(0, count + 1, parts - 1)).tolist()
+    return list(zip([0, *places], [*places, count], strict=True))
+
+
+@pytest.mark.parametrize('parts', [1, 2, 10, 50, 1000])
+@pytest.mark.parametrize('seed', range(6))
+def test_blocks_and_halos(seed: int, parts: int) -> None:
+    """Every point is judged once, with exactly its block and halo, however the points are cut."""
+    rng = np.random.default_rng(seed)
+    times, missing = random_times(rng)
+    made, census = stream()
+    answers = []
+    for number, (begin, end) in enumerate(cut(rng, len(times), parts)):
+        answers += made.push(points_at(times[begin:end], missing[begin:end]), (number, end - begin))
+        assert_waiting(made, times[:end], missing[:end])
+    answers += made.flush()
+    assert [tag[0] for tag, _ in answers] == list(range(parts))
+    assert [tag[1] for tag, _ in answers] == [len(verdict.score) for _, verdict in answers]
+    scores = np.concatenate([verdict.score for _, verdict in answers])
+    np.testing.assert_array_equal(scores, np.array(expected_scores(times, missing), np.float32))
+    detectors = np.concatenate([verdict.detectors for _, verdict in answers])
+    assert detectors.tolist() == [int(not gone) for gone in missing]
+    occupied = {t // BLOCK for t, gone in zip(times, missing, strict=True) if not gone}
+    assert len(census.blocks) == len(occupied)
+
+
+def assert_waiting(made: Stream, times: Sequence[int], missing: Sequence[bool]) -> None:
+    """A message waits for the halo of its last point, or for one before it, and no longer."""
+    seen = [t for t, gone in zip(times, missing, strict=True) if not gone]
+    newest = seen[-1] if seen else 0
+    unfinished = [t for t in seen if (t // BLOCK + 1) * BLOCK + HALO > newest]
+    assert (made.waiting > 0) == bool(unfinished)
+    if made.waiting:
+        assert made.oldest is not None
+
+
+def test_nothing_waits_behind_a_finished_message() -> None:
+    """A message without points, or with missing returns only, is answered in its turn."""
+    made, _ = stream()
+    assert [tag for tag, _ in made.push(points_at([]), 'empty')] == ['empty']
+    assert [tag for tag, _ in made.push(points_at([5], [True]), 'missing')] == ['missing']
+    assert made.push(points_at([5]), 'point') == []
+    assert made.push(points_at([]), 'empty') == []
+    assert made.push(points_at([5, 5], [True, True]), 'missing') == []
+    assert (made.waiting, made.oldest) == (3, 'point')
+    answers = made.push(points_at([BLOCK + HALO]), 'later')
+    assert [tag for tag, _ in answers] == ['point', 'empty', 'missing']
+    assert [len(verdict.score) for _, verdict in answers] == [1, 0, 2]
+    assert np.isnan(answers[2][1].score).all()
+    assert not answers[2][1].rejected.any()
+
+
+def test_a_block_ends_exactly() -> None:
+    """A block is judged by the first point at the end of its halo, and not by one before."""
+    made, census = stream()
+    made.push(points_at([0, BLOCK - 1, BLOCK, BLOCK + HALO - 1]))
+    assert census.blocks == []
+    made.push(points_at([BLOCK + HALO]))
+    assert census.blocks == [[0, BLOCK - 1, BLOCK, BLOCK + HALO - 1]]
+    made.flush()
+    # From HALO before the second block; the second block's points are judged there
+    assert census.blocks[1:] == [[BLOCK - 1, BLOCK, BLOCK + HALO - 1, BLOCK + HALO]]
+
+
+def test_without_halo() -> None:
+    """With a halo of 0 the blocks are judged by themselves."""
+    made, census = stream(halo=0.0)
+    made.push(points_at([0, BLOCK - 1, BLOCK]))
+    assert census.blocks == [[0, BLOCK - 1]]
+
+
+def assert_same(a: list[tuple[Any, Verdict]], b: list[tuple[Any, Verdict]]) -> None:
+    """Two lists of answers have the same tags and verdicts, bit for bit."""
+    assert [tag for tag, _ in a] == [tag for tag, _ in b]
+    for (_, one), (_, other) in zip(a, b, strict=True):
+        assert one.score.tobytes() == other.score.tobytes()
+        assert one.detectors.tolist() == other.detectors.tolist()
+
+
+# Late and early ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_late_cloud(seed: int) -> None:
+    """A cloud with a point before what is judged is refused, and nothing else is changed by it."""
+    rng = np.random.default_rng(seed)
+    times, missing = random_times(rng)
+    disturbed, census = stream()
+    undisturbed, same = stream()
+    refused = 0
+    for begin, end in cut(rng, len(times), 40):
+        points = points_at(times[begin:end], missing[begin:end])
+        assert_same(disturbed.push(points, begin), undisturbed.push(points, begin))
+        seen = [t for t, gone in zip(times[:end], missing[:end], strict=True) if not gone]
+        ends = [(t // BLOCK + 1) * BLOCK + HALO for t in seen]
+        closed = max((e for e in ends if e <= seen[-1]), default=None)
+        if closed is not None:
+            refused += 1
+            late = rng.permutation([closed - 1, closed + BLOCK, seen[-1] + SECOND])
+            with pytest.raises(CloudError, match=LATE):
+                disturbed.push(points_at(late.tolist()), 'late')
+        assert (disturbed.waiting, disturbed.held) == (undisturbed.waiting, undisturbed.held)
+    assert refused > 10
+    assert_same(disturbed.flush(), undisturbed.flush())
+    assert census.blocks == same.blocks
+
+
+def test_the_edge_of_late() -> None:
+    """The end of the halo that was judged is the first time that is not late."""
+    made, _ = stream()
+    made.push(points_at([5, 3 * BLOCK]))
+    with pytest.raises(CloudError, match=r'got a point 0\.000000 s older than that'):
+        made.push(points_at([BLOCK + HALO - 1]))
+    made.push(points_at([BLOCK + HALO]))
+    assert len(made.flush()) == 2
+
+
+def test_out_of_order_before_the_edge() -> None:
+    """Within what is not judged yet the order of arrival does not matter."""
+    made, census = stream()
+    made.push(points_at([9]), 'a')
+    made.push(points_at([3]), 'b')
+    made.push(points_at([BLOCK, 5]), 'c')
+    assert [tag for tag, _ in made.flush()] == ['a', 'b', 'c']
+    assert census.blocks == [[9, 3, BLOCK, 5], [BLOCK]]
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_lateness(seed: int) -> None:
+    """Clouds out of order by less than the lateness have the verdicts that they have in order."""
+    rng = np.random.default_rng(seed)
+    times, missing = random_times(rng)
+    lateness = 3 * BLOCK
+    made, _ = stream(lateness=lateness / SECOND)
+    starts = [0]
+    for i, t in enumerate(times):
+        if t - times[starts[-1]] >= BLOCK or rng.uniform() < 0.1:
+            starts.append(i)
+    pieces = list(zip(starts, [*starts[1:], len(times)], strict=True))
+    arrival = [times[begin] + rng.integers(0, lateness - BLOCK) for begin, _ in pieces]
+    order = np.argsort(arrival, kind='stable').tolist()
+    assert order != sorted(order)
+    answers = []
+    for i in order:
+        begin, end = pieces[i]
+        answers += made.push(points_at(times[begin:end], missing[begin:end]), pieces[i])
+    answers += made.flush()
+    assert [tag for tag, _ in answers] == [pieces[i] for i in order]
+    expected = np.array(expected_scores(times, missing), np.float32)
+    for (begin, end), verdict in answers:
+        np.testing.assert_array_equal(verdict.score, expected[begin:end])
+
+
+def test_late_in_spite_of_lateness() -> None:
+    """The lateness is waited for, and a point that is later still is refused."""
+    made, census = stream(lateness=0.02)
+    made.push(points_at([5, 3 * BLOCK + HALO - 1]))
+    made.push(points_at([6]))
+    assert census.blocks == []
+    made.push(points_at([3 * BLOCK + HALO]))
+    assert census.blocks == [[5, 6]]
+    with pytest.raises(CloudError, match=LATE):
+        made.push(points_at([7]))
+
+
+def test_clock_set_back() -> None:
+    """A clock that goes back by more than time_jump begins a new stream, and loses nothing."""
+    made, census = stream(time_jump=0.5)
+    old, new = 10 * SECOND, 9 * SECOND
+    assert made.push(points_at([old, old + 5]), 'old') == []
+    assert [tag for tag, _ in made.push(points_at([new, new + 9]), 'new')] == ['old']
+    assert made.resets == 1
+    assert made.push(points_at([new + 3]), 'next') == []
+    assert [tag for tag, _ in made.flush()] == ['new', 'next']
+    assert census.blocks == [[old, old + 5], [new, new + 9, new + 3]]
+
+
+def test_clock_set_back_by_exactly_the_jump() -> None:
+    """Only more than time_jump is a clock that was set back."""
+    made, _ = stream(time_jump=0.5)
+    made.push(points_at([10 * SECOND]))
+    made.push(points_at([10 * SECOND - SECOND // 2]))
+    assert made.resets == 0
+    made.push(points_at([10 * SECOND - SECOND // 2 - 1]))
+    assert made.resets == 1
+
+
+def test_clock_set_forward() -> None:
+    """A clock that goes forward finishes all that was before; nothing is in between."""
+    made, census = stream()
+    made.push(points_at([5]), 'before')
+    answers = made.push(points_at([2**61]), 'after')
+    assert [tag for tag, _ in answers] == ['before']
+    assert [tag for tag, _ in made.flush()] == ['after']
+    assert census.blocks == [[5], [2**61]]
+
+
+# In a hurry -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_hurry(seed: int) -> None:
+    """In a hurry all is answered with what is there; what comes later sees it, and all the rest."""
+    rng = np.random.default_rng(seed)
+    times, missing = random_times(rng)
+    seen = [t for t, gone in zip(times, missing, strict=True) if not gone]
+    made, _ = stream()
+    hurries = 0
+    for begin, end in cut(rng, len(times), 60):
+        answers = made.push(points_at(times[begin:end], missing[begin:end]), (begin, end))
+        newest = max((t for t in seen if t <= times[end - 1]), default=0) if end else 0
+        is_torn = any(t == newest for t in times[end:])
+        if rng.uniform() < 0.3 and not is_torn:
+            answers += made.hurry()
+            assert made.waiting == 0
+            assert made.oldest is None
+            hurries += 1
+        arrived = [t if i < end else None for i, t in enumerate(times)]
+        expected = partial_scores(arrived, missing)
+        for (first, last), verdict in answers:
+            np.testing.assert_array_equal(verdict.score, expected[first:last])
+    assert hurries > 5
+
+
+def partial_scores(
+    arrived: Sequence[int | None], missing: Sequence[bool]
+) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Score the points that have arrived by those of their block and halo that have."""
+    there = [t for t in arrived if t is not None]
+    return np.array(expected_scores(there, missing[: len(there)]), np.float32)
+
+
+def test_hurry_in_the_middle_of_a_block() -> None:
+    """The second half of a block is judged with the first; what the first half was told stays."""
+    made, census = stream()
+    made.push(points_at([0, 10]), 'first')
+    ((_, first),) = made.hurry()
+    told = first.score.tobytes()
+    made.push(points_at([20, BLOCK + HALO]), 'second')
+    assert census.blocks == [[0, 10], [0, 10, 20]]
+    assert first.score.tobytes() == told
+    ((_, second),) = made.flush()
+    assert second.score.tolist() == [30 // 1000, (BLOCK + HALO) // 1000 % 9973]
+
+
+def test_hurry_closes_what_was_told() -> None:
+    """After a hurry a point that is not newer than those told is late."""
+    made, _ = stream()
+    made.push(points_at([0, 10]))
+    made.hurry()
+    with pytest.raises(CloudError, match=LATE):
+        made.push(points_at([10]))
+    assert made.push(points_at([11])) == []
+
+
+def test_hurry_with_nothing() -> None:
+    """A stream that holds nothing has nothing to hurry."""
+    made, _ = stream()
+    assert made.hurry() == []
+    assert made.flush() == []
+    assert made.push(points_at([5])) == []
+
+
+def test_flush_begins_anew() -> None:
+    """After a flush any time is welcome, and nothing of before is seen."""
+    made, census = stream()
+    made.push(points_at([5 * BLOCK, 6 * BLOCK]), 'before')
+    made.flush()
+    assert (made.waiting, made.held) == (0, 0)
+    made.push(points_at([5 * BLOCK + 1]), 'after')
+    made.flush()
+    assert census.blocks[-1] == [5 * BLOCK + 1]
+    assert made.resets == 0
+
+
+# What is held -----------------------------------------------------------------------------------
+
+
+class Tag:
+    """Something whose end can be seen."""
+
+
+@pytest.mark.parametrize('kind', ['points', 'missing', 'empty', 'mixed'])
+def test_bounded_memory(kind: str) -> None:
+    """What is held does not grow with the number of messages, whatever they are made of."""
+    made, census = stream()
+    census.blocks = cast('list[list[int]]', Forgetful())
+    alive: weakref.WeakSet[Tag] = weakref.WeakSet()
+    most_held = most_alive = 0
+    for number in range(3000):
+        shape = kind if kind != 'mixed' else ('points', 'missing', 'empty')[number % 3]
+        times = [] if shape == 'empty' else [number * 1_000_000 + i for i in range(5)]
+        tag = Tag()
+        alive.add(tag)
+        made.push(points_at(times, [shape == 'missing'] * len(times)), tag)
+        del tag
+        most_held = max(most_held, made.held)
+        most_alive = max(most_alive, len(alive))
+    gc.collect()
+    # Block and two halos are 14 messages; one more is in hand.
+    assert most_alive <= 27
+    assert most_held <= 27 * 5
+
+
+class Forgetful(list[Any]):
+    """A list that keeps nothing."""
+
+    def append(self, item: object) -> None:
+        """Keep nothing."""
+
+
+def test_max_points() -> None:
+    """A cloud beyond max_points is refused, and the stream is as it was before."""
+    made, _ = stream(max_points=10)
+    made.push(points_at(range(6)), 'a')
+    with pytest.raises(CloudError, match='points held must be at most max_points = 10, got 11'):
+        made.push(points_at(range(6, 11)), 'b')
+    made.push(points_at(range(6, 10)), 'c')
+    assert made.held == 10
+    assert [tag for tag, _ in made.flush()] == ['a', 'c']
+
+
+def test_max_points_of_missing_returns() -> None:
+    """Clouds that wait behind another are held too, though they have nothing to judge."""
+    made, _ = stream(max_points=10)
+    made.push(points_at([0]), 'point')
+    made.push(points_at([0] * 9, [True] * 9), 'missing')
+    with pytest.raises(CloudError, match='points held must be at most max_points = 10, got 11'):
+        made.push(points_at([0], [True]), 'one more')
+    assert [tag for tag, _ in made.hurry()] == ['point', 'missing']
+    assert made.push(points_at([0] * 9, [True] * 9)) != []
+
+
+def test_max_points_after_the_clock_was_set_back() -> None:
+    """What was before does not count where it is let go of by this very cloud."""
+    made, _ = stream(max_points=10)
+    made.push(points_at([100 * SECOND] * 8), 'old')
+    assert [tag for tag, _ in made.push(points_at([0] * 8), 'new')] == ['old']
+    assert made.held == 8
+
+
+def test_chain_replaced() -> None:
+    """From the next block on the new chain judges; what is told is told."""
+    made, _ = stream()
+    made.push(points_at([5, BLOCK + HALO]), 'a')
+    made.chain = cast('Chain', Census(bit=4))
+    ((_, verdict),) = made.flush()
+    assert verdict.detectors.tolist() == [1, 4]
