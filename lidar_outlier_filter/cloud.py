@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""PointCloud2 as one structured array, and its split into two clouds.
+
+Messages are duck-typed: those of sensor_msgs and of rosbags serve alike. No message is ever
+changed.
+"""
+
+from __future__ import annotations
+
+import copy
+from array import array
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.errors import CloudError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.chain import Verdict
+
+    Rows = NDArray[np.void]
+
+# Index is PointField.datatype; 9 to 11 are PCL's, and ROS's after Jazzy: int64, uint64, bool.
+_FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
+UINT16, FLOAT32 = 4, 7
+AXES = ('x', 'y', 'z')
+SCORE, DETECTORS = 'outlier_score', 'outlier_detectors'
+BYTES_OF_SCORES = 6
+
+
+def structured(msg: Any) -> Rows:
+    """View the points of a PointCloud2 as a (height, width) structured array, without a copy.
+
+    The dtype has the fields' own names, types, counts, offsets and byte order; its itemsize is
+    ``point_step``, so that padding belongs to the rows.
+
+    Raises
+    ------
+    CloudError
+        If the fields or sizes contradict each other.
+
+    """
+    if msg.row_step < msg.width * msg.point_step:
+        must_be = f'at least width × point_step = {msg.width * msg.point_step}'
+        raise CloudError('row_step', must_be, msg.row_step)
+    if len(msg.data) < msg.row_step * msg.height:
+        must_be = f'at least row_step × height = {msg.row_step * msg.height} bytes'
+        raise CloudError('data', must_be, len(msg.data))
+    dtype = _dtype(msg)
+    shape, strides = (msg.height, msg.width), (msg.row_step, msg.point_step)
+    return np.ndarray(shape, dtype, np.frombuffer(msg.data, np.uint8), 0, strides)
+
+
+def _dtype(msg: Any) -> np.dtype[np.void]:
+    names, formats, offsets = [], [], []
+    order = '>' if msg.is_bigendian else '<'
+    for item in msg.fields:
+        name = item.name
+        if not 1 <= item.datatype < len(_FORMATS):
+            raise CloudError(f'the datatype of field {name!r}', 'from 1 to 11', item.datatype)
+        if item.count < 1:
+            raise CloudError(f'the count of field {name!r}', 'at least 1', item.count)
+        if not name or name in names:
+            raise CloudError('the names of the fields', 'given and different', repr(name))
+        if name in AXES and item.count > 1:
+            raise CloudError(f'field {name!r}', 'a single number', item.count)
+        kind = np.dtype(order + _FORMATS[item.datatype])
+        end = item.offset + kind.itemsize * item.count
+        if end > msg.point_step:
+            what, got = 'point_step', f'{msg.point_step}'
+            raise CloudError(what, f'at least {end}, the end of field {name!r}', got)
+        names.append(name)
+        formats.append(kind if item.count == 1 else np.dtype((kind, (item.count,))))
+        offsets.append(item.offset)
+    for axis in AXES:
+        if axis not in names:
+            raise CloudError('the fields', 'with x, y and z', ', '.join(names) or 'none')
+    layout = {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': msg.point_step}
+    return np.dtype(layout)  # type: ignore[call-overload,no-any-return]
+
+
+def is_empty(msg: Any) -> bool:
+    """Tell whether a cloud has no points; such a cloud need not even have fields."""
+    return bool(msg.width * msg.height == 0)
+
+
+def split(
+    msg: Any, verdict: Verdict, *, keep_organized: bool = False, scores: bool = False
+) -> tuple[Any, Any]:
+    """Split a cloud into cleaned and outliers: every point in one of them, in order, byte for byte.
+
+    Both are unorganised (height 1) and have the header, the fields and the layout of ``msg``.
+
+    Parameters
+    ----------
+    msg : PointCloud2
+    verdict : Verdict
+        Of its points, row by row.
+    keep_organized : bool
+        The cleaned cloud of an organised one keeps its shape; rejected points become NaN.
+    scores : bool
+        Both clouds gain ``outlier_score`` (float32) and ``outlier_detectors`` (uint16).
+
+    """
+    rows, step, fields = _rows(msg), msg.point_step, msg.fields
+    if scores and fields:
+        rows, fields = _rows_with_scores(msg, rows, verdict), _fields_with_scores(msg)
+        step += BYTES_OF_SCORES
+    rejected = verdict.rejected
+    outliers = _with_rows(msg, rows[rejected], fields, step)
+    if keep_organized and msg.height > 1 and len(rows):
+        holes = _with_holes(rows, structured(msg).dtype, rejected)
+        organised = _with_rows(msg, holes, fields, step, msg.height)
+        organised.is_dense = bool(msg.is_dense) and not rejected.any()
+        return organised, outliers
+    return _with_rows(msg, rows[~rejected], fields, step), outliers
+
+
+def _rows(msg: Any) -> Rows:
+    """Give each point as plain bytes: a copy of a structured array would lose its padding."""
+    if is_empty(msg):
+        return np.empty(0, np.dtype((np.void, 1)))
+    plain = structured(msg).view(np.dtype((np.void, msg.point_step)))
+    return np.ascontiguousarray(plain).reshape(-1)
+
+
+def _rows_with_scores(msg: Any, rows: Rows, verdict: Verdict) -> Rows:
+    """Append the two values of a verdict behind each point."""
+    order = '>' if msg.is_bigendian else '<'
+    layout = [('point', rows.dtype), (SCORE, order + 'f4'), (DETECTORS, order + 'u2')]
+    wider = np.empty(len(rows), np.dtype(layout))
+    wider['point'] = rows
+    wider[SCORE] = verdict.score
+    wider[DETECTORS] = verdict.detectors
+    return wider.view(np.dtype((np.void, wider.dtype.itemsize)))
+
+
+def _fields_with_scores(msg: Any) -> list[Any]:
+    """Append the two fields of a verdict behind those of the points."""
+    fields, step = list(msg.fields), msg.point_step
+    for name, offset, datatype in ((SCORE, step, FLOAT32), (DETECTORS, step + 4, UINT16)):
+        item = copy.copy(msg.fields[0])
+        item.name, item.offset, item.datatype, item.count = name, offset, datatype, 1
+        fields.append(item)
+    return fields
+
+
+def _with_holes(rows: Rows, dtype: np.dtype[np.void], rejected: NDArray[np.bool_]) -> Rows:
+    """Copy the rows, x, y and z of the rejected ones NaN."""
+    holes = rows.copy()
+    for axis in AXES:
+        kind, offset = dtype.fields[axis][:2]  # type: ignore[index]
+        column = np.ndarray(len(holes), kind, holes, offset, (holes.itemsize,))
+        column[rejected] = np.nan
+    return holes
+
+
+def _with_rows(msg: Any, rows: Rows, fields: Any, step: int, height: int = 1) -> Any:
+    """Copy a message with other points."""
+    result = copy.copy(msg)
+    result.height = height
+    result.width = len(rows) // height
+    result.fields = fields
+    result.point_step = step
+    result.row_step = result.width * step
+    result.data = _like(msg.data, rows)
+    return result
+
+
+def _like(data: Any, rows: Rows) -> Any:
+    """Give the bytes of the rows in the type that the message's own data has."""
+    plain = np.frombuffer(rows.tobytes(), np.uint8) if rows.size else np.empty(0, np.uint8)
+    if isinstance(data, array):
+        result = array('B')
+        result.frombytes(plain.data)
+        return result
+    return plain if isinstance(data, np.ndarray) else type(data)(plain.tobytes())

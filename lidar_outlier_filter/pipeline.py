@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The way of a cloud, without ROS: message → points → verdict → cleaned and outliers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.cloud import split
+from lidar_outlier_filter.core.blocks import Stream
+from lidar_outlier_filter.core.chain import BITS, Chain, Verdict
+from lidar_outlier_filter.decoder import Decoder
+from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.parameters import describe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.parameters import FilterParameters
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The two clouds that one cloud was split into, and what was handed in with it."""
+
+    cleaned: Any
+    outliers: Any
+    tag: Any
+
+
+@dataclass
+class Statistics:
+    """Counts since the start.
+
+    Attributes
+    ----------
+    messages, points : clouds taken, and their points
+    invalid : missing returns (NaN, Inf, 0 0 0), which stay in the cleaned clouds
+    untested : valid points that no detector could test; they stay too
+    rejected : points by the detector that rejected them
+    outliers : points rejected by any
+    refused : clouds refused; refusals counts them by what was wrong
+    resets : times the clock was set back
+
+    """
+
+    messages: int = 0
+    points: int = 0
+    invalid: int = 0
+    untested: int = 0
+    outliers: int = 0
+    rejected: Counter[str] = field(default_factory=Counter)
+    refusals: Counter[str] = field(default_factory=Counter)
+    resets: int = 0
+
+    @property
+    def refused(self) -> int:
+        """Count the clouds refused, whatever the reason."""
+        return sum(self.refusals.values())
+
+    def count(self, verdict: Verdict, valid: int) -> None:
+        """Add a finished cloud."""
+        total = len(verdict.detectors)
+        self.messages += 1
+        self.points += total
+        self.invalid += total - valid
+        self.untested += valid - int(np.count_nonzero(~np.isnan(verdict.score)))
+        self.outliers += int(np.count_nonzero(verdict.detectors))
+        for name, bit in BITS.items():
+            rejected = int(np.count_nonzero(verdict.detectors & bit))
+            if rejected:
+                self.rejected[name] += rejected
+
+
+class CloudFilter:
+    """Clouds in, answers out: one for each cloud, in order, however long it takes."""
+
+    def __init__(
+        self,
+        parameters: FilterParameters,
+        inform: Callable[[str], object] = str,
+        warn: Callable[[str], object] = str,
+    ) -> None:
+        """Compile the kernels; ``inform`` and ``warn`` are told once how the clouds are read."""
+        self.statistics = Statistics()
+        self._parameters = parameters
+        self._decoder = Decoder(parameters, inform, warn)
+        self._stream = Stream(parameters)
+        self._stream.chain.compile()
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """The parameters in force."""
+        return self._parameters
+
+    @property
+    def waiting(self) -> int:
+        """Count the clouds without an answer."""
+        return self._stream.waiting
+
+    @property
+    def oldest(self) -> Any:
+        """The tag of the cloud that has waited longest; None where none waits."""
+        first = self._stream.oldest
+        return None if first is None else first[1]
+
+    def push(self, msg: Any, tag: Any = None) -> list[Answer]:
+        """Take the next cloud; return the answers that are finished by it, the oldest first.
+
+        Raises
+        ------
+        CloudError
+            If the cloud makes no sense. It is counted, and the next one is served.
+
+        """
+        try:
+            points = self._decoder.decode(msg)
+            finished = self._stream.push(points, (msg, tag, _valid(points), self._parameters))
+        except CloudError as err:
+            self._decoder.undo()
+            self.statistics.refusals[err.what] += 1
+            raise
+        return self._answers(finished)
+
+    def flush(self) -> list[Answer]:
+        """Answer all that is pending, and begin anew: the end of a recording."""
+        return self._answers(self._stream.flush())
+
+    def hurry(self) -> list[Answer]:
+        """Answer all that is pending with what is there, and go on: they waited too long."""
+        return self._answers(self._stream.hurry())
+
+    def change(self, parameters: FilterParameters) -> None:
+        """Judge the blocks to come by other parameters; clouds that wait keep their form.
+
+        Raises
+        ------
+        ParameterError
+            If a parameter would change that shapes the stream.
+
+        """
+        before, after = self._parameters.flat(), parameters.flat()
+        for parameter in describe():
+            if parameter.fixed and before[parameter.name] != after[parameter.name]:
+                must_be = f'{before[parameter.name]!r} as at the start'
+                raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
+        self._parameters = self._decoder.parameters = parameters
+        self._stream.chain = Chain(parameters)
+
+    def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
+        self.statistics.resets = self._stream.resets
+        answers = []
+        for (msg, tag, valid, parameters), verdict in finished:
+            self.statistics.count(verdict, valid)
+            clouds = split(
+                msg, verdict, keep_organized=parameters.keep_organized, scores=parameters.scores
+            )
+            answers.append(Answer(*clouds, tag))
+        return answers
+
+
+def _valid(points: Points) -> int:
+    return int(np.count_nonzero(points.valid))
