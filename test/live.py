@@ -1,0 +1,218 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Live tests: what starts the processes, and two of them: one publishes, one collects.
+
+    live.py publish RECORDING TOPIC     all clouds of a recording, once somebody listens
+    live.py collect FOLDER TOPIC ...    every cloud to FOLDER/<last word of the topic>_<number>.cdr
+
+Both say on stdout, one line each, what has happened, and go when their stdin is closed.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.task import Future
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import PointCloud2
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from types import TracebackType
+    from typing import Any, Self
+
+    from rclpy.node import Node
+
+PATIENCE = 120.0  # seconds until what a test waits for is given up; reached in failures only
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+
+
+class Program:
+    """A process that a test started: its lines are awaited, and it does not outlive the test."""
+
+    def __init__(self, *command: str | Path, env: Mapping[str, str]) -> None:
+        """Start Python with these arguments."""
+        self._process = subprocess.Popen(
+            [sys.executable, *map(str, command)],
+            env={**os.environ, 'PYTHONUNBUFFERED': '1', **env},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.output: list[str] = []
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._reading = threading.Thread(target=self._read)
+        self._reading.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._lines.put(line.rstrip('\n'))
+        self._lines.put(None)
+
+    def wait_for(self, text: str) -> str:
+        """Wait for the next line with this text in it, and return it."""
+        for line in self._rest():
+            if text in line:
+                return line
+        raise AssertionError(f'ended without {text!r}:\n' + '\n'.join(self.output))
+
+    def _rest(self) -> Iterator[str]:
+        end = time.monotonic() + PATIENCE
+        while True:
+            try:
+                line = self._lines.get(timeout=max(0.0, end - time.monotonic()))
+            except queue.Empty:
+                raise AssertionError('no more lines:\n' + '\n'.join(self.output)) from None
+            if line is None:
+                return
+            self.output.append(line)
+            yield line
+
+    def signal(self, number: int) -> None:
+        """Send it a signal."""
+        self._process.send_signal(number)
+
+    def close(self) -> None:
+        """Close its stdin, which tells the programs below to go."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+
+    def wait(self) -> int:
+        """Wait for its end; return the exit status. All it said is in ``output`` then."""
+        for _ in self._rest():
+            pass
+        return self._process.wait(PATIENCE)
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End it, if it has not ended."""
+        self._process.kill()
+        self._process.wait()
+        self._reading.join()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+
+def publisher(recording: Path, topic: str, env: Mapping[str, str]) -> Program:
+    """Start the program that publishes; it says 'published' when all clouds have arrived."""
+    return Program(__file__, 'publish', recording, topic, env=env)
+
+
+def collector(folder: Path, topics: list[str], env: Mapping[str, str]) -> Program:
+    """Start the program that collects; it says 'matched' when every topic has a publisher."""
+    return Program(__file__, 'collect', folder, *topics, env=env)
+
+
+def clouds(recording: Path) -> list[bytes]:
+    """Read the clouds of a recording as they are serialised in ROS 2."""
+    with AnyReader([recording]) as reader:
+        wanted = [item for item in reader.connections if item.msgtype == CLOUD]
+        return [bytes(data) for _, _, data in reader.messages(wanted)]
+
+
+@contextmanager
+def _ros() -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    rclpy.init(args=[])
+    node = rclpy.create_node(f'live_{os.getpid()}')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    yield node, executor
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+def _tell(*words: object) -> None:
+    sys.stdout.write(' '.join(map(str, words)) + '\n')
+    sys.stdout.flush()
+
+
+def _publish(recording: Path, topic: str) -> None:
+    messages = clouds(recording)
+    somebody = Future()
+    with _ros() as (node, executor):
+        events = PublisherEventCallbacks(matched=lambda _: somebody.set_result(None))
+        publisher = node.create_publisher(PointCloud2, topic, KEEP_ALL, event_callbacks=events)
+        executor.spin_until_future_complete(somebody)
+        for message in messages:
+            publisher.publish(message)
+        arrived = publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
+        _tell('published' if arrived else 'lost', time.monotonic())
+        sys.stdin.read()
+
+
+def _collect(folder: Path, topics: list[str]) -> None:
+    missing, everybody, end = set(topics), Future(), Future()
+
+    def match(topic: str) -> None:
+        missing.discard(topic)
+        if not missing and not everybody.done():
+            everybody.set_result(None)
+            _tell('matched')
+
+    with _ros() as (node, executor):
+        inboxes = [_Inbox(node, topic, folder, match) for topic in topics]
+        threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
+        executor.spin_until_future_complete(end)
+        for inbox in inboxes:
+            inbox.empty()
+
+
+class _Inbox:
+    """Stores the clouds of one topic."""
+
+    def __init__(self, node: Node, topic: str, folder: Path, match: Any) -> None:
+        self._path = folder / topic.rpartition('/')[2]
+        self._count = 0
+        self._subscription = node.create_subscription(
+            PointCloud2,
+            topic,
+            self._store,
+            KEEP_ALL,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(matched=lambda _: match(topic)),
+        )
+
+    def _store(self, data: bytes) -> None:
+        path = self._path.with_name(f'{self._path.name}_{self._count}.cdr')
+        path.write_bytes(data)
+        self._count += 1
+        _tell('received', path.name, time.monotonic())
+
+    def empty(self) -> None:
+        """Store what has arrived and was not served."""
+        with self._subscription.handle:
+            while taken := self._subscription.handle.take_message(PointCloud2, True):  # noqa: FBT003
+                self._store(taken[0])
+
+
+if __name__ == '__main__':
+    role, *rest = sys.argv[1:]
+    if role == 'publish':
+        _publish(Path(rest[0]), rest[1])
+    else:
+        _collect(Path(rest[0]), rest[1:])
