@@ -1,0 +1,356 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings: all of one, in the form of ROS 2, and a new one that appears whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, cast
+
+from rosbags.convert.converter import is_same_wireformat
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag1,
+    ConnectionExtRosbag2,
+    MessageDefinitionFormat,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag1 import ReaderError as Reader1Error
+from rosbags.rosbag2 import Reader as Reader2
+from rosbags.rosbag2 import ReaderError as Reader2Error
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+from lidar_outlier_filter.errors import FilterError, RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from types import TracebackType
+    from typing import Self
+
+    from rosbags.interfaces.typing import Typesdict
+    from rosbags.typesys.store import Typestore
+
+_FOREVER = QosTime(9223372036, 854775807)
+# What a latched topic of ROS 1 is in ROS 2: whoever comes late still gets the last message.
+LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    avoid_ros_namespace_conventions=False,
+)
+# Types that ROS 2 has under another name.
+_RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}
+_SEPARATOR = '=' * 80 + '\n'
+
+
+@dataclass(frozen=True, eq=False)  # looked up for every message: by identity, which is fast
+class Topic:
+    """One topic of a recording and what is kept of it beside its messages.
+
+    ``definition`` is the text of the message type with all it contains, ``digest`` its RIHS01
+    hash; both are empty where nobody knows them. ``qos`` holds the profiles that were offered.
+    """
+
+    name: str
+    msgtype: str
+    definition: str
+    digest: str
+    qos: tuple[Qos, ...] = ()
+
+
+class Recording:
+    """A recording to read: a ROS 2 bag folder, a lone ``.mcap`` or ``.db3``, or a ROS 1 ``.bag``.
+
+    A context manager; inside it, ``topics`` are all topics (those without a message too),
+    ``duration`` is in nanoseconds, and ``message_count`` is what the recording's own index says.
+    Publishers that share a topic and a type are one topic here.
+
+    Raises
+    ------
+    RecordingError
+        If there is no recording, or a damaged one; also while its messages are read.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Name the recording; it is opened on entering."""
+        self.path = path
+        self.topics: tuple[Topic, ...] = ()
+        self.duration = 0
+        self.message_count = 0
+        self.custom_data: Mapping[str, str] = {}
+
+    def __enter__(self) -> Self:
+        """Open the recording and read what it says of its topics."""
+        with ExitStack() as stack, _readable(self.path):
+            _check_finished(self.path)
+            is_ros1 = self.path.suffix == '.bag' and not self.path.is_dir()
+            self._reader: Reader1 | Reader2 = Reader1(self.path) if is_ros1 else Reader2(self.path)
+            stack.enter_context(self._reader)
+            connections = self._reader.connections
+            self._channels = _ros1_channels(connections) if is_ros1 else _ros2_channels(connections)
+            self._close = stack.pop_all()
+        self.topics = tuple(dict.fromkeys(topic for topic, _ in self._channels.values()))
+        self.duration = self._reader.duration
+        self.message_count = sum(connection.msgcount for connection in connections)
+        if isinstance(self._reader, Reader2):
+            self.custom_data = self._reader.storage.metadata.custom or {}
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the recording."""
+        self._close.close()
+
+    def messages(self) -> Iterator[tuple[Topic, int, bytes]]:
+        """Read topic, bag time (ns) and CDR bytes of every message, in the order of the bag times.
+
+        Messages with the same bag time come in the order in which they were recorded.
+        """
+        with _readable(self.path):
+            for connection, time, data in self._reader.messages():
+                topic, to_cdr = self._channels[connection.id]
+                yield topic, time, to_cdr(data)
+
+
+class NewBag:
+    """An MCAP bag folder to write: it appears whole under its name, or not at all.
+
+    A context manager. Until it is left without an error, all is in a hidden folder beside ``path``;
+    no error, no Ctrl-C and no full disk leaves anything behind. Only one chunk (1 MiB, or a single
+    message that is longer) is held in memory.
+
+    Raises
+    ------
+    RecordingError
+        If ``path`` exists, or if it cannot be written.
+
+    """
+
+    def __init__(self, path: Path, custom_data: Mapping[str, str] | None = None) -> None:
+        """Name the folder, and what its ``metadata.yaml`` shall carry under ``custom_data``."""
+        self.path = path
+        self._custom_data = custom_data or {}
+
+    def __enter__(self) -> Self:
+        """Begin the bag in its hidden folder."""
+        if os.path.lexists(self.path):
+            raise RecordingError('the output', 'a new folder', f'{self.path}, which exists')
+        with ExitStack() as stack, _writable(self.path):
+            hidden = TemporaryDirectory(
+                prefix=f'.{self.path.name}.partial-',
+                dir=self.path.parent,
+                ignore_cleanup_errors=True,
+            )
+            # In the hidden folder it has its final name already: its files are named after it.
+            self._built = Path(stack.enter_context(hidden), self.path.name)
+            stack.push(self._publish)
+            writer = Writer(self._built, version=9, storage_plugin=StoragePlugin.MCAP)
+            for key, value in self._custom_data.items():
+                writer.set_custom_data(key, value)
+            self._writer = stack.enter_context(writer)
+            self._connections: dict[Topic, Connection] = {}
+            self._finish = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Finish the bag and give it its name, or remove it if there was an error."""
+        with _writable(self.path):
+            self._finish.__exit__(kind, error, trace)
+
+    def _publish(
+        self,
+        kind: type[BaseException] | None,
+        _error: BaseException | None,
+        _trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self._built.rename(self.path)
+
+    def add(self, topic: Topic) -> None:
+        """Add a topic; it is in the bag even if no message follows."""
+        connection = self._writer.add_connection(
+            topic.name,
+            topic.msgtype,
+            msgdef=topic.definition,
+            rihs01=topic.digest or 'unknown',
+            offered_qos_profiles=topic.qos,
+        )
+        if not topic.digest:
+            # The writer demands a hash, readers that it be true: an unknown one must be empty.
+            connection = connection._replace(digest='')
+            self._writer.connections[-1] = connection
+        self._connections[topic] = connection
+
+    def write(self, topic: Topic, time: int, data: bytes | memoryview) -> None:
+        """Write the CDR bytes of one message of an added topic at its bag time (ns)."""
+        with _writable(self.path):
+            self._writer.write(self._connections[topic], time, data)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Refuse, in one sentence, whatever a recording that is none makes the readers raise."""
+    try:
+        yield
+    except FilterError:
+        raise
+    except (Reader1Error, Reader2Error, OSError) as err:
+        raise RecordingError(f'the recording {path}', 'readable', _quoted(str(err))) from err
+    except Exception as err:  # on damaged files, the decoders raise whatever they come upon
+        raise RecordingError(f'the recording {path}', 'readable', _quoted(repr(err))) from err
+
+
+@contextmanager
+def _writable(path: Path) -> Iterator[None]:
+    """Refuse, in one sentence, what cannot be written: a full disk, a folder without permission."""
+    try:
+        yield
+    except OSError as err:
+        reason = _quoted(err.strerror or repr(err))
+        raise RecordingError(f'the output {path}', 'written in full', reason) from err
+
+
+def _quoted(text: str) -> str:
+    """Put a foreign text, on one line, into quotes."""
+    return '"' + ' '.join(text.split()) + '"'
+
+
+def _check_finished(path: Path) -> None:
+    """Refuse a database that its recorder did not close: messages are in the log beside it."""
+    for log in path.glob('*.db3-wal') if path.is_dir() else [path.with_name(path.name + '-wal')]:
+        if log.is_file() and log.stat().st_size:
+            raise RecordingError(
+                f'the recording {path}', 'closed by its recorder', f'messages in {log.name}'
+            )
+
+
+_Channels = dict[int, 'tuple[Topic, Callable[[bytes], bytes]]']
+
+
+def _ros2_channels(connections: Sequence[Connection]) -> _Channels:
+    """Topic of each connection, and how its messages become CDR: they are."""
+    groups: dict[tuple[str, str], list[Connection]] = {}
+    for connection in connections:
+        groups.setdefault((connection.topic, connection.msgtype), []).append(connection)
+    channels: _Channels = {}
+    for (name, msgtype), group in groups.items():
+        extensions = [cast('ConnectionExtRosbag2', connection.ext) for connection in group]
+        if other := {extension.serialization_format for extension in extensions} - {'cdr'}:
+            raise RecordingError(f'the encoding of {name}', "'cdr'", repr(other.pop()))
+        qos = dict.fromkeys(
+            profile for extension in extensions for profile in extension.offered_qos_profiles
+        )
+        topic = Topic(name, msgtype, *_ros2_definition(group[0]), tuple(qos))
+        channels.update({connection.id: (topic, bytes) for connection in group})
+    return channels
+
+
+def _ros2_definition(connection: Connection) -> tuple[str, str]:
+    """Definition and hash of a ROS 2 connection's type, as far as anybody knows them."""
+    kind, text = connection.msgdef
+    if kind == MessageDefinitionFormat.NONE:
+        return _unchanged_definition(connection.msgtype)
+    return text, connection.digest or _digest(connection)
+
+
+def _digest(connection: Connection) -> str:
+    """Compute the hash that a file did not keep; empty for a definition that cannot be parsed."""
+    kind, text = connection.msgdef
+    try:
+        if kind == MessageDefinitionFormat.MSG:
+            types = get_types_from_msg(text, connection.msgtype)
+        else:
+            types = {}
+            for part in text.split(_SEPARATOR)[1:]:
+                types.update(get_types_from_idl(part.partition('\n')[2]))
+        return _typestore(types).hash_rihs01(connection.msgtype)
+    except Exception:  # noqa: BLE001  a type that cannot be understood is copied all the same
+        return ''
+
+
+def _unchanged_definition(msgtype: str) -> tuple[str, str]:
+    """Definition and hash where the bag has none (before Iron), of types that never changed."""
+    stores = [
+        get_typestore(name) for name in (Stores.ROS2_FOXY, Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY)
+    ]
+    stores = [store for store in stores if msgtype in store.fielddefs]
+    digests = {store.hash_rihs01(msgtype) for store in stores}
+    if len(digests) != 1:
+        return '', ''
+    return stores[-1].generate_msgdef(msgtype, ros_version=2)[0], digests.pop()
+
+
+def _ros1_channels(connections: Sequence[Connection]) -> _Channels:
+    """Topic of each connection, and how its messages become CDR."""
+    jazzy = get_typestore(Stores.ROS2_JAZZY)
+    types: dict[str, tuple[str, Typestore]] = {}
+    topics: dict[tuple[str, str], Topic] = {}
+    latched = {c.topic for c in connections if cast('ConnectionExtRosbag1', c.ext).latching}
+    channels: _Channels = {}
+    for connection in connections:
+        name, msgtype = connection.topic, connection.msgtype
+        if msgtype not in types:
+            types[msgtype] = (connection.digest, _ros1_types(connection, jazzy))
+        digest, store = types[msgtype]
+        if digest != connection.digest:
+            got = f'{digest} and {connection.digest}'
+            raise RecordingError(f'the definition of {msgtype}', 'the same on all topics', got)
+        definition = _ros1_definition(msgtype, store, jazzy)
+        topic = Topic(name, *definition, (LATCHED,) if name in latched else ())
+        topic = topics.setdefault((name, topic.msgtype), topic)
+        channels[connection.id] = (topic, _ros1_converter(store, msgtype))
+    return channels
+
+
+def _ros1_definition(msgtype: str, store: Typestore, jazzy: Typestore) -> tuple[str, str, str]:
+    """Name, definition and hash in ROS 2 of a type of ROS 1."""
+    name = _RENAMED.get(msgtype, msgtype)
+    # Where the bytes are the same: the definition of ROS 2, with the names it gave the fields.
+    if name in jazzy.fielddefs and is_same_wireformat(store, jazzy, msgtype, name):
+        store = jazzy
+    else:
+        name = msgtype
+    return name, store.generate_msgdef(name, ros_version=2)[0], store.hash_rihs01(name)
+
+
+def _ros1_types(connection: Connection, jazzy: Typestore) -> Typestore:
+    """Read the type of a ROS 1 connection, with the header of ROS 2, which has no number in it."""
+    types = get_types_from_msg(connection.msgdef.data, connection.msgtype)
+    types['std_msgs/msg/Header'] = jazzy.fielddefs['std_msgs/msg/Header']
+    return _typestore(types)
+
+
+def _ros1_converter(store: Typestore, msgtype: str) -> Callable[[bytes], bytes]:
+    return lambda data: bytes(store.ros1_to_cdr(data, msgtype))
+
+
+def _typestore(types: Typesdict) -> Typestore:
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    return store

@@ -1,0 +1,421 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings: nothing of the input is lost or changed, and no half output is left."""
+
+from __future__ import annotations
+
+import sqlite3
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import astuple
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from mcap.reader import SeekingReader, make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from lidar_outlier_filter.bags import LATCHED, NewBag, Recording, Topic
+from lidar_outlier_filter.errors import RecordingError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rosbags.interfaces import Connection
+
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+STRING = 'std_msgs/msg/String'
+CAMERA = 'sensor_msgs/msg/CameraInfo'
+OLD_TF = 'tf/msg/tfMessage'
+DOOR = 'shop_msgs/msg/Door'
+BEST_EFFORT = Qos(
+    QosHistory.KEEP_LAST,
+    5,
+    QosReliability.BEST_EFFORT,
+    QosDurability.VOLATILE,
+    QosTime(1, 500),
+    QosTime(9223372036, 854775807),
+    QosLiveliness.MANUAL_BY_TOPIC,
+    QosTime(0, 0),
+    avoid_ros_namespace_conventions=True,
+)
+
+
+def known(name: str, msgtype: str, *qos: Qos) -> Topic:
+    """Describe a topic of a type that ROS 2 Jazzy knows."""
+    definition = JAZZY.generate_msgdef(msgtype, ros_version=2)[0]
+    return Topic(name, msgtype, definition, JAZZY.hash_rihs01(msgtype), qos)
+
+
+TOPICS = (
+    known('/points', CLOUD, BEST_EFFORT),
+    known('/text', STRING, LATCHED, BEST_EFFORT),
+    known('/silent', STRING),
+    # rosbags cannot parse this one, and its hash is somebody else's word
+    Topic('/wide', 'shop_msgs/msg/Wide', 'wstring<=3[<=2] text\n', 'RIHS01_' + 'ab' * 32),
+)
+# Topic and bag time of each message: not in order, and the same time on one topic and on several.
+MESSAGES = [(0, 30), (1, 30), (1, 10), (1, 10), (3, 10), (0, 20), (3, 40), (0, 40), (1, 40)]
+
+
+def text(words: str) -> bytes:
+    """Make the CDR bytes of a text."""
+    return JAZZY.serialize_cdr(JAZZY.types[STRING](words), STRING).tobytes()
+
+
+def write_bag(path: Path, plugin: StoragePlugin) -> Path:
+    """Write MESSAGES into a ROS 2 bag."""
+    writer = Writer(path, version=9, storage_plugin=plugin)
+    writer.set_custom_data('robot', 'seven')
+    with writer:
+        connections = [
+            writer.add_connection(
+                topic.name,
+                topic.msgtype,
+                msgdef=topic.definition,
+                rihs01=topic.digest,
+                offered_qos_profiles=topic.qos,
+            )
+            for topic in TOPICS
+        ]
+        for index, (topic, time) in enumerate(MESSAGES):
+            writer.write(connections[topic], time, text(f'message {index}'))
+    return path
+
+
+def copy(source: Path, target: Path) -> Path:
+    """Write all of a recording into a new bag."""
+    with Recording(source) as recording, NewBag(target, recording.custom_data) as bag:
+        for topic in recording.topics:
+            bag.add(topic)
+        for topic, time, data in recording.messages():
+            bag.write(topic, time, data)
+    return target
+
+
+def described(connections: list[Connection]) -> list[tuple[object, ...]]:
+    """Tell everything of the connections that does not depend on the file."""
+    return [(c.topic, c.msgtype, c.msgdef, c.digest, c.msgcount, c.ext) for c in connections]
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+def test_copy_of_a_folder_keeps_everything(tmp_path: Path, plugin: StoragePlugin) -> None:
+    """Topics, empty ones too, QoS, types and hashes, all bytes, times and custom data stay."""
+    source = write_bag(tmp_path / 'source', plugin)
+    target = copy(source, tmp_path / 'target')
+    with Reader(source) as before, Reader(target) as after:
+        assert described(after.connections) == described(before.connections)
+        assert len(after.connections) == len(TOPICS)
+        order = sorted(range(len(MESSAGES)), key=lambda index: MESSAGES[index][1])
+        assert [(c.topic, time, data) for c, time, data in after.messages()] == [
+            (TOPICS[MESSAGES[i][0]].name, MESSAGES[i][1], text(f'message {i}')) for i in order
+        ]
+    information = yaml.safe_load((target / 'metadata.yaml').read_text())
+    assert information['rosbag2_bagfile_information']['custom_data'] == {'robot': 'seven'}
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+def test_lone_file_is_read_as_its_folder(tmp_path: Path, plugin: StoragePlugin) -> None:
+    """A lone file gives what its folder gives; hashes that the file does not keep are computed."""
+    source = write_bag(tmp_path / 'source', plugin)
+    (lone,) = set(source.iterdir()) - {source / 'metadata.yaml'}
+    with Recording(source) as folder, Recording(lone) as file:
+        assert list(folder.messages()) != []
+        assert [(t.name, *m) for t, *m in file.messages()] == [
+            (t.name, *m) for t, *m in folder.messages()
+        ]
+        for found in (file.topics, folder.topics):
+            assert [astuple(topic) for topic in found[:3]] == [astuple(t) for t in TOPICS[:3]]
+        assert (file.duration, file.message_count) == (31, len(MESSAGES))
+
+
+def test_idl_definition_and_its_hash(tmp_path: Path) -> None:
+    """A type that is defined in IDL keeps its text; its hash is that of the same type in MSG."""
+    idl = (
+        '=' * 80 + '\nIDL: shop_msgs/msg/Door\n'
+        'module shop_msgs { module msg { struct Door { string name; double angle; }; }; };\n'
+    )
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg('string name\nfloat64 angle\n', DOOR))
+    topic = Topic('/door', DOOR, idl, store.hash_rihs01(DOOR))
+    with NewBag(tmp_path / 'bag') as bag:
+        bag.add(topic)
+    with Recording(tmp_path / 'bag' / 'bag.mcap') as recording:
+        assert [astuple(found) for found in recording.topics] == [astuple(topic)]
+
+
+def test_bag_without_definitions(tmp_path: Path) -> None:
+    """Recordings older than Iron define no type: what never changed is defined, the rest is not."""
+    source = tmp_path / 'old.db3'
+    with sqlite3.connect(source) as database:
+        database.executescript(
+            'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT,'
+            ' serialization_format TEXT, offered_qos_profiles TEXT);'
+            'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,'
+            ' data BLOB);'
+        )
+        types = [CLOUD, 'sensor_msgs/msg/Range', DOOR]  # Range was changed in Iron
+        for number, msgtype in enumerate(types):
+            topic = (number, f'/t{number}', msgtype)
+            database.execute("INSERT INTO topics VALUES(?, ?, ?, 'cdr', '')", topic)
+            message = (number, 50, text(msgtype))
+            database.execute('INSERT INTO messages VALUES(NULL, ?, ?, ?)', message)
+    database.close()
+    target = copy(source, tmp_path / 'target')
+    with AnyReader([target]) as reader:
+        assert [c.digest for c in reader.connections] == [known('', CLOUD).digest, '', '']
+        assert [bytes(data) for _, _, data in reader.messages()] == [text(name) for name in types]
+
+
+def write_ros1(path: Path) -> Path:
+    """Write a ROS 1 bag: two publishers of a topic, one of them latched, and an own type."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    definition = 'std_msgs/Header header\nfloat64 angle\ntime seen\n'
+    store.register(get_types_from_msg(definition, DOOR))
+    store.register(get_types_from_msg('geometry_msgs/TransformStamped[] transforms\n', OLD_TF))
+    stamp, header = store.types['builtin_interfaces/msg/Time'], store.types['std_msgs/msg/Header']
+    door = store.types[DOOR](header(7, stamp(1, 2), 'map'), 0.5, stamp(3, 4))
+    with Writer1(path) as writer:
+        for number, (topic, msgtype, latching, message) in enumerate(
+            [
+                ('/text', STRING, None, store.types[STRING]('hello')),
+                ('/text', STRING, 1, store.types[STRING]('world')),
+                ('/door', DOOR, None, door),
+                ('/tf', OLD_TF, None, store.types[OLD_TF]([])),
+                ('/camera', CAMERA, None, None),
+            ]
+        ):
+            connection = writer.add_connection(
+                topic, msgtype, typestore=store, callerid=f'/node{number}', latching=latching
+            )
+            if message is not None:
+                writer.write(connection, 10, store.serialize_ros1(message, msgtype))
+    return path
+
+
+def test_ros1_becomes_ros2(tmp_path: Path) -> None:
+    """Publishers of a topic are one, latched ones last, headers lose their number."""
+    target = copy(write_ros1(tmp_path / 'old.bag'), tmp_path / 'target')
+    with AnyReader([target]) as reader:
+        described_by = {(c.topic, c.msgtype, c.msgcount, c.digest) for c in reader.connections}
+        read: list[Any] = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()]
+    assert {row[:3] for row in described_by} == {
+        ('/text', STRING, 2),
+        ('/door', DOOR, 1),
+        ('/tf', 'tf2_msgs/msg/TFMessage', 1),
+        ('/camera', CAMERA, 0),
+    }
+    assert ('/camera', CAMERA, 0, JAZZY.hash_rihs01(CAMERA)) in described_by
+    hello, world, door, frames = read
+    assert (hello.data, world.data) == ('hello', 'world')
+    assert (door.header.stamp.nanosec, door.header.frame_id, door.angle) == (2, 'map', 0.5)
+    assert not hasattr(door.header, 'seq')
+    assert frames.transforms == []
+    with Recording(target) as recording:
+        assert {topic.name: topic.qos for topic in recording.topics} == {
+            '/text': (LATCHED,),
+            '/door': (),
+            '/tf': (),
+            '/camera': (),
+        }
+
+
+def test_ros1_type_with_two_definitions_is_refused(tmp_path: Path) -> None:
+    """One name for two types cannot be written into one bag, so it is not."""
+    with Writer1(tmp_path / 'two.bag') as writer:
+        for topic, definition in (('/a', 'float64 angle\n'), ('/b', 'float32 angle\n')):
+            store = get_typestore(Stores.EMPTY)
+            store.register(get_types_from_msg(definition, DOOR))
+            connection = writer.add_connection(topic, DOOR, typestore=store)
+            writer.write(connection, 0, store.serialize_ros1(store.types[DOOR](1.0), DOOR))
+    refused = pytest.raises(
+        RecordingError, match='definition of shop_msgs/msg/Door must be the same'
+    )
+    with refused, Recording(tmp_path / 'two.bag'):
+        pass
+
+
+def test_other_readers_find_index_and_names(tmp_path: Path) -> None:
+    """The mcap reader finds every message by index; no file tells of the hidden folder."""
+    target = copy(write_bag(tmp_path / 'source', StoragePlugin.SQLITE3), tmp_path / 'target')
+    assert sorted(path.name for path in target.iterdir()) == ['metadata.yaml', 'target.mcap']
+    assert not any(b'partial' in path.read_bytes() for path in target.iterdir())
+    information = yaml.safe_load((target / 'metadata.yaml').read_text())
+    information = information['rosbag2_bagfile_information']
+    assert information['relative_file_paths'] == ['target.mcap']
+    assert [file['path'] for file in information['files']] == ['target.mcap']
+    assert information['message_count'] == len(MESSAGES)
+    with (target / 'target.mcap').open('rb') as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        assert isinstance(reader, SeekingReader)
+        summary = reader.get_summary()
+        assert summary is not None
+        indexed = {
+            channel for index in summary.chunk_indexes for channel in index.message_index_offsets
+        }
+        counts = Counter(TOPICS[topic].name for topic, _ in MESSAGES)
+        assert {summary.channels[channel].topic for channel in indexed} == set(counts)
+        words = [item.decoded_message.data for item in reader.iter_decoded_messages('/text')]
+        assert words == ['message 2', 'message 3', 'message 1', 'message 8']
+
+
+def write_until(target: Path, error: type[BaseException]) -> None:
+    """Write a message, see that it is hidden, and come upon an error."""
+    with NewBag(target) as bag:
+        bag.add(TOPICS[1])
+        bag.write(TOPICS[1], 1, text('lost'))
+        (hidden,) = target.parent.iterdir()
+        assert hidden.name.startswith('.target.partial-')
+        raise error
+
+
+def test_bag_appears_whole_or_not_at_all(tmp_path: Path) -> None:
+    """Before the end there is only a hidden folder; after an error or a Ctrl-C there is nothing."""
+    target = tmp_path / 'target'
+    for error in (ValueError, KeyboardInterrupt, SystemExit):
+        with pytest.raises(error):
+            write_until(target, error)
+        assert list(tmp_path.iterdir()) == []
+    with NewBag(target) as bag:
+        bag.add(TOPICS[1])
+        assert not target.exists()
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_output_must_be_new(tmp_path: Path) -> None:
+    """No folder, file or dangling link is written over, and no parent folder is invented."""
+    (tmp_path / 'folder').mkdir()
+    (tmp_path / 'file').write_text('mine')
+    (tmp_path / 'link').symlink_to('nowhere')
+    for name in ('folder', 'file', 'link'):
+        with (
+            pytest.raises(RecordingError, match='must be a new folder, got'),
+            NewBag(tmp_path / name),
+        ):
+            pass
+    missing = tmp_path / 'missing' / 'bag'
+    with pytest.raises(RecordingError, match='got "No such file or directory"'), NewBag(missing):
+        pass
+    assert (tmp_path / 'file').read_text() == 'mine'
+
+
+def test_name_taken_meanwhile(tmp_path: Path) -> None:
+    """What takes the name of the output during the run is not written over."""
+    with pytest.raises(RecordingError, match='must be written in full'), NewBag(tmp_path / 'bag'):
+        (tmp_path / 'bag' / 'mine').mkdir(parents=True)
+    assert [path.name for path in tmp_path.iterdir()] == ['bag']
+
+
+def test_messages_are_written_as_they_come(tmp_path: Path) -> None:
+    """Of 64 MiB, no more than two chunks are not yet in the file."""
+    megabyte = bytes(2**20)
+    with NewBag(tmp_path / 'bag') as bag:
+        bag.add(TOPICS[0])
+        for count in range(1, 65):
+            bag.write(TOPICS[0], count, megabyte)
+            (file,) = tmp_path.rglob('*.mcap')
+            assert file.stat().st_size > (count - 2) * len(megabyte)
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+from lidar_outlier_filter.bags import NewBag, Topic
+from lidar_outlier_filter.errors import RecordingError
+resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+topic = Topic('/t', 'std_msgs/msg/String', 'string data', '')
+try:
+    with NewBag(Path(sys.argv[1])) as bag:
+        bag.add(topic)
+        for time in range(100):
+            bag.write(topic, time, bytes(100_000))
+except RecordingError as err:
+    print(err)
+"""
+
+
+def test_full_disk_is_one_sentence(tmp_path: Path) -> None:
+    """Where no more can be written, one sentence says so, and nothing is left."""
+    target = tmp_path / 'bag'
+    command = [sys.executable, '-c', FULL, str(target)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f'the output {target} must be written in full, got "File too large"\n'
+    assert done.stderr == ''
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_recording(tmp_path: Path) -> None:
+    """Files and folders that are something else, or nothing, are refused in one sentence."""
+    for name in ('empty.bag', 'empty.mcap', 'empty.db3'):
+        (tmp_path / name).touch()
+    for name in ('noise.bag', 'noise.mcap', 'noise.db3'):
+        (tmp_path / name).write_bytes(bytes(range(256)) * 40)
+    (tmp_path / 'words.txt').write_text('hello')
+    (tmp_path / 'folder').mkdir()
+    (tmp_path / 'broken').mkdir()
+    (tmp_path / 'broken' / 'metadata.yaml').write_text('rosbag2_bagfile_information:\n  - [')
+    for path in [*tmp_path.iterdir(), tmp_path / 'missing.mcap', tmp_path / 'missing']:
+        with pytest.raises(RecordingError, match='must be readable, got') as refused:
+            read_all(path)
+        assert '\n' not in str(refused.value)
+
+
+def read_all(path: Path) -> int:
+    """Read a recording to its end."""
+    with Recording(path) as recording:
+        return sum(1 for _ in recording.messages())
+
+
+@pytest.mark.parametrize('suffix', ['.bag', '.mcap', '.db3'])
+def test_truncated_file(tmp_path: Path, suffix: str) -> None:
+    """A file that was cut off anywhere is refused in one sentence, at the latest where it ends."""
+    if suffix == '.bag':
+        path = write_ros1(tmp_path / 'whole.bag')
+    else:
+        plugin = StoragePlugin.MCAP if suffix == '.mcap' else StoragePlugin.SQLITE3
+        path = write_bag(tmp_path / 'whole', plugin) / f'whole{suffix}'
+    assert read_all(path) > 0
+    whole = path.read_bytes()
+    for size in range(1, len(whole), len(whole) // 40):
+        cut = tmp_path / f'cut{suffix}'
+        cut.write_bytes(whole[:size])
+        with pytest.raises(RecordingError, match='must be readable, got'):
+            read_all(cut)
+
+
+def test_database_that_was_not_closed(tmp_path: Path) -> None:
+    """Messages that are still in the log beside a database would be lost: refused."""
+    source = write_bag(tmp_path / 'source', StoragePlugin.SQLITE3)
+    (source / 'source.db3-wal').write_bytes(b'messages')
+    for path in (source, source / 'source.db3'):
+        with pytest.raises(RecordingError, match='must be closed by its recorder'):
+            read_all(path)
+
+
+def test_other_encoding_is_refused(tmp_path: Path) -> None:
+    """A lone MCAP file may hold what is no CDR."""
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = known('/text', STRING)
+        writer.add_connection(
+            topic.name,
+            topic.msgtype,
+            msgdef=topic.definition,
+            rihs01=topic.digest,
+            serialization_format='json',
+        )
+    with pytest.raises(RecordingError, match="encoding of /text must be 'cdr', got 'json'"):
+        read_all(tmp_path / 'bag' / 'bag.mcap')

@@ -1,0 +1,228 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line: exit statuses, sentences, and what is left of an interrupted run."""
+
+from __future__ import annotations
+
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2
+
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.bags import NewBag, Recording
+from lidar_outlier_filter.cli import main
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    Capture = pytest.CaptureFixture[str]
+
+# A process that was started in the background of a shell would ignore SIGINT.
+COMMAND = """
+import signal, sys
+from lidar_outlier_filter.cli import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(main(sys.argv[1:]))
+"""
+BAR = '━━'.encode()
+RUN = [sys.executable, '-c', COMMAND]
+
+
+@pytest.fixture
+def drive(recordings: Path, tmp_path: Path) -> Path:
+    """Copy a real recording to where its output may be put beside it."""
+    return Path(shutil.copytree(recordings / 'bags' / 'vlp16_mrpt_mcap', tmp_path / 'drive'))
+
+
+def names(folder: Path) -> list[str]:
+    """List the names in a folder, hidden ones too."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+def rows(table: str) -> dict[str, list[str]]:
+    """Read the rows of a printed table."""
+    cells = [[cell.strip() for cell in line.split('│')] for line in table.splitlines()]
+    return {row[1]: row[2:-1] for row in cells if len(row) > 1}
+
+
+def count(text: str) -> int:
+    """Read a printed number."""
+    return int(text.replace(',', ''))
+
+
+def test_help_imports_nothing_heavy() -> None:
+    """Help is instant: no numpy, no numba, no ROS, no rosbags, no rich."""
+    heavy = "{'numpy', 'numba', 'rclpy', 'rosbags', 'rich', 'yaml', 'scipy'}"
+    program = (
+        'import sys\nfrom lidar_outlier_filter.cli import main\n'
+        "try:\n    main(['replay', '--help'])\nfinally:\n"
+        f'    sys.stderr.write(repr({heavy} & set(sys.modules)))'
+    )
+    command = [sys.executable, '-c', program]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert '--drop-input' in done.stdout
+    assert done.stderr == 'set()'
+
+
+@pytest.mark.parametrize('arguments', [[], ['dance'], ['replay']])
+def test_wrong_usage(arguments: list[str], capsys: Capture) -> None:
+    """Without a command, or with one that does not exist, argparse says how it is used."""
+    with pytest.raises(SystemExit, match='2'):
+        main(arguments)
+    assert capsys.readouterr().err.startswith('usage: lidar-outlier-filter')
+
+
+def test_version(capsys: Capture) -> None:
+    """The version is that of the package."""
+    with pytest.raises(SystemExit, match='0'):
+        main(['--version'])
+    assert capsys.readouterr().out == f'{__version__}\n'
+
+
+def test_replay_prints_a_table(drive: Path, tmp_path: Path, capsys: Capture) -> None:
+    """A replay writes beside its recording, says so, and prints what it found."""
+    assert main(['replay', str(drive)]) == 0
+    assert names(tmp_path) == ['drive', 'drive_cleaned']
+    printed = capsys.readouterr()
+    table = rows(printed.out)
+    assert table['messages'] == ['4']
+    assert table['refused'] == ['0']
+    assert 0 < count(table['rejected'][0]) < 0.1 * count(table['points'][0])
+    assert count(table['points per second'][0]) > 0
+    assert float(table['× real time'][0]) > 0
+    assert printed.out.endswith(f'written to {tmp_path / "drive_cleaned"}\n')
+    assert printed.err == ''
+
+
+def test_output_of_a_lone_file(drive: Path) -> None:
+    """The output of a lone file has its name without what follows the dot."""
+    file = drive / 'hdl32_mrpt.mcap'
+    next(drive.glob('*.mcap')).rename(file)
+    assert main(['replay', str(file), '--drop-input']) == 0
+    with Recording(drive / 'hdl32_mrpt_cleaned') as recording:
+        found = [topic.name for topic in recording.topics]
+    assert found == ['/velodyne_points/cleaned', '/velodyne_points/outliers']
+
+
+def test_parameters_of_file_and_command_line(drive: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Single parameters win over those of the file; 1e-12 is a number."""
+    file = tmp_path / 'filter.yaml'
+    file.write_text('/**:\n  ros__parameters:\n    alpha_beta_gamma:\n      significance: 0.1\n')
+    rejected: list[int] = []
+    for options in (
+        ['--params', str(file)],
+        ['--params', str(file), '--set', 'alpha_beta_gamma.significance=1e-12'],
+    ):
+        output = tmp_path / f'out{len(rejected)}'
+        arguments = ['replay', str(drive), '--output', str(output), '--topic', '/velodyne_points']
+        assert main([*arguments, *options]) == 0
+        rejected.append(count(rows(capsys.readouterr().out)['rejected'][0]))
+    assert rejected[0] > 2 * rejected[1]
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (
+            ['--topic', '/nowhere'],
+            "a topic to filter must be one of /velodyne_points, got '/nowhere'",
+        ),
+        (['--set', 'block'], "--set must be NAME=VALUE, got 'block'"),
+        (['--set', 'block=: :'], "the value of block must be YAML, got ': :'"),
+        (['--set', 'block=long'], "block must be a number, got 'long'"),
+        (['--params', 'missing.yaml'], 'missing.yaml must be a readable YAML file, got'),
+        (['--output', '.'], 'the output must be a new folder, got ., which exists'),
+    ],
+)
+def test_refused_in_one_sentence(
+    drive: Path, tmp_path: Path, capsys: Capture, options: list[str], sentence: str
+) -> None:
+    """What makes no sense gives one sentence, exit status 1, and no output."""
+    assert main(['replay', str(drive), *options]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.startswith(sentence)
+    assert printed.err.count('\n') == 1
+    assert printed.out == ''
+    assert names(tmp_path) == ['drive']
+
+
+def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Where an answer is missing, the output is written, and the exit status says not."""
+    source = tmp_path / 'damaged'
+    with Recording(drive) as recording, NewBag(source) as bag:
+        (topic,) = recording.topics
+        bag.add(topic)
+        for number, (_, time, data) in enumerate(recording.messages()):
+            bag.write(topic, time, data[: 100 if number == 1 else None])
+    assert main(['replay', str(source)]) == 3
+    printed = capsys.readouterr()
+    clouds = '1 of 4 clouds of /velodyne_points'
+    assert printed.err == f'{clouds} were refused and have no answer, for: the CDR bytes (1)\n'
+    assert rows(printed.out)['refused'] == ['1']
+    assert 'damaged_cleaned' in names(tmp_path)
+
+
+def test_progress_on_a_terminal_only(drive: Path, tmp_path: Path) -> None:
+    """A terminal sees a bar, a file does not."""
+    command = [*RUN, 'replay', str(drive), '--output']
+    plain = subprocess.run([*command, str(tmp_path / 'a')], capture_output=True, check=True)
+    leader, terminal = pty.openpty()
+    shown = [*command, str(tmp_path / 'b')]
+    with subprocess.Popen(shown, stdout=subprocess.PIPE, stderr=terminal) as process:
+        os.close(terminal)
+        screen, _ = read_terminal(leader), process.communicate()
+    assert process.returncode == 0
+    assert BAR in screen
+    assert BAR not in plain.stderr
+
+
+def read_terminal(leader: int) -> bytes:
+    """Read all that is written to a terminal, which ends with an error."""
+    screen = b''
+    with os.fdopen(leader, 'rb', buffering=0) as file, suppress(OSError):
+        while part := file.read(4096):
+            screen += part
+    return screen
+
+
+def small_clouds(recording: Path, number: int) -> Iterator[tuple[int, bytes]]:
+    """Make many small clouds of a real one, 0.1 s from each other."""
+    with Recording(recording) as source:
+        _, start, data = next(source.messages())
+    cloud = deserialize_message(data, PointCloud2)
+    cloud.width, cloud.row_step = 100, 100 * cloud.point_step
+    cloud.data = cloud.data[: cloud.row_step]
+    for time in range(start, start + number * 100_000_000, 100_000_000):
+        cloud.header.stamp.sec, cloud.header.stamp.nanosec = divmod(time, 1_000_000_000)
+        yield time, serialize_message(cloud)
+
+
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted(drive: Path, tmp_path: Path, number: signal.Signals, status: int) -> None:
+    """Ctrl-C and SIGTERM in the middle of a run leave nothing, and no trace."""
+    with Recording(drive) as recording:
+        (topic,) = recording.topics
+    with NewBag(tmp_path / 'long') as bag:
+        bag.add(topic)
+        for time, data in small_clouds(drive, 5_000):
+            bag.write(topic, time, data)
+    command = [*RUN, 'replay', str(tmp_path / 'long'), '--output', str(tmp_path / 'out')]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while not any(file.stat().st_size for file in tmp_path.glob('.out.partial-*/out/*.mcap')):
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(timeout=0.02)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == status
+    assert 'Traceback' not in said
+    assert names(tmp_path) == ['drive', 'long']

@@ -1,0 +1,323 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Replay: every cloud gets its answer, and everything else stays as it is."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import yaml
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.utilities import get_default_context
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from sensor_msgs.msg import PointCloud2, PointField
+
+from lidar_outlier_filter.bags import LATCHED, NewBag, Recording, Topic
+from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.replay import CLOUD, replay
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    Content = dict[str, list[tuple[int, bytes]]]
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STRING = 'std_msgs/msg/String'
+DOOR = 'shop_msgs/msg/Door'
+STORE.register(get_types_from_msg('string name\nfloat64 angle\n', DOOR))
+REAL = [
+    'cloudini_lidar_link_mcap',
+    'hdl32_mrpt_mcap',
+    'hesai_xt32_nebula_mcap',
+    'os0_32.bag',
+    'os1_128_db3',
+    'vlp16_mrpt.bag',
+    'vlp16_mrpt_db3',
+    'vlp16_mrpt_mcap',
+    'vlp32_nebula.bag',
+    'vlp32_nebula_db3',
+]
+PERIOD = 100_000_000  # ns between two clouds
+FIELDS = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4'), ('ring', '<u2')]
+ROW = np.dtype(FIELDS)
+
+
+def topic_of(name: str, msgtype: str) -> Topic:
+    """Describe a topic of a known type."""
+    definition = STORE.generate_msgdef(msgtype, ros_version=2)[0]
+    return Topic(name, msgtype, definition, STORE.hash_rihs01(msgtype), (LATCHED,))
+
+
+def cloud(index: int, points: int = 200) -> Any:
+    """Make one ring of 0.1 s: a wall with noise, and three points far before it."""
+    rng = np.random.default_rng(index)
+    rows = np.zeros(points, ROW)
+    rows['time'] = np.arange(points) * (0.1 / points)
+    rows['x'] = 10 + rng.normal(0, 0.01, points)
+    rows['y'] = np.linspace(-5, 5, points)
+    rows['x'][rng.choice(points, 3, replace=False)] -= 3
+    msg = PointCloud2(
+        height=1, width=points, point_step=ROW.itemsize, row_step=points * ROW.itemsize
+    )
+    msg.header.frame_id = 'lidar'
+    msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(index * PERIOD, 10**9)
+    kinds = {'<f4': PointField.FLOAT32, '<u2': PointField.UINT16}
+    msg.fields = [
+        PointField(name=name, offset=4 * number, datatype=kinds[kind], count=1)
+        for number, (name, kind) in enumerate(FIELDS)
+    ]
+    msg.data = rows.tobytes()
+    return msg
+
+
+def write_drive(path: Path, clouds: Iterable[Any], lidars: Iterable[str] = ('/lidar',)) -> Path:
+    """Write clouds of some lidars, a text before each, an own type and a silent topic."""
+    points = [topic_of(name, CLOUD) for name in lidars]
+    text, door, silent = topic_of('/text', STRING), topic_of('/door', DOOR), topic_of('/s', STRING)
+    with NewBag(path) as bag:
+        for topic in (*points, text, door, silent):
+            bag.add(topic)
+        bag.write(door, 0, cdr(DOOR, 'front', 0.5))
+        for index, msg in enumerate(clouds):
+            bag.write(text, index * PERIOD, cdr(STRING, f'cloud {index}'))
+            for topic in points:
+                data = msg if isinstance(msg, bytes) else serialize_message(msg)
+                bag.write(topic, index * PERIOD, data)
+    return path
+
+
+def cdr(msgtype: str, *values: Any) -> bytes:
+    """Serialize a message."""
+    return STORE.serialize_cdr(STORE.types[msgtype](*values), msgtype).tobytes()
+
+
+def content(path: Path) -> Content:
+    """Read all messages of a recording, by topic."""
+    with Recording(path) as recording:
+        found: Content = {topic.name: [] for topic in recording.topics}
+        for topic, time, data in recording.messages():
+            found[topic.name].append((time, data))
+    return found
+
+
+def rows_of(msg: Any) -> list[bytes]:
+    """Cut a cloud into the bytes of its points."""
+    data, step = bytes(msg.data), msg.point_step
+    assert msg.row_step == msg.width * step
+    assert len(data) == msg.row_step * msg.height
+    return [data[start : start + step] for start in range(0, len(data), step)]
+
+
+def is_part(part: list[bytes], whole: list[bytes]) -> bool:
+    """Tell whether the rows of the part are in the whole, in their order."""
+    rest = iter(whole)
+    return all(row in rest for row in part)
+
+
+def check_answers(before: Content, after: Content, topic: str) -> None:
+    """Hold that each cloud has two answers with its header and bag time, and all of its points."""
+    answers = zip(before[topic], after[f'{topic}/cleaned'], after[f'{topic}/outliers'], strict=True)
+    for (time, data), (cleaned_time, cleaned_data), (outliers_time, outliers_data) in answers:
+        assert time == cleaned_time == outliers_time
+        msg, cleaned, outliers = (
+            deserialize_message(item, PointCloud2) for item in (data, cleaned_data, outliers_data)
+        )
+        assert msg.header == cleaned.header == outliers.header
+        assert msg.fields == cleaned.fields == outliers.fields
+        whole, kept, rejected = rows_of(msg), rows_of(cleaned), rows_of(outliers)
+        assert Counter(kept) + Counter(rejected) == Counter(whole)
+        assert is_part(kept, whole)
+        assert is_part(rejected, whole)
+
+
+@pytest.mark.parametrize('name', REAL)
+def test_real_recording(recordings: Path, tmp_path: Path, name: str) -> None:
+    """Of each real recording, every point is in one answer, and every message is copied."""
+    report = replay(recordings / 'bags' / name, tmp_path / 'out')
+    assert report.is_complete
+    before, after = content(recordings / 'bags' / name), content(tmp_path / 'out')
+    assert {topic: after[topic] for topic in before} == before
+    (topic,) = report.topics
+    assert topic.messages == len(before[topic.topic])
+    assert 0 < topic.rejected < 0.2 * topic.points
+    check_answers(before, after, topic.topic)
+
+
+@pytest.mark.parametrize(
+    'twins',
+    [
+        ('vlp16_mrpt.bag', 'vlp16_mrpt_db3', 'vlp16_mrpt_mcap'),
+        ('vlp32_nebula.bag', 'vlp32_nebula_db3'),
+    ],
+)
+def test_same_clouds_in_other_containers(
+    recordings: Path, tmp_path: Path, twins: tuple[str, ...]
+) -> None:
+    """ROS 1, sqlite3 and MCAP with the same clouds give the same bytes."""
+    contents = []
+    for name in twins:
+        replay(recordings / 'bags' / name, tmp_path / name)
+        contents.append(content(tmp_path / name))
+    assert all(found == contents[0] for found in contents)
+
+
+def test_everything_else_is_copied(tmp_path: Path) -> None:
+    """Texts, an own type and a silent topic are in the output, which other readers understand."""
+    source = write_drive(tmp_path / 'drive', map(cloud, range(12)))
+    seen: list[tuple[int, int]] = []
+    report = replay(
+        source, tmp_path / 'out', progress=lambda done, total: seen.append((done, total))
+    )
+    before, after = content(source), content(tmp_path / 'out')
+    assert {topic: after[topic] for topic in before} == before
+    assert set(after) - set(before) == {'/lidar/cleaned', '/lidar/outliers'}
+    check_answers(before, after, '/lidar')
+    (topic,) = report.topics
+    assert (topic.messages, topic.points, topic.refused) == (12, 2400, 0)
+    assert topic.rejected >= 30
+    assert seen == [(done, 25) for done in range(1, 26)]
+    with AnyReader([tmp_path / 'out']) as reader:
+        types = {connection.topic: connection.msgtype for connection in reader.connections}
+        assert types['/lidar/cleaned'] == types['/lidar/outliers'] == CLOUD
+        (door,) = [c for c in reader.connections if c.topic == '/door']
+        messages = [reader.deserialize(data, DOOR) for _, _, data in reader.messages([door])]
+    assert [message.angle for message in messages] == [0.5]  # type: ignore[attr-defined]
+    with Recording(tmp_path / 'out') as recording:
+        (qos,) = next(t.qos for t in recording.topics if t.name == '/lidar/cleaned')
+    assert (qos.reliability, qos.durability) == (QosReliability.RELIABLE, QosDurability.VOLATILE)
+    assert qos.depth == 10
+
+
+def test_each_topic_is_its_own_stream(tmp_path: Path) -> None:
+    """Two lidars with the same clouds, one of them chosen or both, give the same answers."""
+    source = write_drive(tmp_path / 'drive', map(cloud, range(6)), ('/left', '/right'))
+    both = replay(source, tmp_path / 'both', drop_input=True)
+    one = replay(source, tmp_path / 'one', ['/left', '/left'], drop_input=True)
+    assert [topic.topic for topic in both.topics] == ['/left', '/right']
+    assert [topic.topic for topic in one.topics] == ['/left']
+    in_both, in_one = content(tmp_path / 'both'), content(tmp_path / 'one')
+    assert in_both['/left/cleaned'] == in_both['/right/cleaned'] == in_one['/left/cleaned']
+    assert in_both['/left/outliers'] == in_both['/right/outliers'] == in_one['/left/outliers']
+    assert not {'/left', '/right'} & set(in_both)
+    assert in_one['/right'] == content(source)['/right']
+    assert '/left' not in in_one
+
+
+def test_refused_clouds_are_counted(tmp_path: Path) -> None:
+    """A cloud that lies and one that is no cloud have no answer; all others have theirs."""
+    liar = cloud(2)
+    liar.data = liar.data[:-1]
+    clouds = [cloud(0), cloud(1), liar, b'\0\1\0\0nothing', cloud(4), cloud(5)]
+    source = write_drive(tmp_path / 'drive', clouds)
+    report = replay(source, tmp_path / 'out')
+    (topic,) = report.topics
+    assert not report.is_complete
+    assert (topic.messages, topic.refused) == (6, 2)
+    assert topic.refusals == {'data': 1, 'the CDR bytes': 1}
+    before, after = content(source), content(tmp_path / 'out')
+    assert {name: after[name] for name in before} == before
+    del before['/lidar'][2:4]
+    check_answers(before, after, '/lidar')
+
+
+def test_lost_messages_are_counted(tmp_path: Path) -> None:
+    """A recording that counts more messages than it has gives an incomplete output."""
+    source = write_drive(tmp_path / 'drive', map(cloud, range(2)))
+    metadata = source / 'metadata.yaml'
+    information = yaml.safe_load(metadata.read_text())
+    information['rosbag2_bagfile_information']['topics_with_message_count'][0]['message_count'] += 3
+    metadata.write_text(yaml.safe_dump(information))
+    report = replay(source, tmp_path / 'out')
+    assert report.unread == 3
+    assert not report.is_complete
+
+
+def test_what_cannot_be_replayed(tmp_path: Path) -> None:
+    """No clouds, an unknown topic, a taken name and a wrong parameter: one sentence, no output."""
+    source = write_drive(tmp_path / 'drive', [cloud(0)], ('/lidar', '/lidar/cleaned'))
+    clouds = write_drive(tmp_path / 'none', [], ())
+    output = tmp_path / 'out'
+    with pytest.raises(
+        RecordingError, match=r'PointCloud2, got /text \(std_msgs/msg/String\), /door'
+    ):
+        replay(clouds, output)
+    with pytest.raises(RecordingError, match="one of /lidar, /lidar/cleaned, got '/text'"):
+        replay(source, output, ['/text'])
+    with pytest.raises(RecordingError, match='answer to /lidar must be a topic that'):
+        replay(source, output)
+    with pytest.raises(ParameterError, match=r'alpha_beta_gamma\.before must be'):
+        replay(source, output, ['/lidar/cleaned'], {'alpha_beta_gamma.before': -1})
+    with pytest.raises(RecordingError, match='must be a new folder'):
+        replay(source, source, ['/lidar/cleaned'])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['drive', 'none']
+    replay(source, output, ['/lidar/cleaned'])
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['512x10_raw.bag', 'continental_ars548', 'example.bag', 'example-bz2.bag', 'example-lz4.bag'],
+)
+def test_real_recording_without_clouds(recordings: Path, tmp_path: Path, name: str) -> None:
+    """Raw packets, radar and turtles are no clouds; the sentence says what is there instead."""
+    with pytest.raises(
+        RecordingError, match=r'must be one with a topic of type .*, got /\w+'
+    ) as no:
+        replay(recordings / 'not_lidar' / name, tmp_path / 'out')
+    assert '\n' not in str(no.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_name_that_only_ros1_allows(tmp_path: Path) -> None:
+    """A topic that cannot be named in ROS 2 is refused in a sentence."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer1(tmp_path / 'old.bag') as writer:
+        writer.add_connection('/lidar/0/points', CLOUD, typestore=store)
+        text = writer.add_connection('/text', STRING, typestore=store)
+        writer.write(text, 0, store.serialize_ros1(store.types[STRING]('hello'), STRING))
+    with pytest.raises(
+        RecordingError, match='must be a name that ROS 2 allows, got /lidar/0/points'
+    ):
+        replay(tmp_path / 'old.bag', tmp_path / 'out')
+
+
+def test_nothing_of_ros_is_left(tmp_path: Path) -> None:
+    """A replay touches neither the signal handlers nor the default context of its process."""
+    source = write_drive(tmp_path / 'drive', [cloud(0)])
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    for name in ('one', 'two'):
+        replay(source, tmp_path / name)
+        assert [signal.getsignal(number) for number in numbers] == before
+        assert not get_default_context().ok()
+    assert content(tmp_path / 'one') == content(tmp_path / 'two')
+
+
+HOUR = """
+import sys
+from pathlib import Path
+from lidar_outlier_filter.replay import replay
+replay(Path(sys.argv[1]), Path(sys.argv[2]))
+"""
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow(tmp_path: Path) -> None:
+    """An hour at 10 clouds and 10 texts a second takes less than 500 MB."""
+    source = write_drive(tmp_path / 'hour', (cloud(index) for index in range(36_000)))
+    command = [sys.executable, '-c', HOUR, str(source), str(tmp_path / 'out')]
+    with subprocess.Popen(command) as process:
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode == 0
+    assert usage.ru_maxrss < 500_000  # kB
