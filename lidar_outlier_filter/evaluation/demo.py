@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The main job in one command: a simulated drive, filtered in two ways, scored and drawn."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.evaluation import picture, score
+from lidar_outlier_filter.evaluation.simulate import record
+from lidar_outlier_filter.evaluation.street import demo_drive
+from lidar_outlier_filter.parameter_files import write_yaml
+from lidar_outlier_filter.parameters import PAPER
+from lidar_outlier_filter.replay import replay
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from rich.console import Console
+
+    from lidar_outlier_filter.evaluation.score import Confusion
+    from lidar_outlier_filter.evaluation.simulate import Drive, Truth
+
+OUTPUT = Path('demo_output')
+MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
+DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
+SENSOR: dict[str, object] = {'line_source': 'angle', 'angle_field': 'scan_angle'}
+# The form of the paper, and the one that keeps edges and corners.
+FORMS: dict[str, Mapping[str, object]] = {'both': PAPER, 'either': {}}
+
+
+def run(output: Path, console: Console, drive: Drive | None = None) -> int:
+    """Simulate, filter, score and draw; everything is left in ``output``. Returns the exit status.
+
+    The folder appears whole or not at all. One of an earlier demo is replaced.
+
+    Parameters
+    ----------
+    output : folder to be made
+    console : where progress and results go
+    drive : what to simulate; None: four seconds through a street
+
+    Raises
+    ------
+    FilterError
+        If ``output`` is there and not a demo's, or cannot be written.
+
+    """
+    drive = drive or demo_drive()
+    with _new_folder(output) as folder:
+        truth, results = _work(folder, drive, console)
+    _report(console, output, drive, truth, results)
+    return 0
+
+
+def _work(folder: Path, drive: Drive, console: Console) -> tuple[Truth, dict[str, Confusion]]:
+    """Make everything that the demo leaves."""
+    with _progress(console) as progress:
+        task = progress.add_task('simulating', total=1.0)
+        truth = record(
+            drive, folder / DRIVE, progress=lambda done: progress.update(task, completed=done)
+        )
+        for form in FORMS:
+            _filter(folder, form, progress)
+        task = progress.add_task('scoring and drawing', total=None)
+        results = {f'sides: {form}': score.score(folder / form) for form in FORMS}
+        form = list(FORMS)[-1]
+        picture.draw(*score.read(folder / form), folder / PICTURE, f'sides: {form}')
+        progress.update(task, total=1.0, completed=1.0)
+    (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
+    return truth, results
+
+
+def _filter(folder: Path, form: str, progress: Progress) -> None:
+    task = progress.add_task(f'filtering, sides: {form}', total=None)
+    replay(
+        folder / DRIVE,
+        folder / form,
+        parameters={**SENSOR, **FORMS[form]},
+        progress=lambda done, total: progress.update(task, completed=done, total=total),
+    )
+
+
+def _progress(console: Console) -> Progress:
+    name = TextColumn('{task.description}')
+    return Progress(name, BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), console=console)
+
+
+@contextmanager
+def _new_folder(output: Path) -> Iterator[Path]:
+    """Give a hidden folder beside ``output`` that takes its name if all goes well."""
+    output = output.absolute()
+    _check(output)
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=f'.{output.name}.partial-', dir=output.parent) as hidden:
+            new, old = Path(hidden, 'new'), Path(hidden, 'old')
+            new.mkdir()
+            (new / MARKER).touch()
+            yield new
+            _check(output)
+            if output.exists():
+                output.rename(old)
+            new.rename(output)
+    except OSError as err:
+        reason = err.strerror or err
+        raise RecordingError(f'the folder {output}', 'written in full', reason) from err
+
+
+def _check(output: Path) -> None:
+    """Refuse to replace anything but the folder of an earlier demo, or an empty one."""
+    if output.is_symlink() or (output.exists() and not output.is_dir()):
+        raise RecordingError('the output', 'a folder', output)
+    if output.is_dir() and any(output.iterdir()) and not (output / MARKER).is_file():
+        must_be = 'a new folder, or that of an earlier demo'
+        raise RecordingError('the output', must_be, f'{output}, which holds something else')
+
+
+def _report(
+    console: Console, output: Path, drive: Drive, truth: Truth, results: dict[str, Confusion]
+) -> None:
+    first = next(iter(results.values()))
+    outliers = first.found + first.missed
+    seconds = drive.lines / drive.sensor.lines_per_second
+    for text in (
+        '',
+        f'Simulated {seconds:g} s of a drive: {drive.lines} scan lines, {truth.points} points,',
+        f'{outliers} ({100 * outliers / max(truth.points, 1):.2f} %) of them outliers.',
+        '',
+        'Filtered twice by the α-β-γ smoother. both: the paper, where the window around a point',
+        'decides. either: the default, where a point that agrees with one side is kept.',
+        '',
+    ):
+        console.print(text, soft_wrap=True, highlight=False)
+    console.print(score.table(results))
+    console.print()
+    left = {
+        PICTURE: 'before and after',
+        DRIVE: 'the recording; its fields label and surface are the truth',
+        **{form: f'the recording, cleaned and outlier clouds, sides: {form}' for form in FORMS},
+        PARAMETERS: 'the parameters; change them and try again:',
+    }
+    width = max(len(str(output / name)) for name in left)
+    for name, text in left.items():
+        console.print(f'{output / name!s:{width}}  {text}', soft_wrap=True, highlight=False)
+    command = f'scripts/environment lidar-outlier-filter replay {output / DRIVE} --params {output / PARAMETERS}'
+    console.print(f'{"":{width}}  {command}', soft_wrap=True, highlight=False)

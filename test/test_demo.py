@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The demo: what it leaves, what it says, and what it does not overwrite."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from io import StringIO
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.evaluation import demo, picture, score
+from lidar_outlier_filter.evaluation.simulate import Trajectory
+from lidar_outlier_filter.evaluation.street import demo_drive
+from lidar_outlier_filter.parameter_files import read_yaml
+from lidar_outlier_filter.replay import replay
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from lidar_outlier_filter.evaluation.simulate import Drive
+
+FILES = {'.lidar_outlier_filter_demo', 'drive', 'both', 'either', 'demo.yaml', 'before_after.png'}
+
+
+def short_drive() -> Drive:
+    """Take the stretch of the demo's street where the second cloud of exhaust is."""
+    return replace(demo_drive(), lines=120, trajectory=Trajectory(start=(15.0, -1.6)))
+
+
+@pytest.fixture(scope='module')
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Run the demo once: its folder, and what it printed."""
+    output = tmp_path_factory.mktemp('demo') / 'new' / 'demo_output'
+    console = Console(file=StringIO(), width=120)
+    assert demo.run(output, console, short_drive()) == 0
+    return output, console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_everything_is_there(made: tuple[Path, str]) -> None:
+    """The folder holds recordings, parameters and picture, and nothing is left beside it."""
+    output, printed = made
+    assert {path.name for path in output.iterdir()} == FILES
+    assert [path.name for path in output.parent.iterdir()] == ['demo_output']
+    for name in FILES - {'.lidar_outlier_filter_demo'}:
+        assert str(output / name) in printed
+
+
+def test_printed_scores_are_those_of_the_bags(made: tuple[Path, str]) -> None:
+    """Precision and recall of both forms are printed as the bags hold them."""
+    output, printed = made
+    both, either = (score.score(output / form) for form in ('both', 'either'))
+    for figure in ('precision', 'recall'):
+        row = re.search(rf'^{figure} +([\d.]+) % +([\d.]+) %', printed, re.MULTILINE)
+        assert row is not None
+        expected = [100 * getattr(run, figure) for run in (both, either)]
+        assert [float(text) for text in row.groups()] == pytest.approx(expected, abs=0.005)
+
+
+def test_the_filter_finds_outliers(made: tuple[Path, str]) -> None:
+    """Both forms find most outliers; the one that spares edges loses far fewer good points."""
+    output, _ = made
+    both, either = (score.score(output / form) for form in ('both', 'either'))
+    assert min(both.recall, either.recall) > 0.8
+    assert either.lost < 0.4 * both.lost
+    assert either.precision > 2 * both.precision
+
+
+def test_parameters_repeat_the_run(made: tuple[Path, str], tmp_path: Path) -> None:
+    """The parameter file left behind gives the answers of the default form again."""
+    output, _ = made
+    again = tmp_path / 'again'
+    replay(output / 'drive', again, parameters=read_yaml(output / 'demo.yaml'))
+    assert score.score(again) == score.score(output / 'either')
+
+
+def test_picture(made: tuple[Path, str]) -> None:
+    """The picture has the README's size, stays small, and shows all four colours."""
+    output, _ = made
+    path = output / 'before_after.png'
+    assert path.stat().st_size < 400_000
+    with Image.open(path) as image:
+        pixels = np.asarray(image.convert('RGB')).reshape(-1, 3).astype(np.int64)
+        assert image.size == (1400, 900)
+    for colour in (picture.FOUND, picture.LEFT, picture.LOST):
+        wanted = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+        near = np.abs(pixels - wanted).max(axis=1) < 24
+        assert near.sum() > 200
+    grey = (np.ptp(pixels, axis=1) < 12) & (pixels[:, 0] < 220)
+    assert grey.sum() > 20_000
+
+
+def test_earlier_demo_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder of an earlier demo, or an empty one, is replaced as a whole."""
+    monkeypatch.chdir(tmp_path)
+    demo.OUTPUT.mkdir()
+    for _ in range(2):
+        with demo._new_folder(demo.OUTPUT) as folder:
+            (folder / 'fresh').touch()
+        assert {path.name for path in demo.OUTPUT.iterdir()} == {demo.MARKER, 'fresh'}
+        (demo.OUTPUT / 'stale').touch()
+    assert [path.name for path in tmp_path.iterdir()] == [demo.OUTPUT.name]
+
+
+def test_other_folders_are_refused(tmp_path: Path) -> None:
+    """A folder of somebody else's, a file and a link stay as they are."""
+    mine, file, link = tmp_path / 'mine', tmp_path / 'file', tmp_path / 'link'
+    mine.mkdir()
+    (mine / 'thesis.txt').write_text('years of work', encoding='utf-8')
+    file.touch()
+    link.symlink_to(mine)
+    console = Console(file=StringIO())
+    with pytest.raises(RecordingError, match='must be a new folder, or that of an earlier demo'):
+        demo.run(mine, console)
+    for path in (file, link):
+        with pytest.raises(RecordingError, match='the output must be a folder'):
+            demo.run(path, console)
+    assert (mine / 'thesis.txt').read_text(encoding='utf-8') == 'years of work'
+    assert {path.name for path in tmp_path.iterdir()} == {'mine', 'file', 'link'}
+
+
+@pytest.mark.parametrize('error', [KeyboardInterrupt, ValueError])
+def test_broken_off_demo_leaves_the_old_one(tmp_path: Path, error: type[BaseException]) -> None:
+    """Whatever breaks the demo off, the folder of the earlier one is still whole."""
+    output = tmp_path / 'demo'
+    with demo._new_folder(output) as folder:
+        (folder / 'old').touch()
+
+    def break_off() -> None:
+        with demo._new_folder(output) as folder:
+            (folder / 'new').touch()
+            raise error
+
+    with pytest.raises(error):
+        break_off()
+    assert {path.name for path in output.iterdir()} == {demo.MARKER, 'old'}
+    assert [path.name for path in tmp_path.iterdir()] == ['demo']
