@@ -43,35 +43,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
         add(commands)
     options = parser.parse_args(arguments)
     try:
-        with _leaving_on_sigterm():
-            status: int = options.run(options)
+        status: int = options.run(options)
     except FilterError as err:
         say(str(err))
         return REFUSED
     except KeyboardInterrupt:
         return INTERRUPTED
-    except SystemError as err:
-        # A signal that arrives inside a compiled kernel comes out of it as the cause of this.
-        if isinstance(err.__cause__, KeyboardInterrupt):
-            return INTERRUPTED
-        if isinstance(err.__cause__, SystemExit):
-            raise err.__cause__ from None
-        raise
     return status
 
 
 @contextmanager
-def _leaving_on_sigterm() -> Iterator[None]:
-    """Leave on SIGTERM as on Ctrl-C, so that what is half done is removed on the way out."""
+def _stopping() -> Iterator[Callable[[], None]]:
+    """Give a function to call where work may stop; it leaves if SIGINT or SIGTERM has come.
 
-    def leave(number: int, _frame: FrameType | None) -> None:
-        sys.exit(128 + number)
+    An exception out of the signal's handler would come up anywhere: inside a compiled kernel or the
+    middleware, which swallow it or turn it into another.
+    """
+    received: list[int] = []
 
-    before = signal.signal(signal.SIGTERM, leave)
+    def note(number: int, _frame: FrameType | None) -> None:
+        received.append(number)
+
+    def leave_if_asked() -> None:
+        if signal.SIGINT in received:
+            raise KeyboardInterrupt
+        if received:
+            sys.exit(128 + received[0])
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield leave_if_asked
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def say(sentence: str) -> None:
@@ -128,7 +132,12 @@ def _replay(options: argparse.Namespace) -> int:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     from lidar_outlier_filter.replay import replay
 
-    with _progress_bar(options.recording.name) as progress:
+    with _stopping() as leave_if_asked, _progress_bar(options.recording.name) as show:
+
+        def progress(done: int, total: int) -> None:
+            leave_if_asked()
+            show(done, total)
+
         report = replay(
             options.recording,
             options.output or _default_output(options.recording),
@@ -167,14 +176,14 @@ def _parameters(file: Path | None, settings: Iterable[str]) -> dict[str, object]
 
 
 @contextmanager
-def _progress_bar(text: str) -> Iterator[Advance | None]:
+def _progress_bar(text: str) -> Iterator[Advance]:
     """Show a bar on stderr if that is a terminal."""
     from rich.console import Console
     from rich.progress import Progress
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield None
+        yield lambda _done, _total: None
         return
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task(text, total=None)

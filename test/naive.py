@@ -225,8 +225,15 @@ def robust_sigma(residuals: Sequence[Floats], qs: Sequence[float], floor: float)
 # The detector -----------------------------------------------------------------------------------
 
 
-def point_score(points: Line, p: int, segment: Sequence[int], rule: Rule) -> float:
-    """Score the point at position p of a segment; NaN where it cannot be tested."""
+def point_score(
+    points: Line, p: int, segment: Sequence[int], rule: Rule
+) -> tuple[float, float]:
+    """Score the point at position p of a segment (NaN where it cannot be tested), and rank it.
+
+    The score says whether a point is an outlier, the rank which of several goes first: the score of
+    the window around it, in which no good point stands out more than a single outlier does.
+    One-sided windows extrapolate, and have no such guarantee.
+    """
     k, m = segment[p], len(segment)
 
     def of(window: Sequence[int]) -> float:
@@ -236,16 +243,16 @@ def point_score(points: Line, p: int, segment: Sequence[int], rule: Rule) -> flo
         spread = points.unit[k] * sqrt(points.variance[k] + answer[1])
         return window_score(answer[0], spread, rule.significance, rule.test)
 
+    around = of(centred_window(p, m, rule.before, rule.after))
     if rule.sides == 'either':
         one_sided = [of(before_window(p, rule.before)), of(after_window(p, m, rule.after))]
-        usable = [s for s in one_sided if not isnan(s)]
-        if usable:
-            return min(usable)
-    return of(centred_window(p, m, rule.before, rule.after))
+        # The window around the point stands in for a side that is too short.
+        return min(around if isnan(s) else s for s in one_sided), around
+    return around, around
 
 
 def is_peak(p: int, scores: Sequence[float], reach: int) -> bool:
-    """Tell whether no score within reach of p is larger, or equal and earlier."""
+    """Tell whether no rank within reach of p is larger, or equal and earlier; NaN: no rival."""
     for j in range(max(0, p - reach), min(len(scores), p + reach + 1)):
         if scores[j] > scores[p] or (j < p and scores[j] == scores[p]):
             return False
@@ -311,9 +318,10 @@ def alpha_beta_gamma(  # noqa: PLR0913  all there is to choose
         for one in members:
             survivors = [i for i in one if not rejected[i]]
             now = [point_score(points, p, survivors, rule) for p in range(len(survivors))]
-            for p, value in enumerate(now):
+            ranks = [rank if value > 1 else nan for value, rank in now]
+            for p, (value, _) in enumerate(now):
                 scores[survivors[p]] = value
-                if value > 1 and (number == passes or is_peak(p, now, before + after)):
+                if value > 1 and (number == passes or is_peak(p, ranks, before + after)):
                     outliers.append(survivors[p])
         rejected[outliers] = True
         if not outliers:

@@ -260,7 +260,7 @@ def test_fast_is_naive_with_many_outliers(seed: int) -> None:
         cloud = with_own_sigma(cloud, rng)
     sides = 'either' if seed % 4 < 2 else 'both'
     answer = assert_fast_is_naive(cloud, smoother(sides=sides))
-    assert answer.passes > 2
+    assert answer.passes > 1
 
 
 DEGENERATE = {

@@ -359,6 +359,17 @@ def test_either_falls_back_to_the_window_around_the_point() -> None:
     assert np.isfinite(scores[[1, 3]]).all()
 
 
+@pytest.mark.parametrize('where', range(24))
+@pytest.mark.parametrize('order', [1, 2])
+@pytest.mark.parametrize('sides', ['both', 'either'])
+def test_gross_outlier_takes_no_neighbour_along(sides: str, order: int, where: int) -> None:
+    """Wherever it is: at an end of the segment, beside it, or at the end of a shifted window."""
+    z = [0.0] * 24
+    z[where] = 100.0
+    _, rejected, _ = run(z, sides=sides, order=order, before=5, after=5, min_window=4)
+    assert rejected == [where]
+
+
 def test_too_few_neighbours_leave_points_untested() -> None:
     """Four points have three others each."""
     scores, rejected, passes = run([0, 0, 1000, 0], min_window=4, before=4, after=4)

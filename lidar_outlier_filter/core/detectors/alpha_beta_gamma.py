@@ -92,16 +92,16 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     sigma = _sigma(standard, points, lines, parameters)
     critical = critical_values(parameters.significance, parameters.test)
     either = parameters.sides == 'either'
-    score = _scores(standard, sigma, everything, *critical, either)
+    score, rank = _scores(standard, sigma, everything, *critical, either)
     rejected = np.zeros(len(points), np.bool_)
     failing = np.flatnonzero(score > 1)
     number = 1
     while len(failing) and number < parameters.passes:
-        worst = failing[_is_worst(failing, score, series.before, series.after, before + after)]
+        worst = failing[_is_worst(failing, rank, series.before, series.after, before + after)]
         rejected[worst] = True
         spoiled = _unlink(worst, series.before, series.after, before, after, rejected)
         standard = residuals(series, spoiled, parameters)
-        score[spoiled] = _scores(standard, sigma, spoiled, *critical, either)
+        score[spoiled], rank[spoiled] = _scores(standard, sigma, spoiled, *critical, either)
         failing = _still_failing(failing, spoiled, score, rejected)
         number += 1
     rejected[failing] = True
@@ -182,21 +182,28 @@ def _scores(
     critical_each: float,
     critical_joint: float,
     either: bool,
-) -> NDArray[np.float64]:
-    """Score points by the centred window, or by the one side they agree with better."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Score points by the centred window, or by the side they agree with better, and rank them.
+
+    The centred window stands in for a side that is too short. The rank tells which of the points
+    that fail goes first: it is the score of the centred window, in which no good point stands out
+    more than a lone outlier beside it; one-sided windows extrapolate. NaN for points that pass.
+    """
     result = np.empty(len(which))
+    rank = np.full(len(which), np.nan)
     for m in range(len(which)):
         k = which[m]
-        score = np.nan
+        centred = _window_score(standard[CENTRED], m, sigma, k, critical_each, critical_joint)
+        score = centred
         if either:
             front = _window_score(standard[BEFORE], m, sigma, k, critical_each, critical_joint)
             behind = _window_score(standard[AFTER], m, sigma, k, critical_each, critical_joint)
-            # The smaller one; a comparison with NaN is false.
-            score = behind if behind < front or np.isnan(front) else front
-        if np.isnan(score):
-            score = _window_score(standard[CENTRED], m, sigma, k, critical_each, critical_joint)
+            front = centred if np.isnan(front) else front
+            score = min(front, centred if np.isnan(behind) else behind)
         result[m] = score
-    return result
+        if score > 1:
+            rank[m] = centred
+    return result, rank
 
 
 @kernel
@@ -224,12 +231,12 @@ def _window_score(
 @kernel
 def _is_worst(
     failing: NDArray[np.int64],
-    score: NDArray[np.float64],
+    rank: NDArray[np.float64],
     before: NDArray[np.int64],
     after: NDArray[np.int64],
     reach: int,
 ) -> NDArray[np.bool_]:
-    """Tell which points fail worse than every survivor within reach; of equals the first is.
+    """Tell which points fail worse than every other within reach; of equals the first does.
 
     The reach is a whole window: near an end of the segment, where windows are shifted, points may
     see each other from that far.
@@ -239,8 +246,8 @@ def _is_worst(
         k = failing[m]
         i, j = before[k], after[k]
         for _ in range(reach):
-            # A comparison with NaN is false: untested points exceed nobody.
-            if (i >= 0 and score[i] >= score[k]) or (j >= 0 and score[j] > score[k]):
+            # A comparison with NaN is false: points that pass exceed nobody.
+            if (i >= 0 and rank[i] >= rank[k]) or (j >= 0 and rank[j] > rank[k]):
                 result[m] = False
                 break
             i = before[i] if i >= 0 else i
