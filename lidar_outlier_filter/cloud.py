@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from array import array
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,30 +56,37 @@ def structured(msg: Any) -> Rows:
 
 
 def _dtype(msg: Any) -> np.dtype[np.void]:
+    fields = tuple((item.name, item.datatype, item.offset, item.count) for item in msg.fields)
+    return _layout(fields, msg.point_step, is_bigendian=bool(msg.is_bigendian))
+
+
+@lru_cache(maxsize=64)
+def _layout(
+    fields: tuple[tuple[str, int, int, int], ...], point_step: int, *, is_bigendian: bool
+) -> np.dtype[np.void]:
+    """Check the fields of a cloud and make their dtype: once for all clouds of a topic."""
     names, formats, offsets = [], [], []
-    order = '>' if msg.is_bigendian else '<'
-    for item in msg.fields:
-        name = item.name
-        if not 1 <= item.datatype < len(_FORMATS):
-            raise CloudError(f'the datatype of field {name!r}', 'from 1 to 11', item.datatype)
-        if item.count < 1:
-            raise CloudError(f'the count of field {name!r}', 'at least 1', item.count)
+    for name, datatype, offset, count in fields:
+        if not 1 <= datatype < len(_FORMATS):
+            raise CloudError(f'the datatype of field {name!r}', 'from 1 to 11', datatype)
+        if count < 1:
+            raise CloudError(f'the count of field {name!r}', 'at least 1', count)
         if not name or name in names:
             raise CloudError('the names of the fields', 'given and different', repr(name))
-        if name in AXES and item.count > 1:
-            raise CloudError(f'field {name!r}', 'a single number', item.count)
-        kind = np.dtype(order + _FORMATS[item.datatype])
-        end = item.offset + kind.itemsize * item.count
-        if end > msg.point_step:
-            what, got = 'point_step', f'{msg.point_step}'
-            raise CloudError(what, f'at least {end}, the end of field {name!r}', got)
+        if name in AXES and count > 1:
+            raise CloudError(f'field {name!r}', 'a single number', count)
+        kind = np.dtype(('>' if is_bigendian else '<') + _FORMATS[datatype])
+        end = offset + kind.itemsize * count
+        if end > point_step:
+            must_be = f'at least {end}, the end of field {name!r}'
+            raise CloudError('point_step', must_be, point_step)
         names.append(name)
-        formats.append(kind if item.count == 1 else np.dtype((kind, (item.count,))))
-        offsets.append(item.offset)
+        formats.append(kind if count == 1 else np.dtype((kind, (count,))))
+        offsets.append(offset)
     for axis in AXES:
         if axis not in names:
             raise CloudError('the fields', 'with x, y and z', ', '.join(names) or 'none')
-    layout = {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': msg.point_step}
+    layout = {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': point_step}
     return np.dtype(layout)  # type: ignore[call-overload,no-any-return]
 
 

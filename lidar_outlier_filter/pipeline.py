@@ -13,6 +13,7 @@ import numpy as np
 from lidar_outlier_filter.cloud import split
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import BITS, Chain, Verdict
+from lidar_outlier_filter.core.points import Points, is_return
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.parameters import describe
@@ -20,7 +21,6 @@ from lidar_outlier_filter.parameters import describe
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.parameters import FilterParameters
 
 
@@ -46,6 +46,7 @@ class Statistics:
     outliers : points rejected by any
     refused : clouds refused; refusals counts them by what was wrong
     resets : times the clock was set back
+    passes : most repetitions without the rejected that a block has needed
 
     """
 
@@ -57,6 +58,7 @@ class Statistics:
     rejected: Counter[str] = field(default_factory=Counter)
     refusals: Counter[str] = field(default_factory=Counter)
     resets: int = 0
+    passes: int = 0
 
     @property
     def refused(self) -> int:
@@ -91,6 +93,7 @@ class CloudFilter:
         self._parameters = parameters
         self._decoder = Decoder(parameters, inform, warn)
         self._stream = Stream(parameters)
+        is_return(np.empty((0, 3)))
         self._stream.chain.compile()
 
     @property
@@ -154,6 +157,7 @@ class CloudFilter:
 
     def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
         self.statistics.resets = self._stream.resets
+        self.statistics.passes = max(self.statistics.passes, self._stream.chain.passes)
         answers = []
         for (msg, tag, valid, parameters), verdict in finished:
             self.statistics.count(verdict, valid)

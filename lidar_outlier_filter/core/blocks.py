@@ -48,12 +48,16 @@ class _Message:
 
     def between(self, begin: int, end: int) -> slice | NDArray[np.intp]:
         """Find the points with begin <= t < end."""
-        t = self.points.t
-        if begin <= self.first and self.last < end:
-            return slice(0, len(t))
-        if self.sorted:
-            return slice(*np.searchsorted(t, (begin, end)).tolist())
-        return np.flatnonzero((t >= begin) & (t < end))
+        return _between(self.points.t, begin, end, is_sorted=self.sorted)
+
+
+def _between(
+    t: NDArray[np.int64], begin: int, end: int, *, is_sorted: bool
+) -> slice | NDArray[np.intp]:
+    if is_sorted:
+        # Views, not copies: most sensors send their points in order.
+        return slice(*np.searchsorted(t, (begin, end)).tolist())
+    return np.flatnonzero((t >= begin) & (t < end))
 
 
 class Stream:
@@ -177,15 +181,16 @@ class Stream:
         members = [(message, message.between(first, last)) for message in near]
         together = concatenate([message.points.take(index) for message, index in members])
         verdict = self.chain.judge(together)
-        judged = (together.t >= max(begin, self._judged)) & (together.t < end)
+        begin = max(begin, self._judged)
         offset = 0
         for message, index in members:
-            places = message.where[index]
-            part = slice(offset, offset + len(places))
-            target = places[judged[part]]
-            message.verdict.score[target] = verdict.score[part][judged[part]]
-            message.verdict.detectors[target] = verdict.detectors[part][judged[part]]
-            offset += len(places)
+            t = message.points.t[index]
+            part = slice(offset, offset + len(t))
+            mine = _between(t, begin, end, is_sorted=message.sorted)
+            target = message.where[index][mine]
+            message.verdict.score[target] = verdict.score[part][mine]
+            message.verdict.detectors[target] = verdict.detectors[part][mine]
+            offset += len(t)
 
     def _look_for_pending(self) -> None:
         self._pending = END

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.parameters import FilterParameters
 
-    Detect = Callable[[Points, FilterParameters], tuple[NDArray[np.float64], NDArray[np.bool_]]]
+    Scores = tuple[NDArray[np.float64], NDArray[np.bool_], int]  # score, rejected, passes
+    Detect = Callable[[Points, FilterParameters], Scores]
 
 # The bit of a detector never changes: recorded clouds carry it in `outlier_detectors`.
 BITS = {'alpha_beta_gamma': 1}
@@ -62,6 +63,7 @@ class Chain:
     def __init__(self, parameters: FilterParameters) -> None:
         """Choose the detectors that ``parameters.chain`` names."""
         self.parameters = parameters
+        self.passes = 0  # the most that a detector has needed
         self._detectors = [(BITS[name], _DETECTORS[name]) for name in parameters.chain]
 
     # A score beyond float32 is inf, which is as good.
@@ -72,7 +74,8 @@ class Chain:
         left = np.arange(len(points))
         for bit, detect in self._detectors:
             these = points if len(left) == len(points) else points.take(left)
-            score, rejected = detect(these, self.parameters)
+            score, rejected, passes = detect(these, self.parameters)
+            self.passes = max(self.passes, passes)
             rounded = score.astype(np.float32)
             rounded[rejected] = np.maximum(rounded[rejected], ABOVE_ONE)
             verdict.score[left] = np.fmax(verdict.score[left], rounded)
@@ -90,11 +93,10 @@ class Chain:
         line, valid = np.zeros(count, np.int64), np.ones(count, np.bool_)
         for order in (np.arange(count), np.arange(count)[::-1]):
             self.judge(Points(xyz, t, line, valid).take(order))
+        self.passes = 0
 
 
-def _alpha_beta_gamma(
-    points: Points, parameters: FilterParameters
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _alpha_beta_gamma(points: Points, parameters: FilterParameters) -> Scores:
     """Run the smoother along the lines of the points, and give the answer in their own order."""
     order = scanlines.order_by_line(points)
     # A profile scanner's points come in this order: a copy less.
@@ -105,7 +107,7 @@ def _alpha_beta_gamma(
     rejected = np.empty(len(points), np.bool_)
     score[order] = outcome.score
     rejected[order] = outcome.rejected
-    return score, rejected
+    return score, rejected, outcome.passes
 
 
 _DETECTORS: dict[str, Detect] = {'alpha_beta_gamma': _alpha_beta_gamma}

@@ -149,5 +149,6 @@ def _report(
     width = max(len(str(output / name)) for name in left)
     for name, text in left.items():
         console.print(f'{output / name!s:{width}}  {text}', soft_wrap=True, highlight=False)
-    command = f'scripts/environment lidar-outlier-filter replay {output / DRIVE} --params {output / PARAMETERS}'
+    files = f'{output / DRIVE} --params {output / PARAMETERS}'
+    command = f'scripts/environment lidar-outlier-filter replay {files}'
     console.print(f'{"":{width}}  {command}', soft_wrap=True, highlight=False)

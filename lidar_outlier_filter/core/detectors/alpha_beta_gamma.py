@@ -15,6 +15,7 @@ and (16) is σ_k² + q.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -108,6 +109,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     return Outcome(score, rejected, number)
 
 
+@lru_cache(maxsize=64)
 def critical_values(significance: float, test: str) -> tuple[float, float]:
     """Return the critical value of one coordinate and of all three, inf for one that is not tested.
 
