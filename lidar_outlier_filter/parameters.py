@@ -18,6 +18,7 @@ from lidar_outlier_filter.errors import ParameterError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+LARGEST = 2**63  # of ROS's whole numbers
 TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
 
 
@@ -58,7 +59,7 @@ class Parameter:
         if isinstance(self.default, tuple):
             return self._check_list(value)
         wanted = type(self.default)
-        if wanted is float and type(value) is int:
+        if wanted is float and type(value) is int and abs(value) < LARGEST:
             value = float(value)
         if type(value) is not wanted:
             raise ParameterError(self.name, TYPE_NAMES[wanted], repr(value))
@@ -70,7 +71,7 @@ class Parameter:
         return value
 
     def _check_range(self, value: Any) -> None:
-        inside = math.isfinite(value)
+        inside = abs(value) < LARGEST and math.isfinite(value)
         inside = inside and (self.low is None or value >= self.low)
         inside = inside and (self.high is None or value <= self.high)
         if not inside:
@@ -322,6 +323,12 @@ def _check_together(parameters: FilterParameters) -> None:
         raise ParameterError(
             'alpha_beta_gamma.min_window', f'at most {must_be}', detector.min_window
         )
+    if 0 < parameters.points_per_second < 1:
+        raise ParameterError('points_per_second', '0 or at least 1', parameters.points_per_second)
+    if parameters.time_jump < parameters.lateness:
+        # A cloud that is late, as it may be, would reset the stream.
+        must_be = f'at least lateness = {parameters.lateness:g} s'
+        raise ParameterError('time_jump', must_be, f'{parameters.time_jump:g} s')
     wait = parameters.block + parameters.halo + parameters.lateness
     if parameters.max_delay < wait:
         must_be = f'at least block + halo + lateness = {wait:g} s'

@@ -47,13 +47,12 @@ def cloud(rows: Rows, stamp: int = STAMP, *, row_padding: int = 0) -> PointCloud
     msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(stamp, SECOND)
     msg.header.frame_id = 'lidar'
     msg.height, msg.width = table.shape
+    columns: Any = rows.dtype.fields
     for name in rows.dtype.names or ():
-        kind, offset = (rows.dtype.fields or {})[name][:2]
+        kind, offset = columns[name][:2]
         base, shape = kind.subdtype or (kind, (1,))
         datatype = DATATYPES[base.str[1:]]
-        msg.fields.append(
-            PointField(name=name, offset=offset, datatype=datatype, count=shape[0])
-        )
+        msg.fields.append(PointField(name=name, offset=offset, datatype=datatype, count=shape[0]))
         msg.is_bigendian |= base.byteorder == '>'
     msg.point_step = rows.dtype.itemsize
     msg.row_step = msg.width * msg.point_step + row_padding
@@ -62,7 +61,7 @@ def cloud(rows: Rows, stamp: int = STAMP, *, row_padding: int = 0) -> PointCloud
     return msg
 
 
-def table(count: int, order: str = '<', **columns: Any) -> Rows:
+def table(count: int, order: str = '<', /, **columns: Any) -> Rows:
     """Make packed rows of valid points; columns are given as ``name=(kind, values)``."""
     kinds = {'x': 'f4', 'y': 'f4', 'z': 'f4'} | {name: kind for name, (kind, _) in columns.items()}
     rows = np.zeros(count, np.dtype([(name, order + kind) for name, kind in kinds.items()]))
@@ -123,8 +122,8 @@ DRIVE = np.dtype(
 def drive(seed: int, shots: int = 600, rings: int = 4, shot_ns: int = 200_000) -> Rows:
     """Make the points of a short drive in order of time, all rings fired together.
 
-    About 4 % are outliers, 4 % missing returns (NaN, Inf and 0 0 0), 8 % not there, in gaps of up to
-    seven shots, and 1 % are there twice. The padding is full of noise.
+    About 4 % are outliers, 4 % missing returns (NaN, Inf and 0 0 0), 8 % not there, in gaps of up
+    to seven shots, and 1 % are there twice. The padding is full of noise.
     """
     rng = np.random.default_rng(seed)
     noise = bytearray(rng.bytes(shots * rings * DRIVE.itemsize))

@@ -19,7 +19,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope='session')
 def recordings() -> Path:
-    """Find the folder of real recordings; without it CI fails, and elsewhere the test is skipped."""
+    """Find the folder of real recordings; without it CI fails, and a test elsewhere is skipped."""
     folder = Path(__file__).resolve().parents[2] / 'shared' / 'data'
     if not (folder / 'bags').is_dir():
         missing = 'the real recordings must be in ../shared/data of the project, got no such folder'

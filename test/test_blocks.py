@@ -109,7 +109,7 @@ def test_blocks_and_halos(seed: int, parts: int) -> None:
 
 
 def assert_waiting(made: Stream, times: Sequence[int], missing: Sequence[bool]) -> None:
-    """A message waits for the halo of its last point, or for one before it, and no longer."""
+    """Assert that a message waits for the halo of its last point, and no longer."""
     seen = [t for t, gone in zip(times, missing, strict=True) if not gone]
     newest = seen[-1] if seen else 0
     unfinished = [t for t in seen if (t // BLOCK + 1) * BLOCK + HALO > newest]
@@ -317,23 +317,24 @@ def partial_scores(
 def test_hurry_in_the_middle_of_a_block() -> None:
     """The second half of a block is judged with the first; what the first half was told stays."""
     made, census = stream()
-    made.push(points_at([0, 10]), 'first')
+    made.push(points_at([1000, 2000]), 'first')
     ((_, first),) = made.hurry()
-    told = first.score.tobytes()
-    made.push(points_at([20, BLOCK + HALO]), 'second')
-    assert census.blocks == [[0, 10], [0, 10, 20]]
-    assert first.score.tobytes() == told
+    assert first.score.tolist() == [3, 3]
+    made.push(points_at([5000, BLOCK + HALO]), 'second')
+    assert census.blocks == [[1000, 2000], [1000, 2000, 5000]]
+    assert first.score.tolist() == [3, 3]
     ((_, second),) = made.flush()
-    assert second.score.tolist() == [30 // 1000, (BLOCK + HALO) // 1000 % 9973]
+    assert second.score.tolist() == [8, (BLOCK + HALO) // 1000 % 9973]
 
 
 def test_hurry_closes_what_was_told() -> None:
-    """After a hurry a point that is not newer than those told is late."""
+    """After a hurry a point that is older than those told is late; one of the same time is not."""
     made, _ = stream()
     made.push(points_at([0, 10]))
     made.hurry()
     with pytest.raises(CloudError, match=LATE):
-        made.push(points_at([10]))
+        made.push(points_at([9]))
+    assert len(made.push(points_at([10]))) == 1
     assert made.push(points_at([11])) == []
 
 
@@ -430,3 +431,30 @@ def test_chain_replaced() -> None:
     made.chain = cast('Chain', Census(bit=4))
     ((_, verdict),) = made.flush()
     assert verdict.detectors.tolist() == [1, 4]
+
+
+def test_after_hurry_points_of_the_last_time_are_taken_untested() -> None:
+    """A cloud that begins at the very time the stream was hurried at is answered, not refused."""
+    stream = Stream(FilterParameters())
+    count = 50
+    t = 1_000_000_000 + 10_000 * np.arange(count)
+    xyz = np.stack([np.arange(count) + 1.0, np.ones(count), np.ones(count)], axis=1)
+    everything = Points(xyz, t, np.zeros(count, np.int64), np.ones(count, np.bool_))
+    stream.push(everything.take(slice(0, -1)), 'first')
+    assert [tag for tag, _ in stream.hurry()] == ['first']
+    stream.push(everything.take(slice(-2, None)), 'second')
+    ((tag, verdict),) = stream.flush()
+    assert tag == 'second'
+    assert np.isnan(verdict.score).tolist() == [True, False]
+    assert not verdict.rejected.any()
+
+
+def test_wild_times_are_refused() -> None:
+    """A cloud whose times spread over years would take a block for each of its points."""
+    stream = Stream(FilterParameters())
+    t = np.array([0, 2000 * 1_000_000_000])
+    wild = Points(np.ones((2, 3)), t, np.zeros(2, np.int64), np.ones(2, np.bool_))
+    match = 'the time that a cloud spans must be at most 1000 s, got 2000 s'
+    with pytest.raises(CloudError, match=match):
+        stream.push(wild)
+    assert stream.held == 0

@@ -80,7 +80,9 @@ def test_time_conventions(maker: str, order: str) -> None:
     assert points.t.dtype == np.int64
     assert points.t.tolist() == exact(rows[name], unit, start)
     reference = 'from the header stamp' if start else 'absolute'
-    assert informed == [f"times from field '{name}' ({unit}, {reference}), scan lines by field 'ring'"]
+    assert informed == [
+        f"times from field '{name}' ({unit}, {reference}), scan lines by field 'ring'"
+    ]
     assert not warned
 
 
@@ -244,7 +246,10 @@ def test_missing_fields_refused() -> None:
     rows['x'] = 1
     msg = cloud(rows)
     asked: list[tuple[dict[str, object], str]] = [
-        ({'time_field': 'tick'}, "with time_field 'tick', must be with 'tick', got x, y, z, t, pair"),
+        (
+            {'time_field': 'tick'},
+            "with time_field 'tick', must be with 'tick', got x, y, z, t, pair",
+        ),
         ({'time_field': 'pair'}, "field 'pair' must be a single number"),
         ({'line_field': 'lane'}, "with line_field 'lane', must be with 'lane'"),
         ({'line_field': 't'}, "field 't' must be a single whole number, got float32"),
@@ -265,7 +270,9 @@ def test_missing_fields_refused() -> None:
 
 def test_no_time_can_be_refused() -> None:
     """With points_per_second 0 a cloud without time is refused, and told what would serve."""
-    with pytest.raises(CloudError, match='the time field must be one of t, time, .* got the fields x'):
+    with pytest.raises(
+        CloudError, match=r'the time field must be one of t, time, .* got the fields x'
+    ):
         decode(cloud(table(3, ring=('u1', 0))), points_per_second=0.0)
 
 
@@ -306,7 +313,7 @@ def naive_lines(angle: np.ndarray[Any, np.dtype[np.float64]]) -> list[int]:
     return lines
 
 
-PLANES = {'xy': 'xy', 'yz': 'yz', 'zx': 'zx'}
+PLANES = ('xy', 'yz', 'zx')
 
 
 @pytest.mark.parametrize('way', [*PLANES, 'rad', 'deg', 'rad backwards', 'whole degrees'])
@@ -316,8 +323,7 @@ def test_angle_wraps(way: str, cuts: tuple[int, ...]) -> None:
     angle = turns(500, 37)
     values: dict[str, object] = {'line_source': 'angle'}
     if way in PLANES:
-        first, second = way
-        columns: dict[str, Any] = {first: ('f4', np.cos(angle)), second: ('f4', np.sin(angle))}
+        columns: dict[str, Any] = {way[0]: ('f4', np.cos(angle)), way[1]: ('f4', np.sin(angle))}
         values['angle_plane'] = way
     else:
         angle = angle[::-1] if 'backwards' in way else angle
@@ -355,8 +361,15 @@ def test_angle_of_missing_returns() -> None:
 def test_missing_returns(kind: str, order: str) -> None:
     """NaN and Inf in any coordinate and 0 0 0 are missing returns; 0 in one or two are points."""
     nan, inf = np.nan, np.inf
-    missing = [(nan, 1, 1), (1, nan, 1), (1, 1, nan), (inf, 1, 1), (1, -inf, 1), (0, -0.0, 0)]
-    points = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e30, 1, 1)]
+    missing: list[tuple[float, float, float]] = [
+        (nan, 1, 1),
+        (1, nan, 1),
+        (1, 1, nan),
+        (inf, 1, 1),
+        (1, -inf, 1),
+        (0, -0.0, 0),
+    ]
+    points: list[tuple[float, float, float]] = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e30, 1, 1)]
     rows = np.zeros(10, [(name, order + kind) for name in 'xyz'] + [('t', order + 'u4')])
     for i, point in enumerate(missing + points):
         for name, value in zip('xyz', point, strict=True):
@@ -364,6 +377,23 @@ def test_missing_returns(kind: str, order: str) -> None:
     read = decode(cloud(rows))
     assert read.valid.tolist() == [False] * 6 + [True] * 4
     np.testing.assert_array_equal(read.xyz[6:], np.array(points, kind).astype(float))
+
+
+@pytest.mark.parametrize('kind', ['f4', 'f8'])
+def test_signalling_nan(kind: str) -> None:
+    """A NaN that signals is a NaN like any other, in any field: nothing is warned of."""
+    bits, signalling = {'f4': ('u4', 0x7FA00001), 'f8': ('u8', 0x7FF4000000000001)}[kind]
+    rows = np.ones(3, [(name, kind) for name in ('x', 'y', 'z', 'time', 'std', 'phi')])
+    values = {'alpha_beta_gamma.sigma_field': 'std', 'angle_field': 'phi', 'line_source': 'angle'}
+    for name in rows.dtype.names or ():
+        rows[name].view(bits)[1] = signalling
+    assert decode(cloud(rows), **values).valid.tolist() == [True, False, True]
+    rows['x'] = rows['y'] = rows['z'] = 1
+    with pytest.raises(CloudError, match='the time of a point must be finite'):
+        decode(cloud(rows), **values)
+    rows['time'] = 1
+    with pytest.raises(CloudError, match="field 'std' must be more than 0 and finite, got nan"):
+        decode(cloud(rows), **values)
 
 
 def test_whole_coordinates() -> None:
@@ -447,7 +477,9 @@ def test_empty_cloud(shape: tuple[int, ...]) -> None:
     assert not warned
 
 
-@pytest.mark.parametrize('rows', [table(3, outlier_score=('f4', 0)), table(3, outlier_detectors=('u2', 0))])
+@pytest.mark.parametrize(
+    'rows', [table(3, outlier_score=('f4', 0)), table(3, outlier_detectors=('u2', 0))]
+)
 @pytest.mark.parametrize('count', [0, 3])
 def test_scores_are_not_overwritten(rows: Any, count: int) -> None:
     """A cloud that has scores already is refused where they are to be added, without points too."""

@@ -41,7 +41,7 @@ def random_points(seed: int) -> Points:
 
 
 def segments_of(lines: Lines) -> list[int]:
-    """Number the segments that the links make."""
+    """Return the number of the segment of each point, as the links make them."""
     answer: list[int] = []
     for i, neighbour in enumerate(lines.before.tolist()):
         assert neighbour in {-1, i - 1}
@@ -60,7 +60,9 @@ def test_against_loops(seed: int) -> None:
     for gap_factor in (1.0, 1.5, 4.0):
         lines = find_lines(points, gap_factor)
         assert segments_of(lines) == naive.segments(t, line, gap_factor)
-        after = [b if a != -1 else -1 for a, b in zip(lines.before[1:], range(1, len(t)), strict=True)]
+        after = [
+            b if a != -1 else -1 for a, b in zip(lines.before[1:], range(1, len(t)), strict=True)
+        ]
         assert lines.after.tolist() == [*after, -1]
         starts = [i for i in range(len(t)) if i == 0 or line[i] != line[i - 1]]
         assert lines.first.tolist() == [*starts, len(t)]

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.parameters import FilterParameters
 
+MOST_BLOCKS = 10_000  # in one cloud: wild times must not stall the stream
 BEGINNING = -(2**62)  # before any time, nanoseconds
 END = 2**62
 
@@ -132,7 +133,7 @@ class Stream:
         self._held += len(where)
         self._unanswered += len(points)
         self._newest = max(self._newest, message.last)
-        self._pending = min(self._pending, message.first)
+        self._pending = min(self._pending, self._first_pending(message))
         self._judge_until(self._newest - self._lateness)
         return finished + self._finished()
 
@@ -148,6 +149,10 @@ class Stream:
         return self._finished()
 
     def _refuse(self, message: _Message, *, anew: bool) -> None:
+        most = MOST_BLOCKS * self._block
+        if message.last - message.first > most:
+            got = f'{(message.last - message.first) / SECOND:g} s'
+            raise CloudError('the time that a cloud spans', f'at most {most / SECOND:g} s', got)
         if not anew and message.first < self._closed:
             late = (self._closed - message.first) / SECOND
             got = f'a point {late:.6f} s older than that'
@@ -167,8 +172,10 @@ class Stream:
                 return
             self._judge(begin, end)
             if complete == END:
-                # What comes later in this block is still welcome.
-                self._judged = self._closed = min(end, self._newest + 1)
+                # What comes later in this block is still welcome, and what comes at this very time,
+                # untested, too: sensors send points of one time in two clouds.
+                self._judged = min(end, self._newest + 1)
+                self._closed = min(end, self._newest)
             else:
                 self._judged, self._closed = end, end + self._halo
             self._look_for_pending()
@@ -193,13 +200,17 @@ class Stream:
             offset += len(t)
 
     def _look_for_pending(self) -> None:
-        self._pending = END
-        for message in self._waiting:
-            if message.first >= self._judged:
-                self._pending = min(self._pending, message.first)
-            elif message.last >= self._judged:
-                t = message.points.t
-                self._pending = min(self._pending, int(t[t >= self._judged].min()))
+        firsts = (self._first_pending(message) for message in self._waiting)
+        self._pending = min(firsts, default=END)
+
+    def _first_pending(self, message: _Message) -> int:
+        """Return the earliest time of a point of the message without a verdict; END for none."""
+        if message.first >= self._judged:
+            return message.first
+        if message.last < self._judged:
+            return END
+        t = message.points.t
+        return int(t[t >= self._judged].min())
 
     def _forget(self) -> None:
         """Let go of messages that end before the halo of the block to come."""

@@ -64,7 +64,16 @@ def draw(points: NDArray[np.void], rejected: Mask, path: Path, title: str = '') 
     canvas.draw()  # type: ignore[no-untyped-call]
     pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
     image = Image.fromarray(pixels).convert('RGB')
-    image.quantize(COLOURS).save(path, optimize=True)
+    _with_palette(image).save(path, optimize=True)
+
+
+def _with_palette(image: Image.Image) -> Image.Image:
+    """Take few colours, those of the legend among them however rare they are."""
+    legend = [int(colour[i : i + 2], 16) for colour in (FOUND, LEFT, LOST) for i in (1, 3, 5)]
+    chosen = image.quantize(COLOURS).getpalette() or []
+    palette = Image.new('P', (1, 1))
+    palette.putpalette(chosen + legend)
+    return image.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 def _brightness(intensity: Floats) -> Floats:
