@@ -2,20 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Live tests: what starts the processes, and two of them: one publishes, one collects.
 
-    live.py publish RECORDING TOPIC     all clouds of a recording, once somebody listens
-    live.py collect FOLDER TOPIC ...    every cloud to FOLDER/<last word of the topic>_<number>.cdr
+    live.py publish QOS RECORDING TOPIC     all clouds of a recording, when told to
+    live.py collect QOS FOLDER TOPIC ...    every cloud to FOLDER/<last word of TOPIC>_<number>.cdr
 
-Both say on stdout, one line each, what has happened, and go when their stdin is closed.
+QOS is reliable or best_effort. Both say on stdout, one line each, what has happened, and go when
+their stdin is closed.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
 import queue
 import subprocess
 import sys
 import threading
 import time
+import zlib
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,21 +27,44 @@ import rclpy
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import PointCloud2
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from types import TracebackType
-    from typing import Any, Self
+    from typing import Self
 
     from rclpy.node import Node
 
+PROFILE = Path(__file__).parents[1] / 'config' / 'fastdds_large_clouds.xml'
 PATIENCE = 120.0  # seconds until what a test waits for is given up; reached in failures only
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+BEST_EFFORT = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+_started = itertools.count()
+
+
+def new_domain() -> int:
+    """Choose a ROS domain, from 1 to 100, that no other test of this run uses."""
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
+    workers = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
+    # Another run on this machine most likely begins elsewhere.
+    run = os.environ.get('PYTEST_XDIST_TESTRUNUID', str(os.getpid()))
+    return 1 + (zlib.crc32(run.encode()) + worker + workers * next(_started)) % 100
+
+
+def environment() -> dict[str, str]:
+    """Make the environment of the processes of one test: a domain of its own, on this machine."""
+    return {
+        'ROS_DOMAIN_ID': str(new_domain()),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'FASTRTPS_DEFAULT_PROFILES_FILE': str(PROFILE),
+    }
 
 
 class Program:
@@ -88,6 +114,12 @@ class Program:
         """Send it a signal."""
         self._process.send_signal(number)
 
+    def tell(self, line: str) -> None:
+        """Write a line to its stdin."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(line + '\n')
+        self._process.stdin.flush()
+
     def close(self) -> None:
         """Close its stdin, which tells the programs below to go."""
         assert self._process.stdin is not None
@@ -118,14 +150,21 @@ class Program:
                 pipe.close()
 
 
-def publisher(recording: Path, topic: str, env: Mapping[str, str]) -> Program:
-    """Start the program that publishes; it says 'published' when all clouds have arrived."""
-    return Program(__file__, 'publish', recording, topic, env=env)
+def publisher(
+    recording: Path, topic: str, env: Mapping[str, str], qos: str = 'reliable'
+) -> Program:
+    """Start the program that publishes, when somebody listens and it is told to go.
+
+    It says 'published', if reliable when all has arrived.
+    """
+    return Program(__file__, 'publish', qos, recording, topic, env=env)
 
 
-def collector(folder: Path, topics: list[str], env: Mapping[str, str]) -> Program:
+def collector(
+    folder: Path, topics: list[str], env: Mapping[str, str], qos: str = 'reliable'
+) -> Program:
     """Start the program that collects; it says 'matched' when every topic has a publisher."""
-    return Program(__file__, 'collect', folder, *topics, env=env)
+    return Program(__file__, 'collect', qos, folder, *topics, env=env)
 
 
 def clouds(recording: Path) -> list[bytes]:
@@ -151,13 +190,14 @@ def _tell(*words: object) -> None:
     sys.stdout.flush()
 
 
-def _publish(recording: Path, topic: str) -> None:
+def _publish(qos: QoSProfile, recording: Path, topic: str) -> None:
     messages = clouds(recording)
     somebody = Future()
     with _ros() as (node, executor):
         events = PublisherEventCallbacks(matched=lambda _: somebody.set_result(None))
-        publisher = node.create_publisher(PointCloud2, topic, KEEP_ALL, event_callbacks=events)
+        publisher = node.create_publisher(PointCloud2, topic, qos, event_callbacks=events)
         executor.spin_until_future_complete(somebody)
+        sys.stdin.readline()
         for message in messages:
             publisher.publish(message)
         arrived = publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
@@ -165,17 +205,19 @@ def _publish(recording: Path, topic: str) -> None:
         sys.stdin.read()
 
 
-def _collect(folder: Path, topics: list[str]) -> None:
-    missing, everybody, end = set(topics), Future(), Future()
+def _collect(qos: QoSProfile, folder: Path, topics: list[str]) -> None:
+    missing, end = set(topics), Future()
 
     def match(topic: str) -> None:
-        missing.discard(topic)
-        if not missing and not everybody.done():
-            everybody.set_result(None)
-            _tell('matched')
+        if missing:
+            missing.discard(topic)
+            if not missing:
+                _tell('matched')
 
     with _ros() as (node, executor):
-        inboxes = [_Inbox(node, topic, folder, match) for topic in topics]
+        inboxes = [
+            _Inbox(node, topic, qos, folder / topic.rpartition('/')[2], match) for topic in topics
+        ]
         threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
         executor.spin_until_future_complete(end)
         for inbox in inboxes:
@@ -185,14 +227,16 @@ def _collect(folder: Path, topics: list[str]) -> None:
 class _Inbox:
     """Stores the clouds of one topic."""
 
-    def __init__(self, node: Node, topic: str, folder: Path, match: Any) -> None:
-        self._path = folder / topic.rpartition('/')[2]
+    def __init__(
+        self, node: Node, topic: str, qos: QoSProfile, path: Path, match: Callable[[str], object]
+    ) -> None:
+        self._path = path
         self._count = 0
         self._subscription = node.create_subscription(
             PointCloud2,
             topic,
             self._store,
-            KEEP_ALL,
+            qos,
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(matched=lambda _: match(topic)),
         )
@@ -211,8 +255,9 @@ class _Inbox:
 
 
 if __name__ == '__main__':
-    role, *rest = sys.argv[1:]
+    role, quality, first, *rest = sys.argv[1:]
+    profile = BEST_EFFORT if quality == 'best_effort' else KEEP_ALL
     if role == 'publish':
-        _publish(Path(rest[0]), rest[1])
+        _publish(profile, Path(first), rest[0])
     else:
-        _collect(Path(rest[0]), rest[1:])
+        _collect(profile, Path(first), rest)

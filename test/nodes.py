@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes inside the process of a test: the filter, a client that sets parameters, and a sensor."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import rclpy
+from clouds import SECOND, STAMP, cloud, table
+from live import KEEP_ALL, PATIENCE, new_domain
+from rclpy.context import Context
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
+from sensor_msgs.msg import PointCloud2
+
+from lidar_outlier_filter.node import OutlierFilterNode
+from lidar_outlier_filter.parameter_files import NODE_NAME
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.pipeline import Answer
+
+
+class Ros:
+    """A domain of its own, a client and filters in it, and one executor that serves them."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=new_domain())
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.client = rclpy.create_node('client', context=self.context)
+        self.executor.add_node(self.client)
+        self._filters: list[OutlierFilterNode] = []
+
+    def filter(self, *arguments: str, **options: Any) -> OutlierFilterNode:
+        """Make the node with ROS arguments, which follow ``--ros-args``."""
+        cli_args = ['--ros-args', *arguments, '--']
+        node = OutlierFilterNode(context=self.context, cli_args=cli_args, **options)
+        self.executor.add_node(node)
+        self._filters.append(node)
+        return node
+
+    def wait(self, future: Future) -> Any:
+        """Serve until there is a result."""
+        self.executor.spin_until_future_complete(future, PATIENCE)
+        assert future.done()
+        return future.result()
+
+    def parameters(self) -> AsyncParameterClient:
+        """Reach the parameters of the node through its services."""
+        services = AsyncParameterClient(self.client, NODE_NAME)
+        assert services.wait_for_services(PATIENCE)
+        return services
+
+    def set(self, **values: object) -> list[str]:
+        """Set parameters one by one; return the reasons of refusal, '' where there was none."""
+        response = self.wait(self.parameters().set_parameters(_to_set(values)))
+        return [str(result.reason) for result in response.results]
+
+    def set_together(self, **values: object) -> str:
+        """Set parameters atomically; return the reason of refusal, '' where there was none."""
+        response = self.wait(self.parameters().set_parameters_atomically(_to_set(values)))
+        return str(response.result.reason)
+
+    def close(self) -> None:
+        """End all."""
+        self.executor.shutdown()
+        for node in [self.client, *self._filters]:
+            node.destroy_node()
+        self.context.try_shutdown()
+
+
+def _to_set(values: dict[str, object]) -> list[Parameter]:
+    """Make parameters; two underscores stand for the dot."""
+    return [Parameter(name.replace('__', '.'), value=value) for name, value in values.items()]
+
+
+class Sensor:
+    """Publishes clouds for a filter and collects its answers."""
+
+    def __init__(self, ros: Ros, topic: str) -> None:
+        self._ros = ros
+        self._matched = Future()
+        self.cleaned: list[PointCloud2] = []
+        self.outliers: list[PointCloud2] = []
+        matched = PublisherEventCallbacks(matched=lambda _: self._matched.set_result(None))
+        self._publisher = ros.client.create_publisher(
+            PointCloud2, topic, KEEP_ALL, event_callbacks=matched
+        )
+        self._answered = Future()
+        for name, answers in (('cleaned', self.cleaned), ('outliers', self.outliers)):
+            ros.client.create_subscription(
+                PointCloud2, f'{topic}/{name}', self._collect(answers), KEEP_ALL
+            )
+
+    def _collect(self, answers: list[PointCloud2]) -> Any:
+        def collect(msg: PointCloud2) -> None:
+            answers.append(msg)
+            if len(self.cleaned) == len(self.outliers) == self._expected:
+                self._answered.set_result(time.monotonic())
+
+        return collect
+
+    def wait_for_filter(self, node: OutlierFilterNode) -> None:
+        """Serve until the topics of both sides are connected, all three."""
+        self._ros.wait(self._matched)
+        publishers = (node.cleaned_publisher, node.outliers_publisher)
+        while not all(publisher.get_subscription_count() for publisher in publishers):
+            self._ros.executor.spin_once(0.05)
+
+    def publish(self, msg: PointCloud2, expected: int) -> None:
+        """Publish a cloud; with it, so many answers are expected in all."""
+        self._expected = expected
+        self._answered = Future()
+        self._publisher.publish(msg)
+
+    def wait_for_answers(self) -> float:
+        """Serve until the expected answers are there; return when (monotonic, seconds)."""
+        return float(self._ros.wait(self._answered))
+
+
+def line(begin: float, count: int = 100) -> PointCloud2:
+    """Make 10 ms of a straight scan line with one outlier, from ``begin`` seconds on."""
+    t = np.arange(count) * 0.01 / count
+    z = np.random.default_rng(7).normal(0, 0.005, count)
+    z[count // 2] = 1
+    columns = {'y': ('f4', 10 * t), 'z': ('f4', z), 'time': ('f4', t)}
+    rows = table(count, ring=('u2', np.ones(count)), **columns)
+    return cloud(rows, STAMP + round(begin * SECOND))
+
+
+def broken() -> PointCloud2:
+    """Make a cloud that cannot be read."""
+    msg = line(0)
+    msg.point_step = 3
+    return msg
+
+
+def rejected(answers: list[Answer]) -> list[int]:
+    """Count the outliers of each answer."""
+    return [answer.outliers.width for answer in answers]

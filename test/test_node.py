@@ -1,0 +1,233 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node inside this process, with the real rclpy and the real middleware."""
+
+from __future__ import annotations
+
+import array
+import re
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import pytest
+import rclpy
+from live import PATIENCE, clouds
+from nodes import Ros, Sensor, broken, line, rejected
+from rclpy.context import Context
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2
+
+from lidar_outlier_filter import node as node_module
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.node import OutlierFilterNode, remappings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+@pytest.fixture
+def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros]:
+    """Give a domain of this machine alone."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    ros = Ros()
+    yield ros
+    ros.close()
+
+
+@pytest.fixture
+def sweeps(recordings: Path) -> list[PointCloud2]:
+    """Read four sweeps of a VLP-16, 0.1 s each."""
+    stored = clouds(recordings / 'bags' / 'vlp16_mrpt_mcap')
+    return [deserialize_message(data, PointCloud2) for data in stored]
+
+
+@pytest.mark.parametrize(
+    ('topic', 'namespace', 'full'),
+    [
+        (None, '', '/points'),
+        ('/velodyne_points', '', '/velodyne_points'),
+        ('velodyne_points', 'left', '/left/velodyne_points'),
+        ('/top/points', 'left', '/top/points'),
+    ],
+)
+def test_names_of_topics(ros: Ros, topic: str | None, namespace: str, full: str) -> None:
+    """The answers are named after the input."""
+    node = ros.filter(input_topic=topic, namespace=namespace)
+    node.start()
+    assert full in [item.topic_name for item in node.subscriptions]
+    assert node.cleaned_publisher.topic_name == f'{full}/cleaned'
+    assert node.outliers_publisher.topic_name == f'{full}/outliers'
+
+
+@pytest.mark.parametrize('topic', ['', '/', 'velodyne points', '/a//b', '/points/'])
+def test_impossible_topics(ros: Ros, topic: str) -> None:
+    """Names that ROS does not allow are refused in a sentence."""
+    sentence = f'input_topic must be a topic name that ROS 2 allows, got {topic!r}'
+    with pytest.raises(ParameterError, match=re.escape(sentence)):
+        remappings(topic)
+    with pytest.raises(ParameterError, match='input_topic must be'):
+        ros.filter(input_topic=topic)
+
+
+def test_subscribes_when_started_only(ros: Ros) -> None:
+    """A replay calls the node directly and hears nothing of what is on the topics."""
+    node = ros.filter()
+    assert '/points' not in [item.topic_name for item in node.subscriptions]
+    node.start()
+    assert '/points' in [item.topic_name for item in node.subscriptions]
+
+
+# Clouds
+
+
+def test_one_answer_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Each cloud has one answer with its tag and header, refused ones have none; all is counted."""
+    node = ros.filter()
+    answers = node.process(sweeps[0], 0)
+    assert node.process(broken(), 'broken') == []
+    for tag, msg in enumerate(sweeps[1:], 1):
+        answers += node.process(msg, tag)
+    answers += node.flush()
+    assert [answer.tag for answer in answers] == [0, 1, 2, 3]
+    for answer, msg in zip(answers, sweeps, strict=True):
+        assert answer.cleaned.header == answer.outliers.header == msg.header
+        assert answer.cleaned.width + answer.outliers.width == msg.width
+    assert node.statistics.messages == 4
+    assert node.statistics.points == sum(msg.width for msg in sweeps)
+    assert node.statistics.outliers == sum(rejected(answers))
+    assert node.statistics.rejected == {'alpha_beta_gamma': node.statistics.outliers}
+    assert node.statistics.refused == 1
+    assert node.statistics.refusals == {'point_step': 1}
+
+
+def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
+    """A sensor that sends nonsense at 20 Hz does not fill the log."""
+    node = ros.filter()
+    for _ in range(20):
+        assert node.process(broken()) == []
+    assert node.statistics.refused == 20
+    said = capfd.readouterr().err
+    assert said.count('refused a cloud') == 1
+    assert 'refused a cloud (1 so far): point_step must be at least 4, the end of field' in said
+
+
+def test_answers_are_messages_that_publish_fast(ros: Ros, recordings: Path) -> None:
+    """Answers are PointCloud2, with data that ROS copies as a whole: 6 MB in a few ms, not 1 s."""
+    node = ros.filter()
+    stored = clouds(recordings / 'bags' / 'os1_128_db3')
+    node.process(deserialize_message(stored[0], PointCloud2))
+    (answer,) = node.flush()
+    for msg in (answer.cleaned, answer.outliers):
+        assert type(msg) is PointCloud2
+        assert isinstance(msg.data, array.array)
+        assert msg.data.typecode == 'B'
+        assert len(msg.data) == msg.row_step == msg.width * msg.point_step
+        assert deserialize_message(serialize_message(msg), PointCloud2) == msg
+    seconds = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        node.cleaned_publisher.publish(answer.cleaned)
+        seconds.append(time.perf_counter() - begin)
+    assert min(seconds) < 0.1
+
+
+# Live
+
+
+def test_no_cloud_waits_longer_than_max_delay(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """A live cloud whose block never completes is answered in time; the stream goes on."""
+    node = ros.filter('-p', 'max_delay:=0.3')
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    waits = []
+    for number, msg in enumerate(sweeps, 1):
+        begin = time.monotonic()
+        sensor.publish(msg, expected=number)
+        waits.append(sensor.wait_for_answers() - begin)
+    # A loaded machine may hold this process up for a while, but hardly each time.
+    assert min(waits) < 0.3
+    assert max(waits) < 2.0
+    assert node.statistics.refused == 0
+    for msg, cleaned, outliers in zip(sweeps, sensor.cleaned, sensor.outliers, strict=True):
+        assert cleaned.header == outliers.header == msg.header
+        assert cleaned.width + outliers.width == msg.width
+
+
+def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
+    """Clouds that come while others wait do not put the deadline off, whatever is refused."""
+    node = ros.filter('-p', 'max_delay:=60.0')
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+
+    def deadline_after(msg: PointCloud2) -> float:
+        """Publish, serve until it was received, and say when the alarm rings (seconds)."""
+        served = node.statistics.refused + node._filter.waiting
+        sensor.publish(msg, expected=99)
+        while node.statistics.refused + node._filter.waiting == served:
+            ros.executor.spin_once(0.05)
+        left: int = node._alarm.time_until_next_call()  # nanoseconds
+        return time.monotonic() + left * 1e-9
+
+    first = deadline_after(line(0.0))
+    assert first == pytest.approx(time.monotonic() + 54, abs=1)
+    for msg in (line(0.02), broken(), line(0.04)):
+        ros.executor.spin_once(0.1)
+        assert deadline_after(msg) == pytest.approx(first, abs=0.05)
+
+
+def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Clouds that are in the queue of the middleware are judged and published before the end."""
+    node = ros.filter('-p', 'qos_overrides./points.subscription.reliability:=reliable')
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    for msg in sweeps:
+        sensor.publish(msg, expected=4)
+    assert sensor._publisher.wait_for_all_acked()
+    assert node.statistics.messages == 0
+    node.finish()
+    sensor.wait_for_answers()
+    assert node.statistics.messages == 4
+
+
+def test_two_filters_in_one_process(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Each has its own topics, parameters, stream and counts."""
+    strict = ros.filter(input_topic='/left/points', namespace='left')
+    loose = ros.filter(
+        input_topic='/right/points',
+        namespace='right',
+        parameters={'alpha_beta_gamma.sigma': 100.0},
+    )
+    sensors = [Sensor(ros, '/left/points'), Sensor(ros, '/right/points')]
+    for node, sensor in zip((strict, loose), sensors, strict=True):
+        node.start()
+        sensor.wait_for_filter(node)
+    for number, msg in enumerate(sweeps[:3], 1):
+        for sensor in sensors:
+            sensor.publish(msg, expected=number)
+    for sensor in sensors:
+        sensor.wait_for_answers()
+    assert strict.statistics.outliers > 500
+    assert loose.statistics.outliers == 0
+    assert [msg.width for msg in sensors[1].cleaned] == [msg.width for msg in sweeps[:3]]
+    assert [msg.width for msg in sensors[0].outliers] > [0, 0, 0]
+
+
+def test_a_context_of_its_own_that_ends(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Where ROS is shut down from outside, serving ends without an error."""
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=ros.context.get_domain_id())
+    node = OutlierFilterNode(context=context)
+    node.start()
+    node.process(sweeps[0])
+    with ThreadPoolExecutor(1) as pool:
+        serving = pool.submit(node_module._serve, node, threading.Event())
+        Sensor(ros, '/points').wait_for_filter(node)
+        context.shutdown()
+        serving.result(PATIENCE)
+    assert not rclpy.ok()
