@@ -101,9 +101,10 @@ class Decoder:
             return Points(xyz, zeros, zeros, valid, self._sigma(view, valid))
         t = self._time(view, valid, stamp, convention)
         sigma = self._sigma(view, valid)
-        # What follows lasts: by now nothing is refused any more.
+        line = self._line(view, xyz, valid, convention)
+        # By now nothing is refused any more.
         self._remember(view.dtype, convention)
-        return Points(xyz, t, self._line(view, xyz, valid, convention), valid, sigma)
+        return Points(xyz, t, line, valid, sigma)
 
     def undo(self) -> None:
         """Forget the scan lines that the last cloud began: it was refused after all."""

@@ -155,13 +155,19 @@ class LineCounter:
         angle means nothing; such a point belongs to the line it is in
 
         """
-        seen = np.concatenate(([self._angle], angle[valid]))
-        # The first angle ever is no wrap: a comparison with NaN is false.
-        wraps = np.abs(np.diff(seen)) > np.pi
-        line = np.zeros(len(angle), np.int64)
-        line[valid] = wraps
-        line = self._line + np.cumsum(line)
-        if len(seen) > 1:
-            self._angle = float(seen[-1])
-            self._line = int(line[-1])
+        line, self._line, self._angle = _count_wraps(angle, valid, self._line, self._angle)
         return line
+
+
+@kernel
+def _count_wraps(
+    angle: NDArray[np.float64], valid: NDArray[np.bool_], line: int, before: float
+) -> tuple[NDArray[np.int64], int, float]:
+    result = np.empty(len(angle), np.int64)
+    for i in range(len(angle)):
+        if valid[i]:
+            # The first angle ever is no wrap: a comparison with NaN is false.
+            line += abs(angle[i] - before) > np.pi
+            before = angle[i]
+        result[i] = line
+    return result, line, before

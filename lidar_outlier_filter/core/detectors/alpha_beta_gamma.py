@@ -90,10 +90,10 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     residuals = _engine(parameters)
     everything = np.arange(len(points), dtype=np.int64)
     standard = residuals(series, everything, parameters)
-    sigma = _sigma(standard, points, lines, parameters)
+    precision = _precision(standard, points, lines, parameters)
     critical = critical_values(parameters.significance, parameters.test)
     either = parameters.sides == 'either'
-    score, rank = _scores(standard, sigma, everything, *critical, either)
+    score, rank = _scores(standard, precision, everything, *critical, either)
     rejected = np.zeros(len(points), np.bool_)
     failing = np.flatnonzero(score > 1)
     number = 1
@@ -102,7 +102,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
         rejected[worst] = True
         spoiled = _unlink(worst, series.before, series.after, before, after, rejected)
         standard = residuals(series, spoiled, parameters)
-        score[spoiled], rank[spoiled] = _scores(standard, sigma, spoiled, *critical, either)
+        score[spoiled], rank[spoiled] = _scores(standard, precision, spoiled, *critical, either)
         failing = _still_failing(failing, spoiled, score, rejected)
         number += 1
     rejected[failing] = True
@@ -142,22 +142,22 @@ def _engine(parameters: AlphaBetaGamma) -> Residuals:
     return filterpy_engine.residuals
 
 
-def _sigma(
+def _precision(
     standard: NDArray[np.float64], points: Points, lines: Lines, parameters: AlphaBetaGamma
 ) -> NDArray[np.float64]:
-    """Return the (3, N) standard deviations that the differences are still to be divided by."""
+    """Return, (3, N), one over the standard deviation that the differences still lack."""
     if points.sigma is not None:
         return np.ones((3, len(points)))
     if parameters.sigma > 0:
-        return np.full((3, len(points)), parameters.sigma)
-    return _line_sigma(standard[CENTRED], lines.first, parameters.sigma_floor)
+        return np.full((3, len(points)), 1 / parameters.sigma)
+    return _line_precision(standard[CENTRED], lines.first, parameters.sigma_floor)
 
 
 @kernel
-def _line_sigma(
+def _line_precision(
     standard: NDArray[np.float64], first: NDArray[np.int64], floor: float
 ) -> NDArray[np.float64]:
-    """Estimate σ of each line and coordinate from its median absolute centred difference.
+    """Estimate 1/σ of each line and coordinate from its median absolute centred difference.
 
     A line with too few differences for a median has NaN: its points stay untested.
     """
@@ -172,14 +172,14 @@ def _line_sigma(
                 count += not np.isnan(value)
             if count >= FEWEST_RESIDUALS:
                 sigma = max(floor, MAD_TO_SIGMA * median(scratch, count))
-                result[axis, first[line] : first[line + 1]] = sigma
+                result[axis, first[line] : first[line + 1]] = 1 / sigma
     return result
 
 
 @kernel
 def _scores(
     standard: NDArray[np.float64],
-    sigma: NDArray[np.float64],
+    precision: NDArray[np.float64],
     which: NDArray[np.int64],
     critical_each: float,
     critical_joint: float,
@@ -195,11 +195,11 @@ def _scores(
     rank = np.full(len(which), np.nan)
     for m in range(len(which)):
         k = which[m]
-        centred = _window_score(standard[CENTRED], m, sigma, k, critical_each, critical_joint)
+        centred = _window_score(standard[CENTRED], m, precision, k, critical_each, critical_joint)
         score = centred
         if either:
-            front = _window_score(standard[BEFORE], m, sigma, k, critical_each, critical_joint)
-            behind = _window_score(standard[AFTER], m, sigma, k, critical_each, critical_joint)
+            front = _window_score(standard[BEFORE], m, precision, k, critical_each, critical_joint)
+            behind = _window_score(standard[AFTER], m, precision, k, critical_each, critical_joint)
             front = centred if np.isnan(front) else front
             score = min(front, centred if np.isnan(behind) else behind)
         result[m] = score
@@ -212,15 +212,15 @@ def _scores(
 def _window_score(
     standard: NDArray[np.float64],
     m: int,
-    sigma: NDArray[np.float64],
+    precision: NDArray[np.float64],
     k: int,
     critical_each: float,
     critical_joint: float,
 ) -> float:
     """Divide the statistics of one window by their critical values; the larger counts."""
-    a = abs(standard[0, m]) / sigma[0, k]
-    b = abs(standard[1, m]) / sigma[1, k]
-    c = abs(standard[2, m]) / sigma[2, k]
+    a = abs(standard[0, m]) * precision[0, k]
+    b = abs(standard[1, m]) * precision[1, k]
+    c = abs(standard[2, m]) * precision[2, k]
     # All three are NaN together, and max() would not tell.
     if np.isnan(a):
         return np.nan

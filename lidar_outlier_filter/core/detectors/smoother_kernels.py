@@ -135,16 +135,22 @@ def _in_tiles(
         sums[:] = 0
         for j in range(1, reach_before + 1, 2):
             second = here - j - 1 if j < reach_before else nowhere
-            _add_pair(columns, here, here - j, second, sums)
-        both[:] = sums
+            _add_pair(columns, here, here - j, second, order, sums)
+        if either:
+            both[:] = sums
         if either and reach_before >= fewest:
             _solve_tile(sums, order, weight[here : here + TILE])
             _copy_tile(sums, result[BEFORE], base)
-        sums[:] = 0
+        if either:
+            sums[:] = 0
         for j in range(1, reach_after + 1, 2):
             second = here + j + 1 if j < reach_after else nowhere
-            _add_pair(columns, here, here + j, second, sums)
-        both += sums
+            _add_pair(columns, here, here + j, second, order, sums)
+        if either:
+            both += sums
+        else:
+            # Nobody asks for one side alone: all offsets are in one sum.
+            both[:] = sums
         if either and reach_after >= fewest:
             _solve_tile(sums, order, weight[here : here + TILE])
             _copy_tile(sums, result[AFTER], base)
@@ -159,6 +165,7 @@ def _add_pair(
     here: int,
     a: int,
     b: int,
+    order: int,
     sums: NDArray[np.float64],
 ) -> None:
     """Add to each point of the tile that begins at ``here`` its fellows of those at a and b.
@@ -177,19 +184,23 @@ def _add_pair(
         u0, v0 = weight_a[p], weight_b[p]
         u1, v1 = u0 * u, v0 * v
         u2, v2 = u1 * u, v1 * v
-        u3, v3 = u2 * u, v2 * v
         sums[p] += u0 + v0
         sums[TILE + p] += u1 + v1
         sums[2 * TILE + p] += u2 + v2
-        sums[3 * TILE + p] += u3 + v3
-        sums[4 * TILE + p] += u3 * u + v3 * v
         sums[14 * TILE + p], sums[17 * TILE + p] = u0, v0
         sums[15 * TILE + p], sums[18 * TILE + p] = u1, v1
         sums[16 * TILE + p], sums[19 * TILE + p] = u2, v2
+    if order == 2:  # noqa: PLR2004
+        for p in range(TILE):
+            u = (t_a[p] - t_here[p]) * rate_here[p]
+            v = (t_b[p] - t_here[p]) * rate_here[p]
+            u3, v3 = sums[16 * TILE + p] * u, sums[19 * TILE + p] * v
+            sums[3 * TILE + p] += u3 + v3
+            sums[4 * TILE + p] += u3 * u + v3 * v
     for axis in range(3):
         z = columns[X + axis]
         row = (5 + 3 * axis) * TILE
-        _add_axis(z[here : here + TILE], z[a : a + TILE], z[b : b + TILE], sums, sums[row:])
+        _add_axis(z[here : here + TILE], z[a : a + TILE], z[b : b + TILE], sums, order, sums[row:])
 
 
 @kernel
@@ -198,6 +209,7 @@ def _add_axis(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
     powers: NDArray[np.float64],
+    order: int,
     sums: NDArray[np.float64],
 ) -> None:
     """Add one coordinate, taken relative to the tested point so that large ones lose no digits."""
@@ -205,7 +217,10 @@ def _add_axis(
         d, e = a[p] - here[p], b[p] - here[p]
         sums[p] += powers[14 * TILE + p] * d + powers[17 * TILE + p] * e
         sums[TILE + p] += powers[15 * TILE + p] * d + powers[18 * TILE + p] * e
-        sums[2 * TILE + p] += powers[16 * TILE + p] * d + powers[19 * TILE + p] * e
+    if order == 2:  # noqa: PLR2004
+        for p in range(TILE):
+            d, e = a[p] - here[p], b[p] - here[p]
+            sums[2 * TILE + p] += powers[16 * TILE + p] * d + powers[19 * TILE + p] * e
 
 
 @kernel
