@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 LINES, SHOTS = 300, 1000
 NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peer's statistical outlier removal
-RUNS = 5
+RUNS = 9
 SIDES = ('both', 'either')
 FORM = 'alpha_beta_gamma.sides'
 SENSOR: dict[str, object] = {'line_source': 'angle', 'angle_field': 'scan_angle'}
