@@ -225,9 +225,7 @@ def robust_sigma(residuals: Sequence[Floats], qs: Sequence[float], floor: float)
 # The detector -----------------------------------------------------------------------------------
 
 
-def point_score(
-    points: Line, p: int, segment: Sequence[int], rule: Rule
-) -> tuple[float, float]:
+def point_score(points: Line, p: int, segment: Sequence[int], rule: Rule) -> tuple[float, float]:
     """Score the point at position p of a segment (NaN where it cannot be tested), and rank it.
 
     The score says whether a point is an outlier, the rank which of several goes first: the score of

@@ -13,7 +13,9 @@ README = (ROOT / 'README.md').read_text(encoding='utf-8')
 
 def test_parameters_are_those_of_the_code() -> None:
     """The table is made by parameter_files.table()."""
-    found = re.search(r'<!-- parameters:.*?-->\n\n(.*?)\n<!-- end of parameters -->', README, re.S)
+    found = re.search(
+        r'<!-- parameters:.*?-->\n\n(.*?)\n<!-- end of parameters -->', README, re.DOTALL
+    )
     assert found is not None
     assert found.group(1) == parameter_files.table()
 
