@@ -118,13 +118,14 @@ def split(
         rows, fields = _rows_with_scores(msg, rows, verdict), _fields_with_scores(msg)
         step += BYTES_OF_SCORES
     rejected = verdict.rejected
-    outliers = _with_rows(msg, rows[rejected], fields, step)
+    cleaned, outliers = rows[~rejected], rows[rejected]
+    answer = _with_rows(msg, outliers, fields, step)
     if keep_organized and msg.height > 1 and len(rows):
         holes = _with_holes(rows, structured(msg).dtype, rejected)
         organised = _with_rows(msg, holes, fields, step, msg.height)
         organised.is_dense = bool(msg.is_dense) and not rejected.any()
-        return organised, outliers
-    return _with_rows(msg, rows[~rejected], fields, step), outliers
+        return organised, answer
+    return _with_rows(msg, cleaned, fields, step), answer
 
 
 def _rows(msg: Any) -> Rows:

@@ -13,7 +13,6 @@ import numpy as np
 from lidar_outlier_filter.cloud import split
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import BITS, Chain, Verdict
-from lidar_outlier_filter.core.points import Points, is_return
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.parameters import describe
@@ -21,6 +20,7 @@ from lidar_outlier_filter.parameters import describe
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.parameters import FilterParameters
 
 
@@ -93,7 +93,7 @@ class CloudFilter:
         self._parameters = parameters
         self._decoder = Decoder(parameters, inform, warn)
         self._stream = Stream(parameters)
-        is_return(np.empty((0, 3)))
+        self._decoder.compile()
         self._stream.chain.compile()
 
     @property
