@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-import os
+import re
 import signal
 import subprocess
 import sys
@@ -308,6 +308,8 @@ import sys
 from pathlib import Path
 from lidar_outlier_filter.replay import replay
 replay(Path(sys.argv[1]), Path(sys.argv[2]))
+# Not getrusage: its peak is inherited from the process that started this one.
+print(Path('/proc/self/status').read_text())
 """
 
 
@@ -316,8 +318,7 @@ def test_memory_does_not_grow(tmp_path: Path) -> None:
     """An hour at 10 clouds and 10 texts a second takes less than 500 MB."""
     source = write_drive(tmp_path / 'hour', (cloud(index) for index in range(36_000)))
     command = [sys.executable, '-c', HOUR, str(source), str(tmp_path / 'out')]
-    with subprocess.Popen(command) as process:
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    assert process.returncode == 0
-    assert usage.ru_maxrss < 500_000  # kB
+    said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+    peak = re.search(r'^VmHWM:\s+(\d+) kB$', said, re.MULTILINE)
+    assert peak is not None
+    assert int(peak.group(1)) < 500_000
