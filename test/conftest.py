@@ -6,8 +6,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from nodes import Ros
+    from sensor_msgs.msg import PointCloud2
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -27,3 +34,28 @@ def recordings() -> Path:
             pytest.fail(missing)
         pytest.skip(missing)
     return folder
+
+
+# Tests without ROS do not wait for its import.
+
+
+@pytest.fixture
+def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros]:
+    """Give a domain of this machine alone."""
+    from nodes import Ros  # noqa: PLC0415
+
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    ros = Ros()
+    yield ros
+    ros.close()
+
+
+@pytest.fixture
+def sweeps(recordings: Path) -> list[PointCloud2]:
+    """Read four sweeps of a VLP-16, 0.1 s each."""
+    from live import clouds  # noqa: PLC0415
+    from rclpy.serialization import deserialize_message  # noqa: PLC0415
+    from sensor_msgs.msg import PointCloud2  # noqa: PLC0415
+
+    stored = clouds(recordings / 'bags' / 'vlp16_mrpt_mcap')
+    return [deserialize_message(data, PointCloud2) for data in stored]

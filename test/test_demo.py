@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from io import StringIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,10 +23,9 @@ from lidar_outlier_filter.parameter_files import read_yaml
 from lidar_outlier_filter.replay import replay
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from lidar_outlier_filter.evaluation.simulate import Drive
 
+OUTPUT = Path('demo_output')
 FILES = {'.lidar_outlier_filter_demo', 'drive', 'both', 'either', 'demo.yaml', 'before_after.png'}
 
 
@@ -99,13 +99,13 @@ def test_picture(made: tuple[Path, str]) -> None:
 def test_earlier_demo_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder of an earlier demo, or an empty one, is replaced as a whole."""
     monkeypatch.chdir(tmp_path)
-    demo.OUTPUT.mkdir()
+    OUTPUT.mkdir()
     for _ in range(2):
-        with demo._new_folder(demo.OUTPUT) as folder:
+        with demo._new_folder(OUTPUT) as folder:
             (folder / 'fresh').touch()
-        assert {path.name for path in demo.OUTPUT.iterdir()} == {demo.MARKER, 'fresh'}
-        (demo.OUTPUT / 'stale').touch()
-    assert [path.name for path in tmp_path.iterdir()] == [demo.OUTPUT.name]
+        assert {path.name for path in OUTPUT.iterdir()} == {demo.MARKER, 'fresh'}
+        (OUTPUT / 'stale').touch()
+    assert [path.name for path in tmp_path.iterdir()] == [OUTPUT.name]
 
 
 def test_other_folders_are_refused(tmp_path: Path) -> None:

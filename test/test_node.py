@@ -24,24 +24,7 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.node import OutlierFilterNode, remappings
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
-
-
-@pytest.fixture
-def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros]:
-    """Give a domain of this machine alone."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    ros = Ros()
-    yield ros
-    ros.close()
-
-
-@pytest.fixture
-def sweeps(recordings: Path) -> list[PointCloud2]:
-    """Read four sweeps of a VLP-16, 0.1 s each."""
-    stored = clouds(recordings / 'bags' / 'vlp16_mrpt_mcap')
-    return [deserialize_message(data, PointCloud2) for data in stored]
 
 
 @pytest.mark.parametrize(

@@ -9,20 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from live import clouds
 from nodes import Ros, line, rejected
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameter_files import write_yaml
 from lidar_outlier_filter.parameters import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.node import OutlierFilterNode
 
@@ -41,22 +38,6 @@ TYPES = {
     str: ParameterType.PARAMETER_STRING,
     tuple: ParameterType.PARAMETER_STRING_ARRAY,
 }
-
-
-@pytest.fixture
-def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros]:
-    """Give a domain of this machine alone."""
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    ros = Ros()
-    yield ros
-    ros.close()
-
-
-@pytest.fixture
-def sweeps(recordings: Path) -> list[PointCloud2]:
-    """Read four sweeps of a VLP-16, 0.1 s each."""
-    stored = clouds(recordings / 'bags' / 'vlp16_mrpt_mcap')
-    return [deserialize_message(data, PointCloud2) for data in stored]
 
 
 def values(node: OutlierFilterNode) -> dict[str, object]:

@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.detectors import alpha_beta_gamma
 from lidar_outlier_filter.core.points import Points, is_return
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.simulate import clouds, to_message
-from lidar_outlier_filter.evaluation.street import demo_drive
+from lidar_outlier_filter.evaluation.street import SENSOR, demo_drive
 from lidar_outlier_filter.parameters import FilterParameters
 from lidar_outlier_filter.pipeline import CloudFilter
 
@@ -41,7 +41,6 @@ NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peer's statistical outlier removal
 RUNS = 9
 SIDES = ('both', 'either')
 FORM = 'alpha_beta_gamma.sides'
-SENSOR: dict[str, object] = {'line_source': 'angle', 'angle_field': 'scan_angle'}
 
 
 @dataclass(frozen=True)

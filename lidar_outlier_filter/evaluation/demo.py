@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation import picture, score
 from lidar_outlier_filter.evaluation.simulate import record
-from lidar_outlier_filter.evaluation.street import demo_drive
+from lidar_outlier_filter.evaluation.street import SENSOR, demo_drive
 from lidar_outlier_filter.parameter_files import write_yaml
 from lidar_outlier_filter.parameters import PAPER
 from lidar_outlier_filter.replay import replay
@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.evaluation.score import Confusion
     from lidar_outlier_filter.evaluation.simulate import Drive, Truth
 
-OUTPUT = Path('demo_output')
 MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
-SENSOR: dict[str, object] = {'line_source': 'angle', 'angle_field': 'scan_angle'}
 # The form of the paper, and the one that keeps edges and corners.
 FORMS: dict[str, Mapping[str, object]] = {'both': PAPER, 'either': {}}
 

@@ -24,6 +24,9 @@ FRONT = 8.0  # metres from the middle of the road to the buildings
 BACK = 20.0
 START, END = -60.0, 100.0  # metres along the street
 
+# How the filter reads the drive's clouds.
+SENSOR: dict[str, object] = {'line_source': 'angle', 'angle_field': 'scan_angle'}
+
 
 def street() -> Scene:
     """Build a street with parked cars, poles, a swinging barrier arm and two clouds of exhaust."""

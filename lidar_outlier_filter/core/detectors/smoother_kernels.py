@@ -84,11 +84,12 @@ def residuals(
     before, after = series.before, series.after
     window = parameters.before, parameters.after, parameters.min_window, parameters.order
     either = parameters.sides == 'either'
-    places = np.arange(len(which))
     if len(which) == len(series):
         # All of them: nothing is rejected yet, and segments are without holes.
         _in_tiles(series.columns, series.pad, *window, either, result)
         which = places = _near_ends(before, after, parameters.before, parameters.after)
+    else:
+        places = np.arange(len(which))
     view = series.row(slice(None))
     _one_by_one(view, before, after, which, places, *window, either, result)
     return result
