@@ -215,6 +215,12 @@ def _table(report: ReplayReport) -> Table:
         column.justify, column.overflow = 'right', 'fold'
     for name in ('messages', 'refused', 'points', 'rejected', 'untested', 'invalid'):
         table.add_row(name, *(f'{getattr(topic, name):,}' for topic in report.topics))
+    for name in report.topics[0].rejected_by if report.topics else ():
+        for text, counts in (
+            ('rejected by', [topic.rejected_by for topic in report.topics]),
+            ('undecided by', [topic.undecided_by for topic in report.topics]),
+        ):
+            table.add_row(f'{text} {name}', *(f'{count[name]:,}' for count in counts))
     speed = (topic.points / report.elapsed for topic in report.topics)
     table.add_row('points per second', *(f'{value:,.0f}' for value in speed))
     faster = f'{report.recorded / report.elapsed:.1f}'

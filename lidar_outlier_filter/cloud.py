@@ -20,7 +20,7 @@ from lidar_outlier_filter.errors import CloudError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.chain import Verdict
+    from lidar_outlier_filter.core.verdict import Verdict
 
     Rows = NDArray[np.void]
 

@@ -31,7 +31,7 @@ from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.errors import CloudError, FilterError, ParameterError
 from lidar_outlier_filter.parameter_files import NODE_NAME
-from lidar_outlier_filter.parameters import FilterParameters, Parameter, describe
+from lidar_outlier_filter.parameters import FilterParameters, describe
 from lidar_outlier_filter.pipeline import Answer, CloudFilter, Statistics
 from lidar_outlier_filter.start import leave, on_stop
 
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
     from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription
+
+    from lidar_outlier_filter.parameter import Parameter
 
 POINTS, CLEANED, OUTLIERS = 'points', 'points/cleaned', 'points/outliers'
 OUTPUT_DEPTH = 10  # clouds kept for a subscriber that is slow
@@ -115,6 +117,11 @@ class OutlierFilterNode(Node):  # type: ignore[misc]
     def statistics(self) -> Statistics:
         """Counts since the start."""
         return self._filter.statistics
+
+    @property
+    def filter_parameters(self) -> FilterParameters:
+        """The parameters in force."""
+        return self._filter.parameters
 
     def start(self) -> None:
         """Subscribe, and watch over ``max_delay``."""

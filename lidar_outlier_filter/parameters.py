@@ -8,144 +8,60 @@ from this file. A parameter of a detector is named ``detector.parameter``.
 
 from __future__ import annotations
 
-import math
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameter import Parameter, declare, walk
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-LARGEST = 2**63  # of ROS's whole numbers
-TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter: what a user may know of it.
-
-    ``low`` and ``high`` are inclusive and None where there is no limit; ``choices`` are the texts
-    allowed, empty where any is. A ``fixed`` parameter shapes the stream and is set at the start
-    only.
-    """
-
-    name: str
-    default: Any
-    text: str
-    unit: str = ''
-    low: float | None = None
-    high: float | None = None
-    choices: tuple[str, ...] = ()
-    fixed: bool = False
-
-    @property
-    def range_text(self) -> str:
-        """Say what is allowed, as in 'from 0 to 1 s'."""
-        if self.choices:
-            return 'one of ' + ', '.join(repr(choice) for choice in self.choices)
-        unit = f' {self.unit}' if self.unit else ''
-        if self.low is not None and self.high is not None:
-            return f'from {self.low:g} to {self.high:g}{unit}'
-        if self.low is not None:
-            return f'at least {self.low:g}{unit}'
-        if self.high is not None:
-            return f'at most {self.high:g}{unit}'
-        return TYPE_NAMES.get(type(self.default), 'a list of texts')
-
-    def check(self, value: object) -> Any:
-        """Return the value in the parameter's own type, or refuse it."""
-        if isinstance(self.default, tuple):
-            return self._check_list(value)
-        wanted = type(self.default)
-        if wanted is float and type(value) is int and abs(value) < LARGEST:
-            value = float(value)
-        if type(value) is not wanted:
-            raise ParameterError(self.name, TYPE_NAMES[wanted], repr(value))
-        if wanted is str:
-            if self.choices and value not in self.choices:
-                raise ParameterError(self.name, self.range_text, repr(value))
-        elif wanted is not bool:
-            self._check_range(value)
-        return value
-
-    def _check_range(self, value: Any) -> None:
-        inside = abs(value) < LARGEST and math.isfinite(value)
-        inside = inside and (self.low is None or value >= self.low)
-        inside = inside and (self.high is None or value <= self.high)
-        if not inside:
-            raise ParameterError(self.name, self.range_text, repr(value))
-
-    def _check_list(self, value: object) -> tuple[str, ...]:
-        if isinstance(value, str) or not hasattr(value, '__iter__'):
-            raise ParameterError(self.name, 'a list of texts', repr(value))
-        values = tuple(value)
-        wrong = [item for item in values if item not in self.choices]
-        if wrong or not values or len(set(values)) < len(values):
-            must_be = 'a list, without repetition, of ' + self.range_text
-            raise ParameterError(self.name, must_be, repr(list(values)))
-        return values
-
-
-def _parameter(  # noqa: PLR0913  one line declares all that is known of a parameter
-    default: Any,
-    text: str,
-    unit: str = '',
-    low: float | None = None,
-    high: float | None = None,
-    choices: tuple[str, ...] = (),
-    *,
-    fixed: bool = False,
-) -> Any:
-    """Declare a parameter as a field of one of the dataclasses below."""
-    about = {'text': text, 'unit': unit, 'low': low, 'high': high, 'choices': choices}
-    return field(default=default, metadata={**about, 'fixed': fixed})
+    from collections.abc import Mapping
 
 
 @dataclass(frozen=True)
 class AlphaBetaGamma:
     """The moving fixed-interval α-β-γ smoother along each line segment."""
 
-    before: int = _parameter(3, 'Points of the window in front of the tested one.', '', 0, 1000)
-    after: int = _parameter(3, 'Points of the window behind the tested one.', '', 0, 1000)
-    order: int = _parameter(
+    before: int = declare(3, 'Points of the window in front of the tested one.', '', 0, 1000)
+    after: int = declare(3, 'Points of the window behind the tested one.', '', 0, 1000)
+    order: int = declare(
         1,
         'Motion along the line: 2 with acceleration (α-β-γ), 1 without (α-β).',
         '',
         1,
         2,
     )
-    significance: float = _parameter(
+    significance: float = declare(
         1e-6, 'Two-sided probability to reject a good point, for one test.', '', 1e-15, 0.5
     )
-    sides: str = _parameter(
+    sides: str = declare(
         'either',
         'both: the window around the point decides (the paper); either: a point that agrees with '
         'the window on one side is kept, so edges and corners stay.',
         choices=('both', 'either'),
     )
-    test: str = _parameter(
+    test: str = declare(
         'each',
         'each: the worst coordinate; joint: all three at once; both: the stricter of the two.',
         choices=('each', 'joint', 'both'),
     )
-    sigma: float = _parameter(
+    sigma: float = declare(
         0.0, 'Standard deviation of a coordinate; 0: estimated from each line.', 'm', 0.0, 100.0
     )
-    sigma_field: str = _parameter(
+    sigma_field: str = declare(
         '', "Field with each point's own standard deviation in metres; empty: none.", fixed=True
     )
-    sigma_floor: float = _parameter(
+    sigma_floor: float = declare(
         0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
     )
-    min_window: int = _parameter(
+    min_window: int = declare(
         3, 'Fewest other points in a window; with fewer a point stays untested.', '', 3, 1000
     )
-    passes: int = _parameter(
+    passes: int = declare(
         30, 'Most repetitions without the rejected; the last rejects all that is left.', '', 1, 1000
     )
-    engine: str = _parameter(
+    engine: str = declare(
         'kernel',
         'kernel: compiled; filterpy: a Kalman filter with RTS smoother, slow but auditable.',
         choices=('kernel', 'filterpy'),
@@ -153,28 +69,83 @@ class AlphaBetaGamma:
 
 
 @dataclass(frozen=True)
+class Lof:
+    """Local outlier factor: density against that of the neighbours."""
+
+    min_pts: int = declare(20, 'Neighbours that make the density; ties count too.', '', 1, 1000)
+    threshold: float = declare(
+        1.2, 'Rejected above this factor; lof2: above this difference.', '', 1e-6, 1e9
+    )
+    statistic: str = declare(
+        'lof',
+        'lof: the factor; lof2: its absolute difference from the median of all.',
+        choices=('lof', 'lof2'),
+    )
+
+
+@dataclass(frozen=True)
+class Sor:
+    """Distance to the nearest neighbours."""
+
+    k: int = declare(20, 'Neighbours whose mean distance counts, the point left out.', '', 1, 1000)
+    statistic: str = declare(
+        'sor',
+        'sor: mean distance against mean + multiplier × standard deviation of all; sor2: its '
+        'absolute difference from the median against limit; radius: min_neighbors within radius.',
+        choices=('sor', 'sor2', 'radius'),
+    )
+    multiplier: float = declare(2.0, 'Standard deviations above the mean of all.', '', 0.0, 1000.0)
+    limit: float = declare(
+        0.1, 'Largest absolute difference from the median (sor2).', 'm', 1e-6, 1e6
+    )
+    radius: float = declare(
+        0.5, 'Radius in which min_neighbors others must be (radius).', 'm', 1e-6, 1e6
+    )
+    min_neighbors: int = declare(3, 'Fewest others within the radius (radius).', '', 1, 1000)
+    range_scaled: bool = declare(
+        default=False,
+        text='Let the limit grow with the distance from the origin: sor, sor2: the limit × '
+        'range_factor × range (DSOR); radius: at least range_factor × range (DROR).',
+    )
+    range_factor: float = declare(0.05, 'Growth of the limit with the range.', '1/m', 1e-9, 1e3)
+
+
+@dataclass(frozen=True)
 class FilterParameters:
     """All parameters of the filter; make a changed copy with :meth:`changed`."""
 
-    chain: tuple[str, ...] = _parameter(
-        ('alpha_beta_gamma',), 'Detectors, in their order.', choices=('alpha_beta_gamma',)
+    chain: tuple[str, ...] = declare(
+        ('alpha_beta_gamma',),
+        'Detectors, in their order.',
+        choices=('alpha_beta_gamma', 'lof', 'sor'),
     )
-    time_field: str = _parameter(
+    vote: int = declare(
+        0,
+        'Detectors that must agree, each of which sees all points; 0: one is enough, and each sees '
+        'what the earlier ones left.',
+        '',
+        0,
+        16,
+    )
+    threads: int = declare(
+        0, 'Threads for the spatial detectors; 0: as many as there are cores.', '', 0, 256
+    )
+    time_field: str = declare(
         'auto', 'Field with the time of each point; auto: by its name.', fixed=True
     )
-    time_unit: str = _parameter(
+    time_unit: str = declare(
         'auto',
         'Unit of the time field; auto: by its type and size.',
         choices=('auto', 's', 'us', 'ns'),
         fixed=True,
     )
-    time_reference: str = _parameter(
+    time_reference: str = declare(
         'auto',
         'Whether the time field counts from the header stamp or is absolute; auto: by its size.',
         choices=('auto', 'stamp', 'absolute'),
         fixed=True,
     )
-    points_per_second: float = _parameter(
+    points_per_second: float = declare(
         1e7,
         'Stands in for a missing time field: point i is i / points_per_second after the stamp. Too '
         'high does no harm, too low lets clouds overlap; 0: clouds without time are refused.',
@@ -183,7 +154,7 @@ class FilterParameters:
         1e9,
         fixed=True,
     )
-    time_jump: float = _parameter(
+    time_jump: float = declare(
         1.0,
         'A clock that goes back by more resets the stream; one that goes back by less is refused.',
         's',
@@ -191,36 +162,41 @@ class FilterParameters:
         1e9,
         fixed=True,
     )
-    line_source: str = _parameter(
+    line_source: str = declare(
         'auto',
         'What makes a scan line: a field (ring), each row, each message, or a wrap of the scan '
         'angle; auto: field, else row, else message.',
         choices=('auto', 'field', 'row', 'message', 'angle'),
         fixed=True,
     )
-    line_field: str = _parameter(
+    line_field: str = declare(
         'auto', 'Field with the number of the line; auto: by its name.', fixed=True
     )
-    angle_field: str = _parameter(
+    angle_field: str = declare(
         '', 'Field with the scan angle; empty: the angle of the point in angle_plane.', fixed=True
     )
-    angle_unit: str = _parameter(
-        'rad', 'Unit of the angle field.', choices=('rad', 'deg'), fixed=True
-    )
-    angle_plane: str = _parameter(
+    angle_unit: str = declare('rad', 'Unit of the angle field.', choices=('rad', 'deg'), fixed=True)
+    angle_plane: str = declare(
         'yz',
         "Plane in which a profile scanner's mirror turns, in the frame of the cloud.",
         choices=('xy', 'yz', 'zx'),
         fixed=True,
     )
-    gap_factor: float = _parameter(
+    gap_factor: float = declare(
         1.5,
         "A segment ends where the next shot is later than this many of the line's intervals.",
         '',
         1.0,
         1e6,
     )
-    block: float = _parameter(
+    blocks: str = declare(
+        'time',
+        'What is judged together: stretches of sensor time; or each message, with the halo before '
+        'it only, which is answered at once (one sweep per message).',
+        choices=('time', 'message'),
+        fixed=True,
+    )
+    block: float = declare(
         0.1,
         'Length of the stretches of sensor time that are judged together.',
         's',
@@ -228,10 +204,10 @@ class FilterParameters:
         60.0,
         fixed=True,
     )
-    halo: float = _parameter(
+    halo: float = declare(
         0.01, 'Stretch before and after a block that is seen with it.', 's', 0.0, 60.0, fixed=True
     )
-    lateness: float = _parameter(
+    lateness: float = declare(
         0.0,
         'How much older than the newest point a point may be that still arrives.',
         's',
@@ -239,10 +215,10 @@ class FilterParameters:
         60.0,
         fixed=True,
     )
-    max_delay: float = _parameter(
+    max_delay: float = declare(
         1.0, 'Longest time a live cloud waits for its answer.', 's', 1e-3, 600.0, fixed=True
     )
-    max_points: int = _parameter(
+    max_points: int = declare(
         50_000_000,
         'Most points held at once; a cloud beyond is refused.',
         '',
@@ -250,15 +226,17 @@ class FilterParameters:
         2_000_000_000,
         fixed=True,
     )
-    keep_organized: bool = _parameter(
+    keep_organized: bool = declare(
         default=False,
         text='Keep the shape of organised clouds: rejected points become NaN in the cleaned cloud.',
     )
-    scores: bool = _parameter(
+    scores: bool = declare(
         default=False,
         text='Add outlier_score (float32) and outlier_detectors (uint16) to both clouds.',
     )
     alpha_beta_gamma: AlphaBetaGamma = AlphaBetaGamma()
+    lof: Lof = Lof()
+    sor: Sor = Sor()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be: each parameter by itself, then together."""
@@ -329,20 +307,15 @@ def _check_together(parameters: FilterParameters) -> None:
         # A cloud that is late, as it may be, would reset the stream.
         must_be = f'at least lateness = {parameters.lateness:g} s'
         raise ParameterError('time_jump', must_be, f'{parameters.time_jump:g} s')
+    if parameters.vote > len(parameters.chain):
+        must_be = f'at most the {len(parameters.chain)} of the chain'
+        raise ParameterError('vote', must_be, parameters.vote)
     wait = parameters.block + parameters.halo + parameters.lateness
-    if parameters.max_delay < wait:
+    if parameters.max_delay < wait and parameters.blocks == 'time':
         must_be = f'at least block + halo + lateness = {wait:g} s'
         raise ParameterError('max_delay', must_be, f'{parameters.max_delay:g} s')
 
 
-def _walk(cls: type, prefix: str) -> Iterator[Parameter]:
-    for item in fields(cls):
-        if is_dataclass(item.default) and not isinstance(item.default, type):
-            yield from _walk(type(item.default), f'{prefix}{item.name}.')
-        elif item.default is not MISSING:
-            yield Parameter(prefix + item.name, item.default, **item.metadata)
-
-
 def describe() -> tuple[Parameter, ...]:
     """List every parameter, in the order of declaration."""
-    return tuple(_walk(FilterParameters, ''))
+    return tuple(walk(FilterParameters, ''))

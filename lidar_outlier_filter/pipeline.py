@@ -12,7 +12,8 @@ import numpy as np
 
 from lidar_outlier_filter.cloud import split
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import BITS, Chain, Verdict
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.verdict import BITS, Verdict
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.parameters import describe
@@ -43,7 +44,8 @@ class Statistics:
     invalid : missing returns (NaN, Inf, 0 0 0), which stay in the cleaned clouds
     untested : valid points that no detector could test; they stay too
     rejected : points by the detector that rejected them
-    outliers : points rejected by any
+    undecided : points by the detector that looked at them and could not test them
+    outliers : points that went to the outlier clouds
     refused : clouds refused; refusals counts them by what was wrong
     resets : times the clock was set back
     passes : most repetitions without the rejected that a block has needed
@@ -56,6 +58,7 @@ class Statistics:
     untested: int = 0
     outliers: int = 0
     rejected: Counter[str] = field(default_factory=Counter)
+    undecided: Counter[str] = field(default_factory=Counter)
     refusals: Counter[str] = field(default_factory=Counter)
     resets: int = 0
     passes: int = 0
@@ -67,16 +70,20 @@ class Statistics:
 
     def count(self, verdict: Verdict, valid: int) -> None:
         """Add a finished cloud."""
-        total = len(verdict.detectors)
+        total = len(verdict)
         self.messages += 1
         self.points += total
         self.invalid += total - valid
         self.untested += valid - int(np.count_nonzero(~np.isnan(verdict.score)))
-        self.outliers += int(np.count_nonzero(verdict.detectors))
-        for name, bit in BITS.items():
-            rejected = int(np.count_nonzero(verdict.detectors & bit))
-            if rejected:
-                self.rejected[name] += rejected
+        self.outliers += int(np.count_nonzero(verdict.rejected))
+        for counter, bits in (
+            (self.rejected, verdict.detectors),
+            (self.undecided, verdict.undecided),
+        ):
+            for name, bit in BITS.items():
+                count = int(np.count_nonzero(bits & bit))
+                if count:
+                    counter[name] += count
 
 
 class CloudFilter:
@@ -152,8 +159,11 @@ class CloudFilter:
             if parameter.fixed and before[parameter.name] != after[parameter.name]:
                 must_be = f'{before[parameter.name]!r} as at the start'
                 raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
+        chain = Chain(parameters)
+        # What the old chain did not need is compiled before the next cloud.
+        chain.compile()
         self._parameters = self._decoder.parameters = parameters
-        self._stream.chain = Chain(parameters)
+        self._stream.chain = chain
 
     def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
         self.statistics.resets = self._stream.resets

@@ -48,6 +48,7 @@ class TopicReport:
     """What became of the clouds of one topic.
 
     ``refused`` clouds have no answer; ``refusals`` counts them by what was wrong with them.
+    ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order.
     """
 
     topic: str
@@ -58,6 +59,8 @@ class TopicReport:
     invalid: int
     refused: int
     refusals: Mapping[str, int]
+    rejected_by: Mapping[str, int]
+    undecided_by: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -248,6 +251,7 @@ class _Stream:
     def report(self) -> TopicReport:
         """Tell what became of the clouds."""
         counts = self.node.statistics
+        chain = self.node.filter_parameters.chain
         return TopicReport(
             self.topic.name,
             self._clouds,
@@ -257,6 +261,8 @@ class _Stream:
             counts.invalid,
             self._clouds - counts.messages,
             dict(counts.refusals),
+            {name: counts.rejected[name] for name in chain},
+            {name: counts.undecided[name] for name in chain},
         )
 
 

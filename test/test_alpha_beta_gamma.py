@@ -6,9 +6,9 @@ from dataclasses import replace
 from itertools import product
 from typing import Any
 
-import naive
 import numpy as np
 import pytest
+from naive import alpha_beta_gamma as naive
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 

@@ -2,12 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The benchmark compares before it times, and times what it says."""
 
+from functools import partial
+from itertools import islice
+
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.detectors import filterpy_engine
+from lidar_outlier_filter.core.detectors import filterpy_engine, sor
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation import bench
+from lidar_outlier_filter.evaluation.simulate import clouds, to_message
+from lidar_outlier_filter.evaluation.street import demo_drive
 
 
 def test_engines_agree() -> None:
@@ -23,12 +28,43 @@ def test_wrong_answers_are_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
         bench.compare_engines()
 
 
-def test_smoother_is_timed_on_all_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Points per second are those of all lines."""
-    monkeypatch.setattr(bench, 'LINES', 30)
-    timing = bench.time_smoother('either')
-    assert timing.points == 30_000
-    assert timing.speed == timing.points / timing.seconds / 1e6
+def test_another_selection_is_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A SOR that rejects too little is noticed."""
+    xyz = np.random.default_rng(1).normal(size=(500, 3))
+    bench.compare_sor(xyz)
+    monkeypatch.setattr(sor, 'detect', lambda *_given: np.zeros(500))
+    with pytest.raises(FilterError, match='the selection of SOR must be that of scipy'):
+        bench.compare_sor(xyz)
+
+
+def test_works_are_timed_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One round does not count; ratios are those of the rounds, not of the medians."""
+    calls: list[str] = []
+    works = [bench.Work(name, 100, partial(calls.append, name)) for name in 'ab']
+    monkeypatch.setattr(bench, 'ROUNDS', 2)
+    bench.measure(works)
+    assert ''.join(calls) == 'ababab'
+    assert [len(work.seconds) for work in works] == [2, 2]
+    works[0].seconds, works[1].seconds = [1.0, 2.0, 30.0], [2.0, 4.0, 6.0]
+    assert works[0].times(works[1]) == 2
+    assert works[0].speed == 100 / 2 / 1e6
+
+
+def test_works_work() -> None:
+    """Each does its work on all its points."""
+    xyz = np.random.default_rng(2).normal(size=(2000, 3))
+    messages = [to_message(stamp, points) for stamp, points in islice(clouds(demo_drive()), 3)]
+    works = [
+        bench.smoother_work('both'),
+        bench.neighbours_work(xyz),
+        *(bench.spatial_work(xyz, name) for name in bench.SPATIAL),
+        bench.stream_work(messages, bench.CHAINS[1]),
+    ]
+    for work in works:
+        work.call()
+    in_stream = sum(msg.width for msg in messages)
+    spatial = [2000] * (1 + len(bench.SPATIAL))
+    assert [work.points for work in works] == [300_000, *spatial, in_stream]
 
 
 def test_peer_rejects_what_the_method_says() -> None:
@@ -36,4 +72,5 @@ def test_peer_rejects_what_the_method_says() -> None:
     x, y = np.meshgrid(np.arange(10.0), np.arange(10.0))
     grid = np.stack([x.ravel(), y.ravel(), np.zeros(100)], axis=1)
     far = np.array([[50.0, 50.0, 50.0]])
-    assert np.flatnonzero(bench._scipy_sor(np.concatenate([grid, far]))).tolist() == [100]
+    cloud = np.concatenate([grid, far])
+    assert np.flatnonzero(bench.scipy_sor(cloud, 21)).tolist() == [100]

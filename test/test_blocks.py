@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import Chain, Verdict
 from lidar_outlier_filter.core.points import SECOND, Points
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters import FilterParameters
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from lidar_outlier_filter.core.chain import Chain
 
 BLOCK, HALO = 10_000_000, 2_000_000  # nanoseconds
 LATE = 'the time of a cloud must be at or after what is judged already, got a point .* older'
@@ -35,8 +37,11 @@ class Census:
     def judge(self, points: Points) -> Verdict:
         """Score every point by the sum of what was seen."""
         self.blocks.append(points.t.tolist())
-        score = np.full(len(points), tell(points.t.tolist()), np.float32)
-        return Verdict(score, np.full(len(points), self.bit, np.uint16))
+        verdict = Verdict.untested(len(points))
+        verdict.score[:] = tell(points.t.tolist())
+        verdict.detectors[:] = self.bit
+        verdict.settle(1)
+        return verdict
 
 
 def tell(times: Sequence[int]) -> int:
@@ -458,3 +463,69 @@ def test_wild_times_are_refused() -> None:
     with pytest.raises(CloudError, match=match):
         stream.push(wild)
     assert stream.held == 0
+
+
+# A block for each message -----------------------------------------------------------------------
+
+
+def by_message(**values: object) -> tuple[Stream, Census]:
+    """Make a stream whose blocks are the messages."""
+    return stream(blocks='message', **values)
+
+
+def test_blocks_by_message_are_answered_at_once() -> None:
+    """Each message is judged with the halo before it, and waits for nothing."""
+    made, census = by_message()
+    sweeps = [
+        list(range(0, 50_000_000, 1_000_000)),
+        list(range(50_000_000, 90_000_000, 1_000_000)),
+        list(range(200_000_000, 200_005_000, 1000)),
+    ]
+    for number, times in enumerate(sweeps):
+        ((tag, verdict),) = made.push(points_at(times), number)
+        assert tag == number
+        assert verdict.detectors.tolist() == [1] * len(times)
+        assert verdict.rejected.all()
+        assert (made.waiting, made.oldest) == (0, None)
+    halo = [t for t in sweeps[0] if t >= 50_000_000 - HALO]
+    assert len(halo) == 2
+    assert census.blocks == [sweeps[0], halo + sweeps[1], sweeps[2]]
+    assert made.flush() == []
+
+
+def test_blocks_by_message_may_overlap() -> None:
+    """Sweeps that begin before the last one ended are no error; each point is told once."""
+    made, census = by_message()
+    made.push(points_at([10_000_000, 19_000_000]), 'a')
+    ((_, verdict),) = made.push(points_at([18_000_000, 30_000_000], [False, True]), 'b')
+    assert census.blocks == [[10_000_000, 19_000_000], [19_000_000, 18_000_000]]
+    assert verdict.detectors.tolist() == [1, 0]
+    assert np.isnan(verdict.score).tolist() == [False, True]
+
+
+def test_blocks_by_message_of_nothing() -> None:
+    """Empty clouds, and those of missing returns, are answered at once as well."""
+    made, census = by_message()
+    assert [tag for tag, _ in made.push(points_at([]), 'empty')] == ['empty']
+    ((_, verdict),) = made.push(points_at([5, 6], [True, True]), 'missing')
+    assert np.isnan(verdict.score).all()
+    assert census.blocks == []
+
+
+def test_blocks_by_message_are_bounded() -> None:
+    """What is held is the last message and its halo; too large a message is refused."""
+    made, _ = by_message(max_points=12)
+    for number in range(100):
+        made.push(points_at([number * 1_000_000 + i for i in range(3)]))
+        assert made.held <= 9
+    with pytest.raises(CloudError, match='points held must be at most max_points = 12'):
+        made.push(points_at(range(10**9, 10**9 + 13)))
+
+
+def test_blocks_by_message_and_a_clock_set_back() -> None:
+    """After a reset nothing of before is seen."""
+    made, census = by_message(time_jump=0.5)
+    made.push(points_at([10 * SECOND]))
+    made.push(points_at([SECOND]))
+    assert made.resets == 1
+    assert census.blocks == [[10 * SECOND], [SECOND]]

@@ -104,6 +104,17 @@ def test_replay_prints_a_table(drive: Path, tmp_path: Path, capsys: Capture) -> 
     assert printed.err == ''
 
 
+def test_replay_tells_what_each_detector_did(drive: Path, tmp_path: Path, capsys: Capture) -> None:
+    """A row for what each rejects, and one for what it cannot judge."""
+    arguments = ['replay', str(drive), '--output', str(tmp_path / 'out')]
+    assert main([*arguments, '--set', 'chain=[lof, sor]']) == 0
+    table = rows(capsys.readouterr().out)
+    rejected = [count(table[f'rejected by {name}'][0]) for name in ('lof', 'sor')]
+    assert sum(rejected) == count(table['rejected'][0]) > 0
+    assert all(count(table[f'undecided by {name}'][0]) >= 0 for name in ('lof', 'sor'))
+    assert 'rejected by alpha_beta_gamma' not in table
+
+
 def test_output_of_a_lone_file(drive: Path) -> None:
     """The output of a lone file has its name without what follows the dot."""
     file = drive / 'hdl32_mrpt.mcap'

@@ -25,7 +25,7 @@ from clouds import (
 from sensor_msgs.msg import PointCloud2, PointField
 
 from lidar_outlier_filter.cloud import split, structured
-from lidar_outlier_filter.core.chain import Verdict
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
@@ -57,7 +57,8 @@ def random_verdict(count: int, rejected: float = 0.3, seed: int = 1) -> Verdict:
     score = rng.uniform(0, 5, count).astype(np.float32)
     detectors = np.where(rng.uniform(size=count) < rejected, 1, 0).astype(np.uint16)
     score[(detectors == 0) & (rng.uniform(size=count) < 0.2)] = np.nan
-    return Verdict(score, detectors)
+    undecided = np.isnan(score).astype(np.uint16)
+    return Verdict(score, detectors, undecided, detectors != 0)
 
 
 # Reading ----------------------------------------------------------------------------------------

@@ -5,9 +5,9 @@
 import subprocess
 import sys
 
-import naive
 import numpy as np
 import pytest
+from naive import alpha_beta_gamma as naive
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 

@@ -135,7 +135,7 @@ def test_setup_lists_what_is_imported() -> None:
 def test_what_tests_import_is_listed() -> None:
     """Every module of others that a test imports is a test_depend, and in the extra `test`."""
     package = parse_package(str(ROOT))
-    ours = {path.stem for path in (ROOT / 'test').rglob('*.py')}
+    ours = {path.stem for path in (ROOT / 'test').rglob('*')}  # folders, too
     imported = foreign('test') - foreign(NAME, 'launch') - ours | foreign('test') & set(EXTRAS)
     assert {ROSDEP_KEYS.get(name, name) for name in imported} <= {
         depend.name for depend in package.test_depends

@@ -155,6 +155,13 @@ WAYS: dict[str, dict[str, object]] = {
     'late': {'lateness': 0.05},
     'angle': {'line_source': 'angle'},
     'angle field': {'line_source': 'angle', 'angle_field': 'x'},
+    'lof': {'chain': ['lof']},
+    'lof2': {'chain': ['lof'], 'lof.statistic': 'lof2', 'lof.threshold': 0.5},
+    'sor': {'chain': ['sor'], 'sor.k': 5},
+    'sor2': {'chain': ['sor'], 'sor.statistic': 'sor2', 'sor.limit': 0.3},
+    'radius': {'chain': ['sor'], 'sor.statistic': 'radius', 'sor.range_scaled': True},
+    'chain': {'chain': ['alpha_beta_gamma', 'lof', 'sor']},
+    'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
 }
 
 

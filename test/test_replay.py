@@ -322,3 +322,19 @@ def test_memory_does_not_grow(tmp_path: Path) -> None:
     peak = re.search(r'^VmHWM:\s+(\d+) kB$', said, re.MULTILINE)
     assert peak is not None
     assert int(peak.group(1)) < 500_000
+
+
+def test_detectors_of_a_chain_are_counted(recordings: Path, tmp_path: Path) -> None:
+    """What each detector rejects, and cannot judge, of a real recording; thresholds change it."""
+    source = recordings / 'bags' / 'vlp16_mrpt.bag'
+    chain = {'chain': ['alpha_beta_gamma', 'lof', 'sor']}
+    (plain,) = replay(source, tmp_path / 'plain', parameters=chain).topics
+    assert list(plain.rejected_by) == list(plain.undecided_by) == chain['chain']
+    assert all(0 < count < plain.points / 5 for count in plain.rejected_by.values())
+    assert sum(plain.rejected_by.values()) == plain.rejected
+    assert 0 < plain.undecided_by['alpha_beta_gamma'] < plain.points / 5
+    assert plain.untested <= min(plain.undecided_by.values())
+    strict: dict[str, object] = {'alpha_beta_gamma.significance': 1e-3, 'lof.threshold': 1.1}
+    (harder,) = replay(source, tmp_path / 'harder', parameters=chain | strict).topics
+    for name in ('alpha_beta_gamma', 'lof'):
+        assert harder.rejected_by[name] > plain.rejected_by[name]

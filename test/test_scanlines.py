@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import naive
 import numpy as np
 import pytest
+from naive import alpha_beta_gamma as naive
 
 from lidar_outlier_filter.core.points import Points, concatenate
 from lidar_outlier_filter.core.scanlines import (

@@ -5,6 +5,10 @@
 Sensor time is cut into blocks that are aligned absolutely: block n covers [n·block, (n + 1)·block).
 A block is judged, together with its halo on either side, once nothing more can arrive for them. So
 a verdict depends on the points alone and not on the messages that brought them.
+
+A sensor that sends one sweep per message may have the message as its block instead: it is judged at
+once, with the halo before it only. There the message is part of the question: cut otherwise, the
+same points are other blocks.
 """
 
 from __future__ import annotations
@@ -15,8 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.chain import Chain, Verdict
+from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.points import SECOND, Points, concatenate
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
@@ -68,8 +73,9 @@ class Stream:
     """
 
     def __init__(self, parameters: FilterParameters) -> None:
-        """Take block, halo, lateness, time_jump, max_points and the chain from the parameters."""
+        """Take blocks, block, halo, lateness, time_jump, max_points and chain of the parameters."""
         self.chain = Chain(parameters)
+        self._by_message = parameters.blocks == 'message'
         self._block = round(parameters.block * SECOND)
         self._halo = round(parameters.halo * SECOND)
         self._lateness = round(parameters.lateness * SECOND)
@@ -134,7 +140,10 @@ class Stream:
         self._unanswered += len(points)
         self._newest = max(self._newest, message.last)
         self._pending = min(self._pending, self._first_pending(message))
-        self._judge_until(self._newest - self._lateness)
+        if self._by_message:
+            self._judge_message(message)
+        else:
+            self._judge_until(self._newest - self._lateness)
         return finished + self._finished()
 
     def flush(self) -> list[tuple[Any, Verdict]]:
@@ -153,7 +162,7 @@ class Stream:
         if message.last - message.first > most:
             got = f'{(message.last - message.first) / SECOND:g} s'
             raise CloudError('the time that a cloud spans', f'at most {most / SECOND:g} s', got)
-        if not anew and message.first < self._closed:
+        if not anew and message.first < self._closed and not self._by_message:
             late = (self._closed - message.first) / SECOND
             got = f'a point {late:.6f} s older than that'
             raise CloudError('the time of a cloud', 'at or after what is judged already', got)
@@ -183,21 +192,35 @@ class Stream:
 
     def _judge(self, begin: int, end: int) -> None:
         """Judge the pending points of one block with its halo; tell their messages."""
-        first, last = begin - self._halo, end + self._halo
-        near = [message for message in self._seen if first <= message.last and message.first < last]
-        members = [(message, message.between(first, last)) for message in near]
-        together = concatenate([message.points.take(index) for message, index in members])
-        verdict = self.chain.judge(together)
+        members, verdict = self._judge_together(begin - self._halo, end + self._halo)
         begin = max(begin, self._judged)
         offset = 0
         for message, index in members:
             t = message.points.t[index]
-            part = slice(offset, offset + len(t))
             mine = _between(t, begin, end, is_sorted=message.sorted)
-            target = message.where[index][mine]
-            message.verdict.score[target] = verdict.score[part][mine]
-            message.verdict.detectors[target] = verdict.detectors[part][mine]
+            told = verdict.take(slice(offset, offset + len(t))).take(mine)
+            message.verdict.put(message.where[index][mine], told)
             offset += len(t)
+
+    def _judge_message(self, message: _Message) -> None:
+        """Judge a message with the halo before it, at once."""
+        if message.first < END:
+            # The message is the last of those seen.
+            _, verdict = self._judge_together(message.first - self._halo, END)
+            told = verdict.take(slice(len(verdict) - len(message.points), None))
+            message.verdict.put(message.where, told)
+        self._judged = END
+        self._pending = END
+        self._forget(self._newest - self._halo)
+
+    def _judge_together(
+        self, first: int, last: int
+    ) -> tuple[list[tuple[_Message, slice | NDArray[np.intp]]], Verdict]:
+        """Judge all points with first <= t < last; return which of each message they are, too."""
+        near = [message for message in self._seen if first <= message.last and message.first < last]
+        members = [(message, message.between(first, last)) for message in near]
+        together = concatenate([message.points.take(index) for message, index in members])
+        return members, self.chain.judge(together)
 
     def _look_for_pending(self) -> None:
         firsts = (self._first_pending(message) for message in self._waiting)
@@ -212,9 +235,10 @@ class Stream:
         t = message.points.t
         return int(t[t >= self._judged].min())
 
-    def _forget(self) -> None:
+    def _forget(self, needed: int | None = None) -> None:
         """Let go of messages that end before the halo of the block to come."""
-        needed = self._judged - self._judged % self._block - self._halo
+        if needed is None:
+            needed = self._judged - self._judged % self._block - self._halo
         self._seen = deque(message for message in self._seen if message.last >= needed)
         self._held = sum(len(message.points) for message in self._seen)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The chain: detectors in their order, each on what the earlier ones left."""
+"""The chain: detectors in their order, each on what the earlier ones left, or all on everything."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core import scanlines
-from lidar_outlier_filter.core.detectors import alpha_beta_gamma
+from lidar_outlier_filter.core.detectors import alpha_beta_gamma, lof, sor
+from lidar_outlier_filter.core.neighbours import Neighbourhood
 from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.verdict import BITS, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,41 +22,22 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.parameters import FilterParameters
 
-    Scores = tuple[NDArray[np.float64], NDArray[np.bool_], int]  # score, rejected, passes
-    Detect = Callable[[Points, FilterParameters], Scores]
-
-# The bit of a detector never changes: recorded clouds carry it in `outlier_detectors`.
-BITS = {'alpha_beta_gamma': 1}
-# Rounding to float32 must not make a rejected point look kept.
-ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
+    Detect = Callable[['_Seen', FilterParameters], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What the chain says of N points.
+class _Seen:
+    """The points that a detector sees, and their one neighbourhood, built when first asked for."""
 
-    Attributes
-    ----------
-    score : (N,) float32
-        The largest score any detector gave; NaN for a point that none could test.
-    detectors : (N,) uint16
-        The bits of the detectors that rejected the point; 0 for a point that is kept.
+    where: NDArray[np.intp]  # their places among all
+    points: Points
+    neighbourhood: Neighbourhood
 
-    """
-
-    score: NDArray[np.float32]
-    detectors: NDArray[np.uint16]
-
-    @classmethod
-    def untested(cls, count: int) -> Verdict:
-        """Return the verdict of points that nobody has looked at."""
-        return cls(np.full(count, np.nan, np.float32), np.zeros(count, np.uint16))
-
-    @property
-    def rejected(self) -> NDArray[np.bool_]:
-        """Tell which points at least one detector rejected."""
-        rejected: NDArray[np.bool_] = self.detectors != 0
-        return rejected
+    def without(self, rejected: NDArray[np.bool_]) -> _Seen:
+        if not rejected.any():
+            return self
+        left = ~rejected
+        return _Seen(self.where[left], self.points.take(left), self.neighbourhood.without(rejected))
 
 
 class Chain:
@@ -63,24 +46,25 @@ class Chain:
     def __init__(self, parameters: FilterParameters) -> None:
         """Choose the detectors that ``parameters.chain`` names."""
         self.parameters = parameters
-        self.passes = 0  # the most that a detector has needed
-        self._detectors = [(BITS[name], _DETECTORS[name]) for name in parameters.chain]
+        self.passes = 0  # the most that the smoother has needed
+        self._detectors: dict[str, Detect] = {
+            'alpha_beta_gamma': self._alpha_beta_gamma,
+            'lof': _lof,
+            'sor': _sor,
+        }
 
-    # A score beyond float32 is inf, which is as good.
-    @np.errstate(over='ignore')
     def judge(self, points: Points) -> Verdict:
         """Judge valid points that lie together in time; the verdict is in their order."""
+        parameters = self.parameters
         verdict = Verdict.untested(len(points))
-        left = np.arange(len(points))
-        for bit, detect in self._detectors:
-            these = points if len(left) == len(points) else points.take(left)
-            score, rejected, passes = detect(these, self.parameters)
-            self.passes = max(self.passes, passes)
-            rounded = score.astype(np.float32)
-            rounded[rejected] = np.maximum(rounded[rejected], ABOVE_ONE)
-            verdict.score[left] = np.fmax(verdict.score[left], rounded)
-            verdict.detectors[left[rejected]] |= bit
-            left = left[~rejected]
+        neighbourhood = Neighbourhood(points.xyz, _most_neighbours(parameters), parameters.threads)
+        seen = _Seen(np.arange(len(points)), points, neighbourhood)
+        for name in parameters.chain:
+            score = self._detectors[name](seen, parameters)
+            verdict.add(BITS[name], seen.where, score)
+            if parameters.vote == 0:
+                seen = seen.without(score > 1)
+        verdict.settle(max(parameters.vote, 1))
         return verdict
 
     def compile(self) -> None:
@@ -95,19 +79,32 @@ class Chain:
             self.judge(Points(xyz, t, line, valid).take(order))
         self.passes = 0
 
+    def _alpha_beta_gamma(self, seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
+        """Run the smoother along the lines, and give the answer in the points' own order."""
+        points = seen.points
+        order = scanlines.order_by_line(points)
+        # A profile scanner's points come in this order: a copy less.
+        ordered = points if scanlines.is_unchanged(order) else points.take(order)
+        lines = scanlines.find_lines(ordered, parameters.gap_factor)
+        outcome = alpha_beta_gamma.detect(ordered, lines, parameters.alpha_beta_gamma)
+        self.passes = max(self.passes, outcome.passes)
+        score = np.empty(len(points))
+        score[order] = outcome.score
+        return score
 
-def _alpha_beta_gamma(points: Points, parameters: FilterParameters) -> Scores:
-    """Run the smoother along the lines of the points, and give the answer in their own order."""
-    order = scanlines.order_by_line(points)
-    # A profile scanner's points come in this order: a copy less.
-    ordered = points if scanlines.is_unchanged(order) else points.take(order)
-    lines = scanlines.find_lines(ordered, parameters.gap_factor)
-    outcome = alpha_beta_gamma.detect(ordered, lines, parameters.alpha_beta_gamma)
-    score = np.empty(len(points))
-    rejected = np.empty(len(points), np.bool_)
-    score[order] = outcome.score
-    rejected[order] = outcome.rejected
-    return score, rejected, outcome.passes
+
+def _lof(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
+    return lof.detect(seen.neighbourhood, parameters.lof)
 
 
-_DETECTORS: dict[str, Detect] = {'alpha_beta_gamma': _alpha_beta_gamma}
+def _sor(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
+    return sor.detect(seen.neighbourhood, parameters.sor, seen.points.range)
+
+
+def _most_neighbours(parameters: FilterParameters) -> int:
+    """Return the longest list of neighbours that a detector of the chain will ask for."""
+    lengths = {
+        'lof': lof.neighbours(parameters.lof),
+        'sor': sor.neighbours(parameters.sor),
+    }
+    return max(lengths.get(name, 1) for name in parameters.chain)

@@ -51,6 +51,12 @@ class Points:
         """Count the points."""
         return len(self.t)
 
+    @property
+    def range(self) -> NDArray[np.float64]:
+        """Distance from the origin of the frame, which is the sensor in its own frame, metres."""
+        distance: NDArray[np.float64] = np.sqrt(np.einsum('ij,ij->i', self.xyz, self.xyz))
+        return distance
+
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Points:
         """Choose points by index, mask or slice, in that order."""
         return Points(

@@ -8,7 +8,7 @@ Answers are compared first: what is fast and wrong has no speed.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
 from statistics import median
@@ -21,16 +21,18 @@ from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.cloud import structured
 from lidar_outlier_filter.core import scanlines
-from lidar_outlier_filter.core.detectors import alpha_beta_gamma
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.detectors import alpha_beta_gamma, sor
+from lidar_outlier_filter.core.neighbours import Neighbourhood
 from lidar_outlier_filter.core.points import Points, is_return
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.simulate import clouds, to_message
 from lidar_outlier_filter.evaluation.street import SENSOR, demo_drive
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.parameters import FilterParameters, Sor
 from lidar_outlier_filter.pipeline import CloudFilter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
     from rich.console import Console
@@ -38,46 +40,90 @@ if TYPE_CHECKING:
 LINES, SHOTS = 300, 1000
 BLOCK = 20  # lines that the stream hands over at once: 0.1 s at 200 lines/s
 NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peer's statistical outlier removal
-RUNS = 9
+ROUNDS = 9
 SIDES = ('both', 'either')
 FORM = 'alpha_beta_gamma.sides'
+SPATIAL = ('lof', 'sor')
+CHAINS = (('alpha_beta_gamma',), ('alpha_beta_gamma', 'lof'))
+SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Median time of some work on a number of points."""
+@dataclass
+class Work:
+    """Something to time, on a number of points."""
 
     name: str
     points: int
-    seconds: float
+    call: Callable[[], object]
+    seconds: list[float] = field(default_factory=list)  # of each round
 
     @property
     def speed(self) -> float:
-        """Million points per second."""
-        return self.points / self.seconds / 1e6
+        """Million points per second, in the median round."""
+        return self.points / median(self.seconds) / 1e6
+
+    def times(self, other: Work) -> float:
+        """Say how many times faster than another, in the median round.
+
+        Both ran in each round, so that what slows the machine down for a while slows both.
+        """
+        return median(
+            (self.points / mine) / (other.points / its)
+            for mine, its in zip(self.seconds, other.seconds, strict=True)
+        )
 
 
 def run(console: Console) -> int:
-    """Compare, measure and print a table; returns the exit status."""
+    """Compare, measure and print tables; returns the exit status."""
     compare_engines()
     messages = [to_message(stamp, points) for stamp, points in clouds(demo_drive())]
-    cloud = _coordinates(messages)
-    peer = time_peer(cloud)
-    timings = [
-        *(time_smoother(sides) for sides in SIDES),
-        *(time_stream(messages, sides) for sides in SIDES),
+    xyz = _coordinates(messages)
+    compare_sor(xyz[: len(xyz) // 8])
+    peer = peer_work(xyz)
+    works = [
+        *(smoother_work(sides) for sides in SIDES),
+        neighbours_work(xyz),
+        *(spatial_work(xyz, name) for name in SPATIAL),
+        *(stream_work(messages, chain) for chain in CHAINS),
         peer,
     ]
+    measure(works)
+    console.print(_table(works, peer))
+    growth = [spatial_work(xyz[: len(xyz) // share], name) for name in SPATIAL for share in SHARES]
+    measure(growth)
+    console.print(_growth_table(growth))
+    threads = f'{os.cpu_count()} cores; the smoother uses one of them, all others use all.'
+    console.print(f'{threads} Medians of {ROUNDS} rounds.', highlight=False)
+    return 0
+
+
+def measure(works: Sequence[Work]) -> None:
+    """Time all works in turn, in rounds, after one that does not count."""
+    for number in range(ROUNDS + 1):
+        for work in works:
+            begin = perf_counter()
+            work.call()
+            if number:
+                work.seconds.append(perf_counter() - begin)
+
+
+def _table(works: Sequence[Work], peer: Work) -> Table:
     table = Table('work', 'points', 'million points/s', '× peer')
     for column in table.columns[1:]:
         column.justify = 'right'
-    for timing in timings:
-        ratio = timing.speed / peer.speed
-        table.add_row(timing.name, f'{timing.points:,}', f'{timing.speed:.2f}', f'{ratio:.1f}')
-    console.print(table)
-    cores = f'{os.cpu_count()} cores; the filter uses one, the peer all. Medians of {RUNS} runs.'
-    console.print(cores, highlight=False)
-    return 0
+    for work in works:
+        ratio = f'{work.times(peer):.2f}'
+        table.add_row(work.name, f'{work.points:,}', f'{work.speed:.2f}', ratio)
+    return table
+
+
+def _growth_table(works: Sequence[Work]) -> Table:
+    """Show the time for each point, for clouds of several sizes."""
+    table = Table('µs/point, of', *(f'{work.points:,}' for work in works[: len(SHARES)]))
+    for i in range(0, len(works), len(SHARES)):
+        row = works[i : i + len(SHARES)]
+        table.add_row(row[0].name, *(f'{1 / work.speed:.2f}' for work in row))
+    return table
 
 
 def compare_engines() -> None:
@@ -108,14 +154,22 @@ def profile_lines(count: int, seed: int = 1) -> Points:
     return Points(xyz, t, line, np.ones(len(xyz), np.bool_))
 
 
-def time_smoother(sides: str) -> Timing:
-    """Time the smoother alone: lines, segments, predictions, tests, all passes, block by block."""
+def compare_sor(xyz: NDArray[np.float64]) -> None:
+    """Refuse to time a SOR whose selection is not that of the method, computed with scipy."""
+    score = sor.detect(Neighbourhood(xyz, NEIGHBOURS), Sor(k=NEIGHBOURS, multiplier=MULTIPLIER))
+    differing = int(np.count_nonzero((score > 1) != scipy_sor(xyz, NEIGHBOURS + 1)))
+    if differing:
+        raise FilterError('the selection of SOR', "that of scipy's neighbours", differing)
+
+
+def smoother_work(sides: str) -> Work:
+    """Smooth lines block by block: lines, segments, predictions, tests, all passes."""
     points = profile_lines(LINES)
     size = BLOCK * SHOTS
     blocks = [points.take(slice(i, i + size)) for i in range(0, len(points), size)]
     parameters = FilterParameters().changed({FORM: sides})
-    seconds = _median_time(lambda: [_smooth(block, parameters) for block in blocks])
-    return Timing(f'smoother on lines of {SHOTS} points, sides: {sides}', len(points), seconds)
+    name = f'smoother on lines of {SHOTS} points, sides: {sides}'
+    return Work(name, len(points), lambda: [_smooth(block, parameters) for block in blocks])
 
 
 def _smooth(points: Points, parameters: FilterParameters) -> NDArray[np.bool_]:
@@ -123,9 +177,24 @@ def _smooth(points: Points, parameters: FilterParameters) -> NDArray[np.bool_]:
     return alpha_beta_gamma.detect(points, lines, parameters.alpha_beta_gamma).rejected
 
 
-def time_stream(messages: list[Any], sides: str) -> Timing:
-    """Time the whole way of the simulated drive: decode, verdict, split."""
-    parameters = FilterParameters().changed({**SENSOR, FORM: sides})
+def neighbours_work(xyz: NDArray[np.float64]) -> Work:
+    """Search neighbours, the tree included."""
+    name = f'{NEIGHBOURS} nearest neighbours'
+    return Work(name, len(xyz), lambda: Neighbourhood(xyz, NEIGHBOURS).nearest(NEIGHBOURS))
+
+
+def spatial_work(xyz: NDArray[np.float64], detector: str) -> Work:
+    """Run one spatial detector on the whole cloud at once, its neighbourhood included."""
+    parameters = FilterParameters().changed({'chain': [detector]})
+    whole = np.zeros(len(xyz), np.int64)
+    points = Points(xyz, whole, whole, np.ones(len(xyz), np.bool_))
+    chain = Chain(parameters)
+    return Work(detector, len(xyz), lambda: chain.judge(points))
+
+
+def stream_work(messages: list[Any], chain: Sequence[str]) -> Work:
+    """Go the whole way of the simulated drive: decode, verdict, split."""
+    parameters = FilterParameters().changed({**SENSOR, 'chain': chain})
 
     def stream() -> None:
         cloud_filter = CloudFilter(parameters)
@@ -135,26 +204,26 @@ def time_stream(messages: list[Any], sides: str) -> Timing:
             raise FilterError('the answers', f'{len(messages)}', answers)
 
     points = sum(msg.width * msg.height for msg in messages)
-    seconds = _median_time(stream)
-    return Timing(f'decode → verdict → split, sides: {sides}', points, seconds)
+    return Work(f'decode → {", ".join(chain)} → split', points, stream)
 
 
-def time_peer(xyz: NDArray[np.float64]) -> Timing:
-    """Time the peer's statistical outlier removal on the same points."""
+def peer_work(xyz: NDArray[np.float64]) -> Work:
+    """Run the peer's statistical outlier removal on the same points."""
     if find_spec('open3d') is not None:
         open3d = import_module('open3d')
         cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz))
         name = f'peer: Open3D remove_statistical_outlier({NEIGHBOURS}, {MULTIPLIER})'
-        work = lambda: cloud.remove_statistical_outlier(NEIGHBOURS, MULTIPLIER)  # noqa: E731
-    else:
-        name = f'peer: SOR({NEIGHBOURS}, {MULTIPLIER}) on scipy cKDTree (no Open3D installed)'
-        work = lambda: _scipy_sor(xyz)  # noqa: E731
-    return Timing(name, len(xyz), _median_time(work))
+        return Work(
+            name, len(xyz), lambda: cloud.remove_statistical_outlier(NEIGHBOURS, MULTIPLIER)
+        )
+    name = f'peer: SOR({NEIGHBOURS}, {MULTIPLIER}) on scipy cKDTree (no Open3D installed)'
+    return Work(name, len(xyz), lambda: scipy_sor(xyz, NEIGHBOURS))
 
 
-def _scipy_sor(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    distance, _ = cKDTree(xyz).query(xyz, NEIGHBOURS, workers=-1)
-    mean = distance.mean(axis=1)
+def scipy_sor(xyz: NDArray[np.float64], count: int) -> NDArray[np.bool_]:
+    """Tell what SOR rejects; ``count`` neighbours, the point itself among them, as in Open3D."""
+    distance, _ = cKDTree(xyz).query(xyz, count, workers=-1)
+    mean = distance[:, 1:].mean(axis=1)
     rejected: NDArray[np.bool_] = mean > mean.mean() + MULTIPLIER * mean.std(ddof=1)
     return rejected
 
@@ -164,14 +233,3 @@ def _coordinates(messages: list[Any]) -> NDArray[np.float64]:
     xyz = np.concatenate([np.stack([part[axis] for axis in 'xyz'], axis=1) for part in parts])
     exact = xyz.astype(np.float64)
     return exact[is_return(exact)]
-
-
-def _median_time(work: Callable[[], object]) -> float:
-    """Return the median of some runs, after one that does not count."""
-    work()
-    times = []
-    for _ in range(RUNS):
-        begin = perf_counter()
-        work()
-        times.append(perf_counter() - begin)
-    return median(times)

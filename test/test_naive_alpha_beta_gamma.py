@@ -5,9 +5,9 @@
 from math import nan, sqrt
 from typing import Any
 
-import naive
 import numpy as np
 import pytest
+from naive import alpha_beta_gamma as naive
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 

@@ -1,0 +1,34 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Distances to the k-th neighbours, which LOF and SOR share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.tree_walks import squared
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.neighbours import Neighbourhood
+
+    Floats = NDArray[np.float64]
+
+CHUNK = 4096  # points that a thread takes at once
+
+
+def squared_k_distances(neighbourhood: Neighbourhood, k: int) -> Floats:
+    """Return, (N,) in tree order, the squared distance of each point to the k-th nearest other."""
+    return _squared_to(neighbourhood.xyz, neighbourhood.nearest(k).index[:, -1])
+
+
+@kernel
+def _squared_to(xyz: Floats, others: NDArray[np.int32]) -> Floats:
+    result = np.empty(len(others))
+    for p in range(len(others)):
+        result[p] = squared(xyz, p, others[p])
+    return result

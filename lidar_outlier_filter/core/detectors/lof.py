@@ -1,0 +1,271 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The local outlier factor (Breunig, Kriegel, Ng and Sander 2000; Sotoodeh 2006, section 4).
+
+With k = ``min_pts``, N(p) all others that are at most the k-distance of p away, ties included, and
+the reach distance of p from o the larger of the k-distance of o and the distance between the two:
+
+    density(p) = 1 / mean reach distance of p from all o in N(p)
+    LOF(p) = mean of density(o) / density(p) over all o in N(p)
+
+It is about 1 within a region of even density, whatever that density is, and has no unit.
+
+Where more than k points coincide their k-distance is 0 and their density infinite. For that case
+Breunig et al. (remark on definition 6) propose the *k-distinct-distance*, to the k-th nearest other
+place at which there are points. Here it takes the place of the k-distance exactly where that is 0;
+with fewer than k other places the farthest counts, and where all points coincide the LOF is 1. So
+all factors are finite, and neither a stack of points nor those around it are condemned for it.
+
+How others differ: scikit-learn's ``LocalOutlierFactor`` (k is its ``n_neighbors``) gives the same
+factors but that it takes exactly k neighbours, some of those that tie for the last place, and that
+it adds 1e-10 to the mean reach distance: beside more than k coincident points good points have
+factors of millions. PDAL's ``filters.lof`` (k is its ``minpts``) takes the point itself for one of
+its neighbours, which draws all factors towards 1. PCL-LOFFilter, with which Pirotti et al. (2018)
+found their thresholds, does so too, takes the distance to the other k - 1 nearest for the
+k-distance, and squares of distances for distances, which draws the factors apart.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core import threads
+from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
+from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.core.tree_walks import squared
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.parameters import Lof
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+
+LISTED = -1  # the row of points that have none of their own
+SHORT = 64  # neighbours that are sorted by insertion
+
+
+class _Near(NamedTuple):
+    """N(p) of all points, in tree order, but of coincident ones with a k-distance of 0 of one only.
+
+    Attributes
+    ----------
+    listed : (N, k) int32
+        The k nearest others, which is N(p) where nothing ties with the k-th.
+    row : (N,) int32
+        LISTED, or the row of ``more`` that holds N(p).
+    first : (R + 1,) int64
+        Row r is first[r] to first[r + 1] of ``more``.
+    more : (1, M) int32
+
+    """
+
+    listed: NDArray[np.int32]
+    row: NDArray[np.int32]
+    first: Ints
+    more: NDArray[np.int32]
+
+
+def neighbours(parameters: Lof) -> int:
+    """Return the length of the lists of neighbours that :func:`detect` asks for."""
+    return parameters.min_pts
+
+
+def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
+    """Score every point by its local outlier factor.
+
+    Parameters
+    ----------
+    neighbourhood : N points
+    parameters : see :class:`~lidar_outlier_filter.parameters.Lof`
+
+    Returns
+    -------
+    (N,) float64
+        In the order in which the points were given, ÷ ``threshold``: the LOF (``lof``), or its
+        absolute difference from the median of all (``lof2``, Pirotti et al. 2018). NaN for all
+        points where each has fewer than ``min_pts`` others.
+
+    """
+    return score(measure(neighbourhood, parameters), parameters)
+
+
+def measure(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
+    """Return the LOF of every point, (N,) as given; NaN for all if each has too few others."""
+    factor = np.full(len(neighbourhood), np.nan)
+    if len(neighbourhood) > parameters.min_pts:
+        factor[neighbourhood.order] = _factors(neighbourhood, parameters.min_pts)
+    return factor
+
+
+def score(factor: Floats, parameters: Lof) -> Floats:
+    """Score all points of a cloud by their LOF, see :func:`detect`."""
+    if parameters.statistic == 'lof2' and not np.isnan(factor).all():
+        factor = np.abs(factor - median(factor.copy(), len(factor)))
+    return factor / parameters.threshold
+
+
+def _factors(neighbourhood: Neighbourhood, k: int) -> Floats:
+    """Return the LOF of all points, in tree order; the work is linear however many coincide."""
+    xyz = neighbourhood.xyz
+    square = squared_k_distances(neighbourhood, k)
+    stacked, first_there = _unstack(neighbourhood, k, square)
+    if not square.any():
+        return np.ones(len(xyz))
+    near = _near(neighbourhood, k, square, stacked, first_there)
+
+    def of_all(work: Callable[..., None], *given: Floats) -> Floats:
+        result = np.empty(len(xyz))
+        threads.run(
+            lambda begin, end: work(begin, end, near, *given, result),
+            len(xyz),
+            CHUNK,
+            neighbourhood.threads,
+        )
+        result[stacked] = result[first_there]
+        return result
+
+    density = of_all(_densities, xyz, square)
+    return of_all(_ratios, density)
+
+
+def _unstack(neighbourhood: Neighbourhood, k: int, square: Floats) -> tuple[Ints, Ints]:
+    """Put squared k-distinct-distances where k-distances are 0.
+
+    Returns those points, and for each of them the point given first at the same place.
+    """
+    stacked = np.flatnonzero(square == 0)
+    if len(stacked) == 0:
+        return stacked, stacked
+    place, first = _places(neighbourhood)
+    most = min(k, len(first) - 1)
+    if most > 0:
+        places = Neighbourhood(neighbourhood.xyz[first], most, neighbourhood.threads)
+        distinct = np.empty(len(first))
+        distinct[places.order] = squared_k_distances(places, most)
+        square[stacked] = distinct[place[stacked]]
+    return stacked, first[place[stacked]]
+
+
+def _near(
+    neighbourhood: Neighbourhood, k: int, square: Floats, stacked: Ints, first_there: Ints
+) -> _Near:
+    """Find all neighbours within the k-distances."""
+    listed, tied = neighbourhood.nearest(k)
+    special = tied.copy()
+    # Lists of coincident points are as long as these are many: one has it, and stands for all.
+    special[stacked] = False
+    special[first_there] = True
+    own = np.flatnonzero(special)
+    row = np.full(len(tied), LISTED, np.int32)
+    row[own] = np.arange(len(own))
+    first, more = neighbourhood.within(own, square[own])
+    if len(own) > 0:
+        _order_as_given(neighbourhood, first, more)
+    return _Near(listed, row, first, more.reshape(1, -1))
+
+
+def _order_as_given(neighbourhood: Neighbourhood, first: Ints, more: NDArray[np.int32]) -> None:
+    """Sort each row as the points were given.
+
+    Sums do not depend on the tree then, which is another one where other points, far off, are
+    missing: where a cloud is judged in tiles, or an earlier detector rejected them.
+    """
+    order = neighbourhood.order
+    position = np.empty(len(order), np.int64)
+    position[order] = np.arange(len(order))
+    threads.run(
+        lambda begin, end: _sort_rows(begin, end, first, order, position, more),
+        len(first) - 1,
+        CHUNK,
+        neighbourhood.threads,
+    )
+
+
+def _places(neighbourhood: Neighbourhood) -> tuple[Ints, Ints]:
+    """Return the number of the place of each point, and the point given first at each place."""
+    by_place = np.lexsort((neighbourhood.order, *neighbourhood.xyz.T))
+    xyz = neighbourhood.xyz[by_place]
+    new = np.ones(len(xyz), np.bool_)
+    new[1:] = (xyz[1:] != xyz[:-1]).any(axis=1)
+    place = np.empty(len(xyz), np.int64)
+    place[by_place] = np.cumsum(new) - 1
+    return place, by_place[new]
+
+
+@kernel
+def _sort_rows(
+    begin: int, end: int, first: Ints, order: Ints, position: Ints, more: NDArray[np.int32]
+) -> None:
+    for row in range(begin, end):
+        low, high = first[row], first[row + 1]
+        for i in range(low, high):
+            given = order[more[i]]
+            more[i] = given
+            if high - low <= SHORT:
+                j = i
+                while j > low and more[j - 1] > given:
+                    more[j] = more[j - 1]
+                    j -= 1
+                more[j] = given
+        if high - low > SHORT:
+            more[low:high].sort()
+        for i in range(low, high):
+            more[i] = position[more[i]]
+
+
+@kernel
+def _densities(
+    begin: int, end: int, near: _Near, xyz: Floats, square: Floats, density: Floats
+) -> None:
+    """Divide 1 by the mean reach distance, from squared k-distances."""
+    for p in range(begin, end):
+        row = near.row[p]
+        if row == LISTED:
+            density[p] = _density(p, near.listed, p, 0, near.listed.shape[1], xyz, square)
+        else:
+            first, last = near.first[row], near.first[row + 1]
+            density[p] = _density(p, near.more, 0, first, last, xyz, square)
+
+
+@kernel
+def _density(
+    p: int,
+    lists: NDArray[np.int32],
+    row: int,
+    first: int,
+    last: int,
+    xyz: Floats,
+    square: Floats,
+) -> float:
+    total = 0.0
+    for m in range(first, last):
+        o = lists[row, m]
+        total += np.sqrt(max(square[o], squared(xyz, p, o)))
+    return float((last - first) / total)
+
+
+@kernel
+def _ratios(begin: int, end: int, near: _Near, density: Floats, factor: Floats) -> None:
+    """Divide the mean density of the neighbours by the own one."""
+    for p in range(begin, end):
+        row = near.row[p]
+        if row == LISTED:
+            factor[p] = _mean(density, near.listed, p, 0, near.listed.shape[1]) / density[p]
+        else:
+            first, last = near.first[row], near.first[row + 1]
+            factor[p] = _mean(density, near.more, 0, first, last) / density[p]
+
+
+@kernel
+def _mean(values: Floats, lists: NDArray[np.int32], row: int, first: int, last: int) -> float:
+    total = 0.0
+    for m in range(first, last):
+        total += values[lists[row, m]]
+    return float(total / (last - first))

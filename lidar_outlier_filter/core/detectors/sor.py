@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tests of the distance to the nearest neighbours: SOR, SOR2 and radius, fixed or by range.
+
+With d the mean distance of a point to its ``k`` nearest others:
+
+``sor``
+    d against mean + multiplier × standard deviation of the d of all points (Pirotti et al. 2018);
+    the standard deviation is that of a sample, with N - 1.
+``sor2``
+    The absolute difference of d from the median of all, against ``limit`` (Pirotti et al. 2018).
+``radius``
+    ``min_neighbors`` others must be within ``radius``: the distance to the one that completes the
+    number, against the radius.
+
+With ``range_scaled`` each point has its own limit, by its distance r from the sensor: ``sor`` and
+``sor2`` the limit × range_factor × r (DSOR, Kurup and Bos 2021); ``radius`` the larger of radius
+and range_factor × r (DROR, Charron, Phillips and Waslander 2018: range_factor is their multiplier ×
+the angle between two beams).
+
+A point at exactly its limit is kept, as PCL does; nothing but coincident points is within a limit
+of 0. How others count:
+
+=========================  =====================  ==================================================
+peer                       k, min_neighbors here  at exactly the limit; other differences
+=========================  =====================  ==================================================
+PCL SOR                    mean_k                 kept; distances are rounded to float32
+PCL RadiusOutlierRemoval   MinNeighborsInRadius   kept
+PDAL statistical           mean_k                 rejected
+PDAL radius                min_k                  not within; if it would reject all, it keeps all
+Open3D statistical         nb_neighbors - 1       rejected; d is × k / (k + 1), and so is its limit;
+                                                  points with d = 0 are rejected too
+Open3D radius              nb_points              not within
+DSOR, by its authors       mean_k - 1             rejected
+DROR, by its authors       min_neighbors - 1      not within; r without z
+=========================  =====================  ==================================================
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core import threads
+from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
+from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.tree_walks import squared
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.neighbours import Neighbourhood
+    from lidar_outlier_filter.parameters import Sor
+
+    Floats = NDArray[np.float64]
+
+
+def neighbours(parameters: Sor) -> int:
+    """Return the length of the lists of neighbours that :func:`detect` asks for."""
+    return parameters.min_neighbors if parameters.statistic == 'radius' else parameters.k
+
+
+def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None = None) -> Floats:
+    """Score every point by the distance to its neighbours.
+
+    Parameters
+    ----------
+    neighbourhood : N points
+    parameters : see :class:`~lidar_outlier_filter.parameters.Sor`
+    range_m : (N,) float64, optional
+        Distance of each point from the sensor, metres; ``range_scaled`` needs it.
+
+    Returns
+    -------
+    (N,) float64
+        In the order in which the points were given: statistic ÷ limit. Where each point has fewer
+        than ``k`` others nothing is known of their mean distance: NaN for all (``sor``, ``sor2``).
+        Where each has fewer than ``min_neighbors`` others no radius holds so many: inf for all
+        (``radius``), as PCL and PDAL reject them.
+
+    Raises
+    ------
+    FilterError
+        ``range_scaled`` without ranges, or ranges that are not N finite numbers from 0.
+
+    """
+    return score(measure(neighbourhood, parameters), parameters, range_m)
+
+
+def measure(neighbourhood: Neighbourhood, parameters: Sor) -> Floats:
+    """Measure every point by its nearest neighbours alone.
+
+    Returns
+    -------
+    (N,) float64
+        In the order in which the points were given: the mean distance to the ``k`` nearest others,
+        NaN for all where there are fewer; under ``radius`` the distance to the others' number
+        ``min_neighbors``, inf for all where there are fewer.
+
+    """
+    if parameters.statistic == 'radius':
+        return _radius(neighbourhood, parameters.min_neighbors)
+    if len(neighbourhood) <= parameters.k:
+        return np.full(len(neighbourhood), np.nan)
+    return _mean_distances(neighbourhood, parameters.k)
+
+
+def score(measured: Floats, parameters: Sor, range_m: Floats | None = None) -> Floats:
+    """Score all points of a cloud by what :func:`measure` says of each; see :func:`detect`."""
+    count = len(measured)
+    scale = _growth(parameters, count, range_m)
+    if parameters.statistic == 'radius':
+        limit = parameters.radius if scale is None else np.maximum(parameters.radius, scale)
+        return measured / limit
+    if np.isnan(measured).all():
+        return np.full(count, np.nan)
+    if parameters.statistic == 'sor':
+        # Rounding must not put the mean of equal numbers below all of them.
+        mean = max(measured.mean(), measured.min())
+        limit = float(mean + parameters.multiplier * measured.std(ddof=1))
+        return _ratio(measured, limit if scale is None else limit * scale)
+    distance = np.abs(measured - median(measured.copy(), count))
+    return _ratio(distance, parameters.limit if scale is None else parameters.limit * scale)
+
+
+def _growth(parameters: Sor, count: int, range_m: Floats | None) -> Floats | None:
+    """Return range_factor × range of each point; None where limits do not depend on the range."""
+    if not parameters.range_scaled:
+        return None
+    if range_m is None:
+        raise FilterError('the ranges of the points', 'given where sor.range_scaled is set', None)
+    if range_m.shape != (count,):
+        raise FilterError('the ranges of the points', f'{count} numbers', range_m.shape)
+    wrong = ~((range_m >= 0) & (range_m < np.inf))
+    if wrong.any():
+        raise FilterError('the range of a point', 'finite and at least 0 m', range_m[wrong][0])
+    return parameters.range_factor * range_m
+
+
+def _radius(neighbourhood: Neighbourhood, least: int) -> Floats:
+    """Return the smallest radius around each point that holds so many others."""
+    count = len(neighbourhood)
+    result = np.full(count, np.inf)
+    if count > least:
+        result[neighbourhood.order] = np.sqrt(squared_k_distances(neighbourhood, least))
+    return result
+
+
+def _mean_distances(neighbourhood: Neighbourhood, k: int) -> Floats:
+    """Return the mean distance of each point to its k nearest others."""
+    xyz, lists = neighbourhood.xyz, neighbourhood.nearest(k).index
+    mean = np.empty(len(xyz))
+    threads.run(
+        lambda begin, end: _average(begin, end, xyz, lists, mean),
+        len(xyz),
+        CHUNK,
+        neighbourhood.threads,
+    )
+    result = np.empty(len(xyz))
+    result[neighbourhood.order] = mean
+    return result
+
+
+@kernel
+def _average(begin: int, end: int, xyz: Floats, lists: NDArray[np.int32], result: Floats) -> None:
+    for p in range(begin, end):
+        total = 0.0
+        for m in range(lists.shape[1]):
+            total += np.sqrt(squared(xyz, p, lists[p, m]))
+        result[p] = total / lists.shape[1]
+
+
+def _ratio(statistic: Floats, limit: Floats | float) -> Floats:
+    """Divide by the limits; beyond a limit of 0 is what is larger, and that infinitely."""
+    score = np.where(statistic > 0, np.inf, 0.0)
+    with np.errstate(over='ignore'):
+        np.divide(statistic, limit, out=score, where=np.greater(limit, 0))
+    return score

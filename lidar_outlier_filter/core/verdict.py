@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The verdict: what the detectors of a chain say of each point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Part = slice | NDArray[np.intp] | NDArray[np.bool_]
+
+# The bit of a detector never changes: recorded clouds carry it in `outlier_detectors`. 2 is free.
+BITS = {'alpha_beta_gamma': 1, 'lof': 4, 'sor': 8}
+# Rounding to float32 must not make a rejected point look kept.
+ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the chain says of N points.
+
+    Attributes
+    ----------
+    score : (N,) float32
+        The largest score any detector gave; NaN for a point that none could test.
+    detectors : (N,) uint16
+        The bits of the detectors whose score is greater than 1.
+    undecided : (N,) uint16
+        The bits of the detectors that looked at the point and could not test it.
+    rejected : (N,) bool
+        Whether the point is an outlier: one bit in ``detectors``, or as many as must agree.
+
+    """
+
+    score: NDArray[np.float32]
+    detectors: NDArray[np.uint16]
+    undecided: NDArray[np.uint16]
+    rejected: NDArray[np.bool_]
+
+    @classmethod
+    def untested(cls, count: int) -> Verdict:
+        """Return the verdict of points that nobody has looked at."""
+        return cls(
+            np.full(count, np.nan, np.float32),
+            np.zeros(count, np.uint16),
+            np.zeros(count, np.uint16),
+            np.zeros(count, np.bool_),
+        )
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self.score)
+
+    # A score beyond float32 is inf, which is as good.
+    @np.errstate(over='ignore')
+    def add(self, bit: int, where: NDArray[np.intp], score: NDArray[np.float64]) -> None:
+        """Note what one detector says of some of the points; NaN: nothing."""
+        failed = score > 1
+        rounded = score.astype(np.float32)
+        rounded[failed] = np.maximum(rounded[failed], ABOVE_ONE)
+        self.score[where] = np.fmax(self.score[where], rounded)
+        self.detectors[where[failed]] |= bit
+        self.undecided[where[np.isnan(score)]] |= bit
+
+    def settle(self, needed: int) -> None:
+        """Reject the points that at least ``needed`` detectors reject."""
+        if needed == 1:
+            np.not_equal(self.detectors, 0, out=self.rejected)
+        else:
+            np.greater_equal(np.bitwise_count(self.detectors), needed, out=self.rejected)
+
+    def take(self, part: Part) -> Verdict:
+        """Choose points by index, mask or slice, in that order."""
+        return Verdict(*(getattr(self, field.name)[part] for field in fields(Verdict)))
+
+    def put(self, where: Part, told: Verdict) -> None:
+        """Write the verdicts of some of the points."""
+        for field in fields(Verdict):
+            getattr(self, field.name)[where] = getattr(told, field.name)

@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a parameter is: its declaration as a field of a dataclass, and the check of a value."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from lidar_outlier_filter.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+LARGEST = 2**63  # of ROS's whole numbers
+TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: what a user may know of it.
+
+    ``low`` and ``high`` are inclusive and None where there is no limit; ``choices`` are the texts
+    allowed, empty where any is. A ``fixed`` parameter shapes the stream and is set at the start
+    only.
+    """
+
+    name: str
+    default: Any
+    text: str
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    fixed: bool = False
+
+    @property
+    def range_text(self) -> str:
+        """Say what is allowed, as in 'from 0 to 1 s'."""
+        if self.choices:
+            return 'one of ' + ', '.join(repr(choice) for choice in self.choices)
+        unit = f' {self.unit}' if self.unit else ''
+        if self.low is not None and self.high is not None:
+            return f'from {self.low:g} to {self.high:g}{unit}'
+        if self.low is not None:
+            return f'at least {self.low:g}{unit}'
+        if self.high is not None:
+            return f'at most {self.high:g}{unit}'
+        return TYPE_NAMES.get(type(self.default), 'a list of texts')
+
+    def check(self, value: object) -> Any:
+        """Return the value in the parameter's own type, or refuse it."""
+        if isinstance(self.default, tuple):
+            return self._check_list(value)
+        wanted = type(self.default)
+        if wanted is float and type(value) is int and abs(value) < LARGEST:
+            value = float(value)
+        if type(value) is not wanted:
+            raise ParameterError(self.name, TYPE_NAMES[wanted], repr(value))
+        if wanted is str:
+            if self.choices and value not in self.choices:
+                raise ParameterError(self.name, self.range_text, repr(value))
+        elif wanted is not bool:
+            self._check_range(value)
+        return value
+
+    def _check_range(self, value: Any) -> None:
+        inside = abs(value) < LARGEST and math.isfinite(value)
+        inside = inside and (self.low is None or value >= self.low)
+        inside = inside and (self.high is None or value <= self.high)
+        if not inside:
+            raise ParameterError(self.name, self.range_text, repr(value))
+
+    def _check_list(self, value: object) -> tuple[str, ...]:
+        if isinstance(value, str) or not hasattr(value, '__iter__'):
+            raise ParameterError(self.name, 'a list of texts', repr(value))
+        values = tuple(value)
+        wrong = [item for item in values if item not in self.choices]
+        if wrong or not values or len(set(values)) < len(values):
+            must_be = 'a list, without repetition, of ' + self.range_text
+            raise ParameterError(self.name, must_be, repr(list(values)))
+        return values
+
+
+def declare(  # noqa: PLR0913  one line declares all that is known of a parameter
+    default: Any,
+    text: str,
+    unit: str = '',
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    *,
+    fixed: bool = False,
+) -> Any:
+    """Declare a parameter as a field of a dataclass."""
+    about = {'text': text, 'unit': unit, 'low': low, 'high': high, 'choices': choices}
+    return field(default=default, metadata={**about, 'fixed': fixed})
+
+
+def walk(cls: type, prefix: str) -> Iterator[Parameter]:
+    """Yield the parameters of a dataclass and of its sections, in the order of declaration."""
+    for item in fields(cls):
+        if is_dataclass(item.default) and not isinstance(item.default, type):
+            yield from walk(type(item.default), f'{prefix}{item.name}.')
+        elif item.default is not MISSING:
+            yield Parameter(prefix + item.name, item.default, **item.metadata)

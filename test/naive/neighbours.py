@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Neighbours in space by looking at all points: the slow twin of the search in a tree.
+
+Nothing of the package is imported here, so that no mistake can be shared. Distances are squared:
+those of different pairs are equal exactly where their three differences give the same float64.
+"""
+
+from collections.abc import Sequence
+from math import inf
+
+Point = Sequence[float]
+Cloud = Sequence[Point]
+
+
+def squared(a: Point, b: Point) -> float:
+    """Return the square of the distance of two points; the sum in this order."""
+    dx, dy, dz = float(a[0]) - float(b[0]), float(a[1]) - float(b[1]), float(a[2]) - float(b[2])
+    return (dx * dx + dy * dy) + dz * dz
+
+
+def by_distance(cloud: Cloud, p: int) -> list[tuple[float, int]]:
+    """Return (squared distance, index) of all others, sorted: of equally near ones the first."""
+    return sorted((squared(cloud[p], cloud[q]), q) for q in range(len(cloud)) if q != p)
+
+
+def nearest(cloud: Cloud, p: int, k: int) -> tuple[list[int], bool]:
+    """Return the indices of the k nearest, and whether another is exactly as far as the k-th."""
+    others = by_distance(cloud, p)
+    tied = len(others) > k and others[k][0] == others[k - 1][0]
+    return [q for _, q in others[:k]], tied
+
+
+def within(cloud: Cloud, p: int, limit: float) -> list[int]:
+    """Return the others whose squared distance is not greater than the limit, ascending."""
+    return sorted(q for distance, q in by_distance(cloud, p) if distance <= limit)
+
+
+def nearest_elsewhere(cloud: Cloud, p: int) -> float:
+    """Return the squared distance to the nearest point at another place; inf if there is none."""
+    return min((distance for distance, _ in by_distance(cloud, p) if distance > 0), default=inf)

@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The chain: order, vote, bits and scores, and points that nobody can judge."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.verdict import BITS, Verdict
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters import FilterParameters
+
+SPATIAL = ('lof', 'sor')
+EVERY = ('alpha_beta_gamma', *SPATIAL)
+
+
+def parameters(*chain: str, **values: object) -> FilterParameters:
+    """Make parameters with a chain."""
+    return FilterParameters().changed({'chain': chain} | values)
+
+
+def road(seed: int = 0, lines: int = 40, shots: int = 100) -> Points:
+    """Make scan lines over a road with 1 % of the points up to two metres above it."""
+    dice = np.random.default_rng(seed)
+    xyz = np.empty((lines * shots, 3))
+    xyz[:, 0] = np.repeat(np.arange(lines) * 0.05, shots)
+    xyz[:, 1] = np.tile(np.linspace(-2.0, 2.0, shots), lines)
+    xyz[:, 2] = -2.0
+    xyz += dice.normal(0, 0.005, xyz.shape)
+    stray = dice.random(len(xyz)) < 0.01
+    xyz[stray, 2] += dice.uniform(0.3, 2.0, np.count_nonzero(stray))
+    t = np.arange(len(xyz)) * 10_000
+    line = np.repeat(np.arange(lines), shots)
+    return Points(xyz, t, line, np.ones(len(xyz), np.bool_))
+
+
+def judge(points: Points, *chain: str, **values: object) -> Verdict:
+    """Judge by a chain."""
+    return Chain(parameters(*chain, **values)).judge(points)
+
+
+@pytest.mark.parametrize('name', EVERY)
+def test_one_detector(name: str) -> None:
+    """Its bit is set where its score is above 1, and nowhere else; it finds something."""
+    verdict = judge(road(), name)
+    assert 20 < np.count_nonzero(verdict.rejected) < 400
+    np.testing.assert_array_equal(verdict.detectors, np.where(verdict.rejected, BITS[name], 0))
+    np.testing.assert_array_equal(verdict.score > 1, verdict.rejected)
+    np.testing.assert_array_equal(verdict.undecided != 0, np.isnan(verdict.score))
+
+
+@pytest.mark.parametrize('chain', [EVERY, EVERY[::-1], ('sor', 'lof')])
+def test_each_judges_what_the_earlier_ones_left(chain: tuple[str, ...]) -> None:
+    """The chain is its detectors one after the other, each called anew on what is left."""
+    points = road(1)
+    verdict = judge(points, *chain)
+    left = np.arange(len(points))
+    detectors = np.zeros(len(points), np.uint16)
+    scores = np.full(len(points), np.nan, np.float32)
+    for name in chain:
+        alone = judge(points.take(left), name)
+        detectors[left] |= alone.detectors
+        scores[left] = np.fmax(scores[left], alone.score)
+        left = left[~alone.rejected]
+    np.testing.assert_array_equal(verdict.detectors, detectors)
+    np.testing.assert_array_equal(verdict.score, scores)
+    assert len(set(verdict.detectors.tolist())) > len(chain) - 1
+
+
+@pytest.mark.parametrize('vote', [1, 2, 3])
+def test_vote(vote: int) -> None:
+    """Every detector sees all points; as many as the vote must agree."""
+    points = road(2)
+    verdict = judge(points, *EVERY, vote=vote)
+    alone = [judge(points, name) for name in EVERY]
+    count = np.sum([each.rejected for each in alone], axis=0)
+    np.testing.assert_array_equal(verdict.rejected, count >= vote)
+    np.testing.assert_array_equal(verdict.detectors, sum(each.detectors for each in alone))
+    np.testing.assert_array_equal(verdict.undecided, sum(each.undecided for each in alone))
+    expected = np.fmax.reduce([each.score for each in alone])
+    np.testing.assert_array_equal(verdict.score, expected)
+    assert 0 < np.count_nonzero(verdict.rejected) < np.count_nonzero(count) or vote == 1
+
+
+def test_vote_of_more_than_there_are() -> None:
+    """More than the detectors of the chain can never agree."""
+    with pytest.raises(ParameterError, match='vote must be at most the 2 of the chain, got 3'):
+        parameters('lof', 'sor', vote=3)
+
+
+@pytest.mark.parametrize('count', [0, 1, 2, 3, 11, 15])
+def test_too_few_points(count: int) -> None:
+    """What cannot be tested is left, and noted for each detector that looked at it."""
+    verdict = judge(road(3).take(slice(0, count)), *SPATIAL)
+    assert len(verdict) == count
+    assert not verdict.rejected.any()
+    expected = BITS['lof'] | BITS['sor']
+    assert (verdict.undecided & expected == expected).all()
+
+
+@pytest.mark.parametrize('name', SPATIAL)
+def test_coincident_points(name: str) -> None:
+    """Points that are all the same are no outliers, however many."""
+    points = road(4)
+    same = Points(np.ones_like(points.xyz), points.t, points.line, points.valid)
+    assert not judge(same, name).rejected.any()
+
+
+@pytest.mark.parametrize('chain', [EVERY, ('lof',), ('sor',)])
+def test_any_number_of_threads(chain: tuple[str, ...]) -> None:
+    """The verdict does not depend on the number of threads, bit for bit."""
+    points = road(5)
+    expected = judge(points, *chain, threads=1)
+    for threads in (2, 3, 7):
+        verdict = judge(points, *chain, threads=threads)
+        np.testing.assert_array_equal(verdict.score, expected.score)
+        np.testing.assert_array_equal(verdict.detectors, expected.detectors)
+
+
+def test_bits_are_all_different() -> None:
+    """A recorded number tells the detectors."""
+    assert [BITS[name] for name in EVERY] == [1, 4, 8]
+
+
+@pytest.mark.parametrize(
+    ('name', 'extra'),
+    [
+        ('lof', {'lof.statistic': 'lof2', 'lof.threshold': 0.5}),
+        ('sor', {'sor.statistic': 'sor2', 'sor.limit': 0.1}),
+        ('sor', {'sor.statistic': 'radius', 'sor.radius': 0.2}),
+        ('sor', {'sor.statistic': 'radius', 'sor.radius': 0.01, 'sor.range_scaled': True}),
+    ],
+)
+def test_every_form(name: str, extra: dict[str, Any]) -> None:
+    """Each form of a detector is reached by its parameters, and finds the strays."""
+    points = road(6, lines=20)
+    verdict = judge(points, name, **extra)
+    stray = points.xyz[:, 2] > -1.7
+    assert np.count_nonzero(verdict.rejected & stray) > 0.4 * np.count_nonzero(stray)
+    assert np.count_nonzero(verdict.rejected & ~stray) < 0.2 * len(points)
+    assert not np.array_equal(verdict.score, judge(points, name).score, equal_nan=True)
+
+
+def test_compiles_what_the_parameters_ask_for() -> None:
+    """Compiling leaves no trace in what is counted."""
+    chain = Chain(parameters(*EVERY))
+    chain.compile()
+    assert chain.passes == 0

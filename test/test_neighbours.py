@@ -1,0 +1,657 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The neighbours found in a tree are those of the naive twin, ties and coincident points too."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from naive import neighbours as naive
+from numpy.testing import assert_array_equal
+from numpy.typing import NDArray
+
+from lidar_outlier_filter.core import neighbours
+from lidar_outlier_filter.core.neighbours import Nearest, Neighbourhood
+from lidar_outlier_filter.core.tree_build import LEAF, SUBTREE
+from lidar_outlier_filter.core.tree_search import height
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+Floats = NDArray[np.float64]
+Dice = np.random.Generator
+Lists = tuple[NDArray[np.int64], NDArray[np.bool_]]
+
+UTM = np.array([389_512.25, 5_819_204.5, 34.125])
+SMALL = 150  # points of the clouds that the naive twin looks at
+LARGE = 100_000  # more than one thread sorts alone
+
+# Clouds of n points ------------------------------------------------------------------------------
+
+
+def scattered(dice: Dice, n: int) -> Floats:
+    """Scatter points in all directions."""
+    return dice.normal(size=(n, 3))
+
+
+def sheet(dice: Dice, n: int) -> Floats:
+    """Lay out a rough plane in float32, and move it far from the origin."""
+    xyz: Floats = dice.uniform(-20, 20, (n, 3)) * [1, 1, 0.001]
+    xyz = xyz.astype(np.float32).astype(np.float64)
+    xyz += UTM
+    return xyz
+
+
+def lattice(dice: Dice, n: int) -> Floats:
+    """Take places with integer coordinates, some twice: nearly every point has ties."""
+    return dice.integers(0, round(n ** (1 / 3)) + 1, (n, 3)).astype(np.float64)
+
+
+def flat_lattice(dice: Dice, n: int) -> Floats:
+    """Do the same in a plane."""
+    return np.append(dice.integers(0, round(n**0.5) + 1, (n, 2)), np.full((n, 1), 7.0), axis=1)
+
+
+def line(dice: Dice, n: int) -> Floats:
+    """Line points up evenly, in any order: each has two neighbours at each distance."""
+    return np.outer(dice.permutation(n), [1.0, -2.0, 0.5])
+
+
+def same(_: Dice, n: int) -> Floats:
+    """Put all at one place."""
+    return np.full((n, 3), 0.1)
+
+
+def stacks(dice: Dice, n: int) -> Floats:
+    """Put ever so many points on few places, with zeros of both signs, among others."""
+    xyz = dice.integers(-1, 2, (n, 3)) * dice.choice([-0.0, 1.0], (n, 3))
+    xyz[: n // 4] = dice.normal(size=(n // 4, 3))
+    return dice.permutation(xyz)
+
+
+def doubled(dice: Dice, n: int) -> Floats:
+    """Take each point twice."""
+    return dice.permutation(np.repeat(dice.normal(size=(n // 2 + 1, 3)), 2, axis=0)[:n])
+
+
+def heap(dice: Dice, n: int) -> Floats:
+    """Put half of the points at one place, the others around it."""
+    xyz = dice.normal(size=(n, 3))
+    xyz[dice.permutation(n)[: n // 2]] = 0
+    return xyz
+
+
+def shell(dice: Dice, n: int) -> Floats:
+    """Put one in the middle, all others exactly equally far: 1, 2, 3 in any order and sign."""
+    xyz: Floats = dice.permuted(np.tile([1.0, 2.0, 3.0], (n, 1)), axis=1) * dice.choice(
+        [-1, 1], (n, 3)
+    )
+    xyz[n // 3] = 0
+    return xyz
+
+
+def outlier(dice: Dice, n: int) -> Floats:
+    """Gather points, but for one that is a billion metres off."""
+    xyz = dice.normal(size=(n, 3))
+    xyz[n // 2] = [1e9, -1e9, 3]
+    return xyz
+
+
+def uneven(dice: Dice, n: int) -> Floats:
+    """Scatter points at 1e-20 to 1e20 metres."""
+    return dice.normal(size=(n, 3)) * 10.0 ** dice.uniform(-20, 20, (n, 1))
+
+
+def halving(_: Dice, n: int) -> Floats:
+    """Put each point half as far as the one before, as long as squares are not 0."""
+    xyz = np.zeros((n, 3))
+    xyz[:, 0] = 2.0 ** -(np.arange(n) % 500)
+    return xyz
+
+
+def rows(dice: Dice, n: int) -> Floats:
+    """Scan lines: dense along them, sparse across."""
+    xyz: Floats = np.stack(
+        [np.arange(n) // 50 * 1.0, np.arange(n) % 50 * 0.01, np.zeros(n)], axis=1
+    )
+    xyz += dice.normal(0, 0.002, (n, 3))
+    return xyz
+
+
+CLOUDS: list[Callable[[Dice, int], Floats]] = [
+    *(scattered, sheet, lattice, flat_lattice, line, same, stacks, doubled),
+    *(heap, shell, outlier, uneven, halving, rows),
+]
+every_cloud = pytest.mark.parametrize('cloud', CLOUDS)
+
+# Answers, turned back to the order given ----------------------------------------------------------
+
+
+def lists(neighbourhood: Neighbourhood, k: int) -> Lists:
+    """Return the neighbours of each point as given, by their indices as given."""
+    index, tied = neighbourhood.nearest(k)
+    order = neighbourhood.order
+    given = np.empty_like(order)
+    given[order] = np.arange(len(order))
+    return order[index][given], tied[given]
+
+
+def naive_lists(xyz: Floats, k: int) -> Lists:
+    """Return those of the naive twin."""
+    cloud = xyz.tolist()
+    found = [naive.nearest(cloud, p, k) for p in range(len(cloud))]
+    index = np.array([index for index, _ in found], np.int64).reshape(len(cloud), k)
+    return index, np.array([tied for _, tied in found])
+
+
+def assert_same_lists(one: Lists, other: Lists) -> None:
+    """Hold two answers to each other, to the last tie."""
+    assert_array_equal(one[0], other[0])
+    assert_array_equal(one[1], other[1])
+
+
+def assert_exact(xyz: Floats, neighbourhood: Neighbourhood, k: int, some: int = 300) -> None:
+    """Compare some rows of a large cloud with distances to all points, which numpy computes."""
+    index, tied = lists(neighbourhood, k)
+    for p in np.random.default_rng(0).choice(len(xyz), some, replace=False):
+        dx, dy, dz = (xyz - xyz[p]).T
+        squared = (dx * dx + dy * dy) + dz * dz
+        squared[p] = np.inf
+        near = np.flatnonzero(squared <= np.partition(squared, k)[k])
+        order = near[np.argsort(squared[near], kind='stable')]
+        assert_array_equal(index[p], order[:k])
+        assert tied[p] == (squared[order[k]] == squared[order[k - 1]])
+
+
+def assert_sound(neighbourhood: Neighbourhood) -> None:
+    """Check what is promised of order, coordinates and nodes."""
+    low, high, first, last, child = neighbourhood.tree
+    xyz, count = neighbourhood.xyz, len(neighbourhood)
+    assert_array_equal(np.sort(neighbourhood.order), np.arange(count))
+    assert (first[0], last[0]) == (0, count)
+    for node, one in enumerate(child):
+        points = xyz[first[node] : last[node]]
+        assert_array_equal(low[node], points.min(axis=0))
+        assert_array_equal(high[node], points.max(axis=0))
+        if one < 0:
+            assert len(points) <= LEAF or np.all(low[node] == high[node])
+        else:
+            assert one > node
+            assert len(points) > LEAF
+            parts = [first[one], last[one], first[one + 1], last[one + 1]]
+            assert parts == [first[node], parts[1], parts[1], last[node]]
+            assert first[node] < parts[1] < last[node]
+        if one < 0 and len(points) > LEAF:
+            assert np.all(np.diff(neighbourhood.order[first[node] : last[node]]) > 0)
+    # Every node but the root is a child, once.
+    children = child[child >= 0]
+    expected = np.arange(1, len(child))
+    assert_array_equal(np.sort(np.concatenate([children, children + 1])), expected)
+
+
+# Nearest ------------------------------------------------------------------------------------------
+
+
+@every_cloud
+@pytest.mark.parametrize('k', [1, 7, 20, 60, SMALL - 1])
+def test_equals_the_naive_twin(cloud: Callable[[Dice, int], Floats], k: int) -> None:
+    """The same neighbours in the same order, and the same ties."""
+    xyz = cloud(np.random.default_rng(k), SMALL)
+    assert_same_lists(lists(Neighbourhood(xyz, k), k), naive_lists(xyz, k))
+
+
+@every_cloud
+@pytest.mark.parametrize('count', [2, 3, 24, 25, 26, 49, 50])
+def test_small_clouds(cloud: Callable[[Dice, int], Floats], count: int) -> None:
+    """With few points, around the size of a leaf; 20 neighbours or all that there are."""
+    xyz = cloud(np.random.default_rng(count), count)
+    k = min(20, count - 1)
+    neighbourhood = Neighbourhood(xyz, 20)
+    assert_same_lists(lists(neighbourhood, k), naive_lists(xyz, k))
+    assert_sound(neighbourhood)
+
+
+@every_cloud
+def test_shorter_lists_are_parts_of_longer_ones(cloud: Callable[[Dice, int], Floats]) -> None:
+    """Whether the k-th is tied is another question for each k."""
+    xyz = cloud(np.random.default_rng(3), SMALL)
+    neighbourhood = Neighbourhood(xyz, 30)
+    for k in (1, 2, 5, 12, 29, 30):
+        assert_same_lists(lists(neighbourhood, k), naive_lists(xyz, k))
+
+
+@pytest.mark.parametrize(
+    'cloud', [scattered, sheet, lattice, flat_lattice, stacks, heap, outlier, uneven, rows]
+)
+def test_large_clouds(cloud: Callable[[Dice, int], Floats]) -> None:
+    """Some points of a hundred thousand, with levels that are cut by all threads together."""
+    xyz = cloud(np.random.default_rng(5), LARGE)
+    assert_exact(xyz, Neighbourhood(xyz, 20), 20)
+
+
+@pytest.mark.parametrize('k', [60, 500])
+def test_long_lists(k: int) -> None:
+    """More neighbours than are sorted by counting."""
+    xyz = rows(np.random.default_rng(6), 20_000)
+    assert_exact(xyz, Neighbourhood(xyz, k), k, 30)
+
+
+@pytest.mark.parametrize('places', ['different', 'few'])
+def test_all_equally_far(places: str) -> None:
+    """The middle of a sphere has more ties than a search holds; its neighbours are the first."""
+    dice = np.random.default_rng(7)
+    if places == 'different':
+        xyz = dice.permutation(np.concatenate([_on_a_sphere(1155), np.zeros((1, 3))]))
+    else:
+        xyz = shell(dice, 20_000)
+    middle = int(np.flatnonzero(np.all(xyz == 0, axis=1))[0])
+    index, tied = lists(Neighbourhood(xyz, 20), 20)
+    others = [i for i in range(len(xyz)) if i != middle]
+    assert index[middle].tolist() == others[:20]
+    assert tied[middle]
+    assert len(xyz) > 1000
+
+
+def _on_a_sphere(radius: int) -> Floats:
+    """Return all points with integer coordinates at the distance ``radius`` from the origin."""
+    squares = np.arange(radius + 1) ** 2
+    found = []
+    for x in range(radius + 1):
+        left = radius * radius - x * x - squares
+        y = np.flatnonzero(left >= 0)
+        z = np.rint(np.sqrt(left[y])).astype(np.int64)
+        exact = z * z == left[y]
+        found.append(np.stack([np.full(exact.sum(), x), y[exact], z[exact]], axis=1))
+    octant = np.concatenate(found)
+    signs = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(8, 1, 3)
+    return np.unique((signs * octant).reshape(-1, 3), axis=0).astype(np.float64)
+
+
+def test_point_is_not_its_own_neighbour() -> None:
+    """Whatever coincides with it is, and comes first."""
+    xyz = stacks(np.random.default_rng(8), SMALL)
+    neighbourhood = Neighbourhood(xyz, 20)
+    index = neighbourhood.nearest(20).index
+    assert not np.any(index == np.arange(len(xyz))[:, None])
+
+
+@every_cloud
+def test_order_of_the_points_does_not_matter(cloud: Callable[[Dice, int], Floats]) -> None:
+    """The same distances, however the points are shuffled; only ties are told by the index."""
+    dice = np.random.default_rng(9)
+    xyz = cloud(dice, SMALL)
+    shuffle = dice.permutation(SMALL)
+    index, tied = lists(Neighbourhood(xyz, 10), 10)
+    shuffled_index, shuffled_tied = lists(Neighbourhood(xyz[shuffle], 10), 10)
+    assert_array_equal(shuffled_tied, tied[shuffle])
+    assert_array_equal(_distances(xyz[shuffle], shuffled_index), _distances(xyz, index)[shuffle])
+
+
+def _distances(xyz: Floats, index: NDArray[np.int64]) -> Floats:
+    dx, dy, dz = np.moveaxis(xyz[index] - xyz[:, None], -1, 0)
+    squared: Floats = (dx * dx + dy * dy) + dz * dz
+    return squared
+
+
+@pytest.mark.parametrize('scale', [2.0**-30, 2.0**20])
+def test_scale_and_reflection(scale: float) -> None:
+    """Powers of two and exchanged axes change no rounding, and no neighbour."""
+    xyz = scattered(np.random.default_rng(10), 5000)
+    expected = lists(Neighbourhood(xyz, 12), 12)
+    other = xyz * scale
+    other[:, 0] *= -1
+    assert_same_lists(lists(Neighbourhood(other, 12), 12), expected)
+
+
+def test_any_number_of_threads() -> None:
+    """Bit for bit the same tree and lists."""
+    xyz = np.concatenate(
+        [cloud(np.random.default_rng(11), LARGE // 2) for cloud in (rows, heap, lattice)]
+    )
+    assert len(xyz) > 2 * SUBTREE
+    one = Neighbourhood(xyz, 8, 1)
+    for threads in (0, 2, 5):
+        other = Neighbourhood(xyz, 8, threads)
+        for a, b in zip(
+            (*one.tree, *one.nearest(8)), (*other.tree, *other.nearest(8)), strict=True
+        ):
+            assert_array_equal(a, b)
+        assert_array_equal(one.order, other.order)
+
+
+def test_layout_of_memory_does_not_matter() -> None:
+    """Columns, float32 and every other row of something."""
+    xyz = sheet(np.random.default_rng(12), 2000).astype(np.float32)
+    expected = lists(Neighbourhood(xyz.astype(np.float64), 9), 9)
+    wide = np.zeros((4000, 6))
+    wide[::2, ::2] = xyz
+    assert_same_lists(lists(Neighbourhood(np.asfortranarray(wide[::2, ::2]), 9), 9), expected)
+    assert_same_lists(lists(Neighbourhood(wide[::2, ::2], 9), 9), expected)
+    assert_same_lists(lists(Neighbourhood(xyz, 9), 9), expected)  # type: ignore[arg-type]
+
+
+def test_points_are_left_as_they_are() -> None:
+    """Nothing is sorted in place."""
+    xyz = scattered(np.random.default_rng(13), 1000)
+    before = xyz.copy()
+    neighbourhood = Neighbourhood(xyz, 5)
+    neighbourhood.nearest(5)
+    assert_array_equal(xyz, before)
+    assert_array_equal(neighbourhood.xyz, xyz[neighbourhood.order])
+
+
+def test_several_threads_ask_at_once() -> None:
+    """Whoever comes first builds, and all get the same."""
+    xyz = scattered(np.random.default_rng(14), 20_000)
+    expected = lists(Neighbourhood(xyz, 10), 10)
+    neighbourhood = Neighbourhood(xyz, 10)
+    with ThreadPoolExecutor(4) as callers:
+        for answer in callers.map(lambda _: lists(neighbourhood, 10), range(8)):
+            assert_same_lists(answer, expected)
+
+
+@pytest.mark.parametrize('name', ['bun0', 'actual_scan_20240820_cloud'])
+def test_real_clouds(recordings: Path, name: str) -> None:
+    """Coordinates as they were recorded: of an object, and of a spinning sensor."""
+    xyz = _read_pcd(recordings / 'clouds' / f'{name}.pcd')
+    assert len(xyz) > 300
+    assert_exact(xyz, Neighbourhood(xyz, 20), 20)
+
+
+def _read_pcd(path: Path) -> Floats:
+    """Read the coordinates of the real returns of an ascii or a binary file."""
+    head, _, body = path.read_bytes().partition(b'\nDATA ')
+    form, _, data = body.partition(b'\n')
+    about = dict(line.split(' ', 1) for line in head.decode().splitlines() if ' ' in line)
+    names, kinds, sizes = (about[key].split() for key in ('FIELDS', 'TYPE', 'SIZE'))
+    if form.strip() == b'ascii':
+        xyz = np.array(data.split(), np.float64).reshape(-1, len(names))[:, :3]
+    else:
+        formats = [f'<{kind.lower()}{size}' for kind, size in zip(kinds, sizes, strict=True)]
+        rows = np.frombuffer(data, {'names': names, 'formats': formats}, int(about['POINTS']))
+        xyz = np.stack([rows[axis].astype(np.float64) for axis in 'xyz'], axis=1)
+    return xyz[np.isfinite(xyz).all(axis=1)]
+
+
+# The tree -----------------------------------------------------------------------------------------
+
+
+@every_cloud
+def test_tree_is_sound(cloud: Callable[[Dice, int], Floats]) -> None:
+    """Boxes are tight, ranges adjoin, leaves are small or of one place."""
+    assert_sound(Neighbourhood(cloud(np.random.default_rng(15), 2000), 1))
+
+
+@pytest.mark.parametrize('cloud', [rows, heap, same, outlier])
+def test_large_tree_is_sound(cloud: Callable[[Dice, int], Floats]) -> None:
+    """Also where it is joined from the work of several threads."""
+    assert_sound(Neighbourhood(cloud(np.random.default_rng(16), LARGE), 1))
+
+
+@pytest.mark.parametrize('cloud', [scattered, halving, uneven, outlier, line])
+def test_tree_is_not_deep(cloud: Callable[[Dice, int], Floats]) -> None:
+    """After some lopsided cuts the median is taken; so the time is near to linear."""
+    xyz = cloud(np.random.default_rng(17), LARGE)
+    assert height(Neighbourhood(xyz, 1).tree) < 60
+
+
+@pytest.mark.parametrize('count', [0, 1])
+def test_clouds_without_neighbours(count: int) -> None:
+    """None or one point: a tree of one leaf, and nobody near."""
+    xyz = np.ones((count, 3))
+    neighbourhood = Neighbourhood(xyz, 4)
+    assert len(neighbourhood) == count
+    assert_array_equal(neighbourhood.order, np.arange(count))
+    assert_array_equal(neighbourhood.xyz, xyz)
+    tree = neighbourhood.tree
+    assert (tree.first.tolist(), tree.last.tolist(), tree.child.tolist()) == ([0], [count], [-1])
+    which = np.arange(count)
+    assert_array_equal(neighbourhood.nearest_elsewhere(which), np.full(count, np.inf))
+    offsets, index = neighbourhood.within(which, np.full(count, np.inf))
+    assert_array_equal(offsets, np.zeros(count + 1))
+    assert len(index) == 0
+    with pytest.raises(FilterError, match='the number of neighbours must be'):
+        neighbourhood.nearest(1)
+    assert len(neighbourhood.without(np.ones(count, np.bool_)).order) == 0
+
+
+# Within, elsewhere --------------------------------------------------------------------------------
+
+
+@every_cloud
+def test_within_equals_the_naive_twin(cloud: Callable[[Dice, int], Floats]) -> None:
+    """Limits that are exactly the distance of another, which is in; some are less than 0."""
+    dice = np.random.default_rng(18)
+    xyz = cloud(dice, SMALL)
+    neighbourhood = Neighbourhood(xyz, 20)
+    which = dice.integers(0, SMALL, 200)
+    points = neighbourhood.xyz.tolist()
+    limits = np.array([naive.by_distance(points, p)[dice.integers(0, 80)][0] for p in which])
+    limits[::10] = [-1, 0] * 10
+    offsets, index = neighbourhood.within(which, limits)
+    assert offsets.dtype.name == 'int64'
+    assert index.dtype.name == 'int32'
+    assert offsets[0] == 0
+    assert offsets[-1] == len(index)
+    for i, (p, limit) in enumerate(zip(which, limits, strict=True)):
+        assert index[offsets[i] : offsets[i + 1]].tolist() == naive.within(points, p, limit)
+
+
+@every_cloud
+def test_nearest_elsewhere_equals_the_naive_twin(cloud: Callable[[Dice, int], Floats]) -> None:
+    """Whatever coincides does not count."""
+    dice = np.random.default_rng(19)
+    neighbourhood = Neighbourhood(cloud(dice, SMALL), 1)
+    which = dice.permutation(SMALL)[:200]
+    points = neighbourhood.xyz.tolist()
+    expected = [naive.nearest_elsewhere(points, p) for p in which]
+    assert neighbourhood.nearest_elsewhere(which).tolist() == expected
+
+
+def test_walks_do_not_depend_on_threads() -> None:
+    """More points than a thread takes at once."""
+    xyz = lattice(np.random.default_rng(20), LARGE // 2)
+    one, many = Neighbourhood(xyz, 1, 1), Neighbourhood(xyz, 1, 3)
+    which, limits = np.arange(len(xyz)), np.full(len(xyz), 2.0)
+    for a, b in zip(one.within(which, limits), many.within(which, limits), strict=True):
+        assert_array_equal(a, b)
+    assert_array_equal(one.nearest_elsewhere(which), many.nearest_elsewhere(which))
+
+
+# Without ------------------------------------------------------------------------------------------
+
+
+@every_cloud
+@pytest.mark.parametrize('share', [0.0, 0.004, 0.05, 0.3, 0.9])
+@pytest.mark.parametrize('searched', [False, True])
+def test_without_equals_a_new_neighbourhood(
+    cloud: Callable[[Dice, int], Floats],
+    share: float,
+    searched: bool,  # noqa: FBT001
+) -> None:
+    """Several removals one after the other; lists that were searched before, and not."""
+    dice = np.random.default_rng(21)
+    xyz = cloud(dice, 1500)
+    neighbourhood = Neighbourhood(xyz, 12)
+    if searched:
+        neighbourhood.nearest(12)
+    for _ in range(4):
+        rejected = dice.uniform(size=len(xyz)) < share
+        xyz, neighbourhood = xyz[~rejected], neighbourhood.without(rejected)
+        assert len(neighbourhood) == len(xyz)
+        assert_sound(neighbourhood) if len(xyz) > 0 else None
+        assert_array_equal(neighbourhood.xyz, xyz[neighbourhood.order])
+        k = min(12, len(xyz) - 1)
+        if k < 1:
+            break
+        assert_same_lists(lists(neighbourhood, k), lists(Neighbourhood(xyz, 12), k))
+
+
+def test_without_a_region() -> None:
+    """Points that lie together leave: whole nodes are empty, and lists far away are untouched."""
+    dice = np.random.default_rng(22)
+    xyz = rows(dice, 20_000)
+    neighbourhood = Neighbourhood(xyz, 15)
+    neighbourhood.nearest(15)
+    for low in (10.5, 200.5, 390.5):
+        rejected = (xyz[:, 0] > low) & (xyz[:, 0] < low + 20)
+        xyz, neighbourhood = xyz[~rejected], neighbourhood.without(rejected)
+        assert_sound(neighbourhood)
+        assert_same_lists(lists(neighbourhood, 15), lists(Neighbourhood(xyz, 15), 15))
+
+
+@pytest.mark.parametrize('left', [14, 13, 12, 11, 2])
+def test_without_most_of_a_small_cloud(left: int) -> None:
+    """Around twelve, after which there are fewer others than were asked for."""
+    xyz = lattice(np.random.default_rng(26), 15)
+    neighbourhood = Neighbourhood(xyz, 12)
+    neighbourhood.nearest(12)
+    while len(xyz) > left:
+        rejected = np.arange(len(xyz)) == len(xyz) // 2
+        xyz, neighbourhood = xyz[~rejected], neighbourhood.without(rejected)
+        k = min(12, len(xyz) - 1)
+        assert_same_lists(lists(neighbourhood, k), naive_lists(xyz, k))
+
+
+def test_without_keeps_what_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of lists on a grid of its own far away, none is searched again."""
+    dice = np.random.default_rng(23)
+    near, far = scattered(dice, 500), scattered(dice, 500) + 1000
+    neighbourhood = Neighbourhood(np.concatenate([near, far]), 10)
+    neighbourhood.nearest(10)
+    wanted: list[NDArray[np.bool_]] = []
+    search = Neighbourhood._search
+
+    def watched(self: Neighbourhood, nearest: Nearest, these: NDArray[np.bool_]) -> None:
+        wanted.append(these)
+        search(self, nearest, these)
+
+    monkeypatch.setattr(Neighbourhood, '_search', watched)
+    rejected = np.arange(1000) == 7
+    left = neighbourhood.without(rejected)
+    left.nearest(10)
+    assert len(wanted) == 1
+    searched = left.order[wanted[0]]
+    index, _ = lists(neighbourhood, 10)
+    held = np.flatnonzero((index == 7).any(axis=1))
+    assert_array_equal(np.sort(searched), held - (held > 7))
+    assert 0 < len(held) < 40
+
+
+def test_without_leaves_the_old_one_alone() -> None:
+    """The answers of the larger neighbourhood stay what they were."""
+    xyz = lattice(np.random.default_rng(24), 800)
+    neighbourhood = Neighbourhood(xyz, 6)
+    before = [array.copy() for array in (*neighbourhood.nearest(6), *neighbourhood.tree)]
+    neighbourhood.without(np.arange(800) % 50 == 0).nearest(6)
+    after = (*neighbourhood.nearest(6), *neighbourhood.tree)
+    for a, b in zip(before, after, strict=True):
+        assert_array_equal(a, b)
+
+
+# Refused ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('xyz', 'message'),
+    [
+        (np.zeros(3), r'points must be \(N, 3\)'),
+        (np.zeros((5, 2)), r'points must be \(N, 3\)'),
+        (np.array([[0, 0, 0], [1, np.nan, 0]]), 'coordinates must be finite and at most 1e'),
+        (np.array([[0, 0, 0], [1, np.inf, 0]]), 'coordinates must be finite and at most 1e'),
+        (np.array([[0, 0, 0], [1, 0, -2e150]]), r'got -2e\+150'),
+    ],
+)
+def test_wrong_points_are_refused(xyz: Floats, message: str) -> None:
+    """Shapes, missing returns, and numbers whose squares are none."""
+    with pytest.raises(FilterError, match=message):
+        Neighbourhood(xyz, 1)
+
+
+def test_largest_coordinates() -> None:
+    """Just what is allowed: differences and squares stay finite."""
+    large = neighbours.LARGEST
+    xyz = np.array([[large, large, large], [-large, -large, -large], [0, 0, 0]])
+    assert lists(Neighbourhood(xyz, 2), 2)[0].tolist() == [[2, 1], [2, 0], [0, 1]]
+
+
+@pytest.mark.parametrize('k', [0, 5, 6, -1])
+def test_wrong_numbers_of_neighbours_are_refused(k: int) -> None:
+    """None, more than were asked for at first, more than there are others."""
+    neighbourhood = Neighbourhood(np.eye(3).repeat(2, axis=0), 4)
+    with pytest.raises(FilterError, match=f'must be 1 to 4, got {k}'):
+        neighbourhood.nearest(k)
+
+
+def test_other_mistakes_are_refused() -> None:
+    """Numbers that are too small, masks and places of another cloud, limits that are none."""
+    xyz = np.eye(3)
+    with pytest.raises(FilterError, match='at least 1, got 0'):
+        Neighbourhood(xyz, 0)
+    with pytest.raises(FilterError, match='at least 0, got -2'):
+        Neighbourhood(xyz, 1, -2)
+    neighbourhood = Neighbourhood(xyz, 1)
+    for mask in (np.zeros(4, np.bool_), np.zeros(3, np.int64)):
+        with pytest.raises(FilterError, match=r'rejected points must be \(3,\) of bool'):
+            neighbourhood.without(mask)  # type: ignore[arg-type]
+    for which in (np.array([3]), np.array([-1]), np.array([[0]])):
+        with pytest.raises(FilterError, match='places in tree order must be'):
+            neighbourhood.nearest_elsewhere(which)
+        with pytest.raises(FilterError, match='places in tree order must be'):
+            neighbourhood.within(which, np.ones(1))
+    for limits in (np.ones(2), np.array([np.nan])):
+        with pytest.raises(FilterError, match='squared distances must be'):
+            neighbourhood.within(np.array([0]), limits)
+
+
+# Time and memory ----------------------------------------------------------------------------------
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize('cloud', [same, stacks, heap, halving, uneven, outlier, line])
+def test_nothing_takes_quadratic_time(cloud: Callable[[Dice, int], Floats]) -> None:
+    """200 000 points that are hard to separate; all pairs of them would take minutes."""
+    count = 200_000
+    neighbourhood = Neighbourhood(cloud(np.random.default_rng(25), count), 20)
+    index = neighbourhood.nearest(20).index
+    elsewhere = neighbourhood.nearest_elsewhere(np.arange(count))
+    assert index.shape == (count, 20)
+    assert np.isinf(elsewhere).all() == (cloud is same)
+
+
+def test_of_many_coincident_points_the_first_are_listed() -> None:
+    """The twenty of the lowest index, without the point itself."""
+    index, tied = lists(Neighbourhood(np.zeros((50_000, 3)), 20), 20)
+    assert index[40_000].tolist() == list(range(20))
+    assert index[5].tolist() == [0, 1, 2, 3, 4, *range(6, 21)]
+    assert tied.all()
+
+
+def test_memory() -> None:
+    """At its peak, building and searching need at most 200 bytes a point for 20 neighbours."""
+    program = """
+import numpy as np
+from lidar_outlier_filter.core.neighbours import Neighbourhood
+
+def peak():  # bytes, ever
+    with open('/proc/self/status') as status:
+        return next(1024 * int(line.split()[1]) for line in status if line.startswith('VmHWM'))
+
+def search(xyz):
+    return Neighbourhood(xyz, 20, 2).nearest(20)
+
+search(np.random.default_rng(0).normal(size=(5000, 3)))
+xyz = np.random.default_rng(1).uniform(0, 100, (1_000_000, 3)) * [1, 1, 0.001]
+before = peak()
+search(xyz)
+print((peak() - before) / len(xyz))
+"""
+    answer = subprocess.run([sys.executable, '-c', program], check=True, capture_output=True)
+    assert 80 < float(answer.stdout) < 200

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Work in threads is done once, in any number of them, and its errors come out."""
+
+import os
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from lidar_outlier_filter.core import threads
+from lidar_outlier_filter.errors import FilterError
+
+
+@pytest.mark.parametrize('number', [0, 1, 2, 7])
+@pytest.mark.parametrize('count', [0, 1, 9, 10, 11, 95])
+def test_ranges_cover_all_in_order(count: int, number: int) -> None:
+    """The last range is what is left; the answers come in order, whoever was first."""
+    expected = [(i, min(i + 10, count)) for i in range(0, count, 10)]
+    assert threads.run(lambda begin, end: (begin, end), count, 10, number) == expected
+
+
+def test_work_is_done_at_the_same_time() -> None:
+    """Three ranges wait for each other, which only three threads can."""
+    barrier = threading.Barrier(3)
+    threads.run(lambda *_: barrier.wait(10), 3, 1, 3)
+
+
+def test_no_more_threads_than_asked_for() -> None:
+    """Fifty ranges are done by two threads at most, none of them the caller."""
+    workers = set(threads.run(lambda *_: threading.get_ident(), 50, 1, 2))
+    assert len(workers) <= 2
+    assert threading.get_ident() not in workers
+
+
+def test_one_range_is_done_by_the_caller() -> None:
+    """No thread is started for little."""
+    caller = threading.get_ident()
+    assert threads.run(lambda *_: threading.get_ident(), 5, 5, 4) == [caller]
+    assert threads.run(lambda *_: threading.get_ident(), 5, 1, 1) == [caller] * 5
+
+
+@pytest.mark.parametrize('number', [1, 4])
+def test_first_error_comes_out(number: int) -> None:
+    """Ranges 3 and 4 fail; whichever is first in time, 3 is first in order."""
+
+    def work(begin: int, _: int) -> None:
+        if begin >= 3:
+            raise ValueError(begin)
+
+    with pytest.raises(ValueError, match=r'^3$'):
+        threads.run(work, 5, 1, number)
+
+
+def test_negative_number_is_refused() -> None:
+    """Less than no thread is a mistake."""
+    with pytest.raises(FilterError, match='threads must be at least 0, got -1'):
+        threads.run(lambda *_: None, 1, 1, -1)
+
+
+def test_cores_are_those_of_the_process() -> None:
+    """A process bound to one core counts one."""
+    assert threads.cores() == len(os.sched_getaffinity(0))
+    program = (
+        'import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))});'
+        'from lidar_outlier_filter.core.threads import cores; print(cores())'
+    )
+    answer = subprocess.run([sys.executable, '-c', program], check=True, capture_output=True)
+    assert answer.stdout == b'1\n'
+
+
+def test_callers_and_levels_do_not_wait_for_each_other() -> None:
+    """Work that itself spreads over threads, asked for by several threads at once."""
+
+    def sums(begin: int, end: int) -> int:
+        return sum(threads.run(lambda i, j: sum(range(i, j)), end - begin, 7, 2))
+
+    with ThreadPoolExecutor(4) as callers:
+        answers = list(callers.map(lambda _: threads.run(sums, 400, 100, 2), range(8)))
+    assert answers == [[4950] * 4] * 8
+
+
+def test_works_in_a_forked_process() -> None:
+    """A child that was forked while others were at work has threads of its own."""
+    program = """
+import os, threading, warnings
+from lidar_outlier_filter.core import threads
+warnings.simplefilter('ignore')  # newer Pythons warn of what is tried here
+started, go_on = threading.Event(), threading.Event()
+work = lambda *_: (started.set(), go_on.wait(30))
+other = threading.Thread(target=lambda: threads.run(work, 2, 1, 2))
+other.start()
+started.wait(30)
+child = os.fork()
+if child == 0:
+    answer = threads.run(lambda i, j: j - i, 10, 3, 2)
+    os._exit(0 if answer == [3, 3, 3, 1] else 1)
+status = os.waitpid(child, 0)[1]
+go_on.set()
+other.join()
+print(os.waitstatus_to_exitcode(status))
+"""
+    answer = subprocess.run(
+        [sys.executable, '-c', program], check=True, capture_output=True, timeout=60
+    )
+    assert answer.stdout == b'0\n'
