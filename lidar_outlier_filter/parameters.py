@@ -111,13 +111,71 @@ class Sor:
 
 
 @dataclass(frozen=True)
+class Hierarchical:
+    """Clusters that a graph falls into when its long edges are cut."""
+
+    global_confidence: float = declare(
+        0.99,
+        'Phase 1: edges of the spanning tree that are longer than this two-sided interval around '
+        'the median allows are cut.',
+        '',
+        0.0,
+        1.0 - 1e-9,
+    )
+    local_confidence: float = declare(
+        0.95,
+        'Phase 2: the same for the Gabriel graph of each cluster of phase 1.',
+        '',
+        0.0,
+        1.0 - 1e-9,
+    )
+    min_cluster: int = declare(
+        100,
+        'Fewest points of a cluster that is kept; fewer points altogether stay untested.',
+        '',
+        1,
+        1_000_000_000,
+    )
+
+
+@dataclass(frozen=True)
+class Elevation:
+    """Elevation against the mean of the neighbours on the map."""
+
+    k: int = declare(
+        30, 'Neighbours in x and y whose mean elevation counts; ties count too.', '', 1, 1000
+    )
+    multiplier: float = declare(
+        3.0, 'Standard deviations of all differences that one may differ.', '', 1e-6, 1000.0
+    )
+    sides: str = declare(
+        'both',
+        'Points that are rejected: low or high ones, or both; low is the formula of the paper.',
+        choices=('both', 'low', 'high'),
+    )
+    gap: float = declare(
+        5.0,
+        'Empty stretch of elevations that sets points above or below apart; 0: none does.',
+        'm',
+        0.0,
+        1e6,
+    )
+    share: float = declare(
+        0.001, 'Most of the points that are taken off as set apart, on each side.', '', 0.0, 0.4
+    )
+    sigma_floor: float = declare(
+        0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
+    )
+
+
+@dataclass(frozen=True)
 class FilterParameters:
     """All parameters of the filter; make a changed copy with :meth:`changed`."""
 
     chain: tuple[str, ...] = declare(
         ('alpha_beta_gamma',),
         'Detectors, in their order.',
-        choices=('alpha_beta_gamma', 'lof', 'sor'),
+        choices=('alpha_beta_gamma', 'lof', 'sor', 'hierarchical', 'elevation'),
     )
     vote: int = declare(
         0,
@@ -237,6 +295,8 @@ class FilterParameters:
     alpha_beta_gamma: AlphaBetaGamma = AlphaBetaGamma()
     lof: Lof = Lof()
     sor: Sor = Sor()
+    hierarchical: Hierarchical = Hierarchical()
+    elevation: Elevation = Elevation()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be: each parameter by itself, then together."""

@@ -161,6 +161,8 @@ WAYS: dict[str, dict[str, object]] = {
     'sor2': {'chain': ['sor'], 'sor.statistic': 'sor2', 'sor.limit': 0.3},
     'radius': {'chain': ['sor'], 'sor.statistic': 'radius', 'sor.range_scaled': True},
     'chain': {'chain': ['alpha_beta_gamma', 'lof', 'sor']},
+    'hierarchical': {'chain': ['hierarchical'], 'hierarchical.min_cluster': 10},
+    'elevation': {'chain': ['elevation'], 'elevation.k': 10, 'elevation.multiplier': 1.5},
     'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
 }
 

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core import scanlines
-from lidar_outlier_filter.core.detectors import alpha_beta_gamma, lof, sor
+from lidar_outlier_filter.core.detectors import (
+    alpha_beta_gamma,
+    elevation,
+    hierarchical,
+    lof,
+    sor,
+)
 from lidar_outlier_filter.core.neighbours import Neighbourhood
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.verdict import BITS, Verdict
@@ -51,6 +57,8 @@ class Chain:
             'alpha_beta_gamma': self._alpha_beta_gamma,
             'lof': _lof,
             'sor': _sor,
+            'hierarchical': _hierarchical,
+            'elevation': _elevation,
         }
 
     def judge(self, points: Points) -> Verdict:
@@ -99,6 +107,14 @@ def _lof(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
 
 def _sor(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
     return sor.detect(seen.neighbourhood, parameters.sor, seen.points.range)
+
+
+def _hierarchical(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
+    return hierarchical.detect(seen.points.xyz, parameters.hierarchical, parameters.threads).score
+
+
+def _elevation(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
+    return elevation.detect(seen.points.xyz, parameters.elevation, parameters.threads)
 
 
 def _most_neighbours(parameters: FilterParameters) -> int:

@@ -15,7 +15,13 @@ if TYPE_CHECKING:
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
 # The bit of a detector never changes: recorded clouds carry it in `outlier_detectors`. 2 is free.
-BITS = {'alpha_beta_gamma': 1, 'lof': 4, 'sor': 8}
+BITS = {
+    'alpha_beta_gamma': 1,
+    'lof': 4,
+    'sor': 8,
+    'hierarchical': 16,
+    'elevation': 32,
+}
 # Rounding to float32 must not make a rejected point look kept.
 ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
 

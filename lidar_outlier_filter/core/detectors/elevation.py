@@ -1,0 +1,176 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Gross errors of the elevation: z against its neighbours on the map (Kang, Huang and Yang 2018).
+
+Their section 3.3, with its numbers:
+
+1. The elevation histogram takes off what is set apart above and below. The paper does that by eye;
+   here an empty stretch of elevations wider than ``gap`` sets points beyond it apart, if they are
+   at most ``share`` of all, or one. The stretch is between two points, not between two bins, so
+   that it does not matter where bins begin.
+2. A kd-tree of x and y of the points that are left.
+3. M, the mean elevation of the k nearest in it, the point left out, less its own elevation. Others
+   that are exactly as near as the k-th count too, so M does not depend on the order of the points.
+4. Mean and standard deviation σ of all M.
+5. Points with |M - mean| > ``multiplier`` σ are rejected.
+
+The paper's (5) is M - mean > 3σ. Taken by its letter it finds low points only, although its
+section 1 promises high ones too; it is ``sides: low``, its mirror image ``high``, and ``both``
+takes the absolute value. σ is at least ``sigma_floor``, so that on a flat floor roundings are no
+gross errors.
+
+z must point up, and neighbours on the map be neighbours on a surface: made for airborne scans. On a
+facade, seen from above, all heights are neighbours.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core import threads as pool
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.neighbours import LARGEST, Neighbourhood
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.parameters import Elevation
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Index = NDArray[np.int32]
+
+CHUNK = 1 << 14  # points that a thread takes at once
+
+
+def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
+    """Test the elevation of every point.
+
+    Parameters
+    ----------
+    xyz : (N, 3) float64, finite, metres, z up
+    parameters : see :class:`~lidar_outlier_filter.parameters.Elevation`
+    threads : at most so many, 0 for all cores; the scores do not depend on it
+
+    Returns
+    -------
+    (N,) float64
+        Statistic ÷ critical value, more than 1 exactly where rejected: for points that are set
+        apart their distance from the others ÷ ``gap``; for all others that of (5), which may be
+        negative if ``sides`` is not ``both``. NaN for points without k others.
+
+    Raises
+    ------
+    FilterError
+        If a coordinate is not finite, or so large that its square is not.
+
+    """
+    score = np.full(len(xyz), np.nan)
+    if len(xyz) <= parameters.k:
+        return score
+    if not (xyz.min() >= -LARGEST and xyz.max() <= LARGEST):
+        got = xyz[~(np.abs(xyz) <= LARGEST)][0]
+        raise FilterError('coordinates', f'finite and at most {LARGEST:g} m', got)
+    low, high = body(xyz[:, 2], parameters.gap, parameters.share)
+    beyond = np.maximum(low - xyz[:, 2], xyz[:, 2] - high)
+    apart = beyond > 0
+    score[apart] = beyond[apart] / parameters.gap
+    left = np.flatnonzero(~apart)
+    if len(left) <= parameters.k:
+        return score
+    difference = differences(xyz[left], parameters.k, threads)
+    sigma = max(parameters.sigma_floor, float(np.std(difference, ddof=1)))
+    off = (difference - np.mean(difference)) / (parameters.multiplier * sigma)
+    score[left] = np.abs(off) if parameters.sides == 'both' else off
+    if parameters.sides == 'high':
+        score[left] *= -1
+    return score
+
+
+def body(elevation: Floats, gap: float, share: float) -> tuple[float, float]:
+    """Return the lowest and the highest elevation, metres, that are not set apart.
+
+    Seen from outside, the last empty stretch wider than ``gap`` counts that has at most ``share``
+    of the points, or one, beyond it. Of one or two points none is set apart; nor with a gap of 0.
+    """
+    count = len(elevation)
+    most = max(1, int(share * count))
+    if gap == 0 or 2 * most >= count:
+        return float(elevation.min()), float(elevation.max())
+    outside = (most, count - 1 - most)
+    ends = np.partition(elevation, outside)
+    lowest, highest = np.sort(ends[: most + 1]), np.sort(ends[outside[1] :])
+    steps = np.flatnonzero(np.diff(lowest) > gap)
+    low = lowest[steps[-1] + 1] if len(steps) else lowest[0]
+    steps = np.flatnonzero(np.diff(highest) > gap)
+    high = highest[steps[0]] if len(steps) else highest[-1]
+    return float(low), float(high)
+
+
+def differences(xyz: Floats, k: int, threads: int = 0) -> Floats:
+    """Return M of step 3 for every point, metres; there must be more than k."""
+    flat = xyz.copy()
+    flat[:, 2] = 0.0
+    neighbourhood = Neighbourhood(flat, k, threads)
+    index, tied = neighbourhood.nearest(k)
+    order = neighbourhood.order
+    elevation = xyz[order, 2]
+    result = np.empty(len(xyz))
+
+    def work(begin: int, end: int) -> None:
+        _differences(elevation, index, begin, end, result)
+
+    pool.run(work, len(xyz), CHUNK, threads)
+    _correct_ties(neighbourhood, elevation, index, np.flatnonzero(tied), result)
+    answer = np.empty(len(xyz))
+    answer[order] = result
+    return answer
+
+
+@kernel
+def _differences(elevation: Floats, index: Index, begin: int, end: int, result: Floats) -> None:
+    """Write M of the points from ``begin`` to ``end`` in tree order, from lists of the same."""
+    k = index.shape[1]
+    for i in range(begin, end):
+        total = 0.0
+        for j in range(k):
+            total += elevation[index[i, j]] - elevation[i]
+        result[i] = total / k
+
+
+def _correct_ties(
+    neighbourhood: Neighbourhood, elevation: Floats, index: Index, tied: Ints, result: Floats
+) -> None:
+    """Write M of points with more neighbours than fit in their lists."""
+    if not len(tied):
+        return
+    xyz = neighbourhood.xyz
+    away = xyz[tied] - xyz[index[tied, -1]]
+    squared = away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1]
+    # Coincident ones all have the same neighbours: the others of their stack. Lists of them would
+    # grow with the square of its height.
+    stacked = tied[squared == 0]
+    _, stack, height = np.unique(xyz[stacked], axis=0, return_inverse=True, return_counts=True)
+    stack = stack.reshape(-1)
+    first = np.full(len(height), -1)
+    first[stack[::-1]] = stacked[::-1]
+    above = elevation[stacked] - elevation[first[stack]]
+    total = np.bincount(stack, above, len(height))
+    result[stacked] = (total[stack] - above) / (height[stack] - 1) - above
+    others = tied[squared > 0]
+    offsets, near = neighbourhood.within(others, squared[squared > 0])
+    _differences_of_lists(elevation, others, offsets, near, result)
+
+
+@kernel
+def _differences_of_lists(
+    elevation: Floats, which: Ints, offsets: Ints, near: Index, result: Floats
+) -> None:
+    for i in range(len(which)):
+        total = 0.0
+        for j in range(offsets[i], offsets[i + 1]):
+            total += elevation[near[j]] - elevation[which[i]]
+        result[which[i]] = total / (offsets[i + 1] - offsets[i])

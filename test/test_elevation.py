@@ -1,0 +1,260 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The elevation test: equal to the naive twin, and to nothing but the points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import laspy
+import numpy as np
+import pytest
+from naive import elevation as naive
+
+from lidar_outlier_filter.core.detectors import elevation
+from lidar_outlier_filter.core.detectors.elevation import body, detect
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters import Elevation
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+SIDES = ('both', 'low', 'high')
+
+
+def hills(seed: int, count: int = 300) -> Floats:
+    """Gentle terrain with gross errors: near ones above and below, and far ones."""
+    dice = np.random.default_rng(seed)
+    xyz = dice.uniform(0, [40, 30, 0.1], (count, 3))
+    xyz[:, 2] += 2 * np.sin(xyz[:, 0] / 7) + 0.05 * xyz[:, 1]
+    xyz[::61, 2] += 3.0
+    xyz[7::83, 2] -= 2.5
+    xyz[20, 2], xyz[21, 2], xyz[22, 2] = 80.0, -45.0, 95.0
+    return xyz
+
+
+def assert_like_naive(xyz: Floats, parameters: Elevation) -> Floats:
+    """Compare with the naive twin, but for roundings."""
+    score = detect(xyz, parameters)
+    expected = np.array(
+        naive.scores(
+            xyz.tolist(),
+            parameters.k,
+            parameters.multiplier,
+            parameters.sides,
+            parameters.gap,
+            parameters.share,
+            parameters.sigma_floor,
+        )
+    )
+    np.testing.assert_allclose(score, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(score > 1, expected > 1)
+    return score
+
+
+# Equal to the naive twin -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('sides', SIDES)
+@pytest.mark.parametrize('seed', range(3))
+def test_equals_naive(seed: int, sides: str) -> None:
+    """With and without the histogram, few neighbours and many."""
+    for parameters in (
+        Elevation(sides=sides),
+        Elevation(sides=sides, share=0.02),
+        Elevation(sides=sides, gap=0.0, k=7, multiplier=2.0),
+        Elevation(sides=sides, k=1, sigma_floor=0.5, gap=0.5, share=0.05),
+    ):
+        score = assert_like_naive(hills(seed), parameters)
+        assert np.count_nonzero(score > 1) > 0
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_equals_naive_on_a_map(seed: int) -> None:
+    """Coordinates of a map, in centimetres, as float64 and as float32 would have them."""
+    xyz = np.round(hills(seed), 2)
+    assert_like_naive(xyz + np.array([382_250.0, 6_564_000.0, 120.0]), Elevation(k=12))
+    assert_like_naive(xyz.astype(np.float32).astype(np.float64), Elevation(k=12))
+
+
+def flat(columns: int, rows: int) -> Floats:
+    """Make a regular grid, seen from above, with uneven elevations."""
+    x, y = np.meshgrid(np.arange(float(columns)), np.arange(float(rows)))
+    z = np.random.default_rng(columns).normal(size=x.size)
+    return np.stack([x.ravel(), y.ravel(), z], axis=1)
+
+
+DEGENERATE = {
+    'nothing': np.empty((0, 3)),
+    'one point': np.ones((1, 3)),
+    'two points': np.array([[0.0, 0, 0], [1, 1, 99]]),
+    'all coincide': np.full((40, 3), 7.25),
+    'one column': np.random.default_rng(1).normal(size=(90, 3)) * [0, 0, 1],
+    'columns': np.repeat(flat(5, 4), 12, axis=0) + np.arange(240)[:, None] * [0, 0, 0.01],
+    'columns of various heights': np.concatenate(
+        [np.repeat(row[None], n, axis=0) for n, row in enumerate(flat(5, 4), 1)]
+    )
+    + np.arange(210)[:, None] * [0, 0, 0.003],
+    'a grid': flat(14, 12),
+    'a line': flat(100, 1),
+    'a line with a column': np.concatenate([flat(60, 1), np.tile([[70.0, 0, 1]], (50, 1))]),
+}
+
+
+@pytest.mark.parametrize('k', [1, 4, 30])
+@pytest.mark.parametrize('name', DEGENERATE)
+def test_equals_naive_on_degenerate_clouds(name: str, k: int) -> None:
+    """Ties count, and coincident points, however many there are."""
+    for sides in SIDES:
+        assert_like_naive(DEGENERATE[name], Elevation(k=k, sides=sides, gap=1.0, share=0.01))
+
+
+@pytest.mark.parametrize('count', range(6))
+def test_few_points(count: int) -> None:
+    """Without k others there is no score."""
+    xyz = hills(0)[18 : 18 + count]
+    score = assert_like_naive(xyz, Elevation(k=3))
+    assert len(score) == count
+    assert np.isnan(score).all() == (count <= 3)
+
+
+# Nothing but the points matters ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', ['a grid', 'columns', 'hills'])
+def test_permutation(name: str) -> None:
+    """In another order the points get the same scores, but for roundings."""
+    xyz = hills(4, 3000) if name == 'hills' else DEGENERATE[name]
+    order = np.random.default_rng(1).permutation(len(xyz))
+    np.testing.assert_allclose(
+        detect(xyz, Elevation())[order], detect(xyz[order], Elevation()), rtol=1e-9, atol=1e-12
+    )
+
+
+def test_turn_and_shift() -> None:
+    """Turned about the vertical and shifted, points have the same scores."""
+    xyz, turn = hills(5, 2000), np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]])
+    score = detect(xyz, Elevation(share=0.01))
+    moved = detect(xyz @ turn + [10.0, -700.0, 33.0], Elevation(share=0.01))
+    np.testing.assert_allclose(moved, score, rtol=1e-9, atol=1e-9)
+
+
+def test_upside_down() -> None:
+    """What was high is low."""
+    xyz = hills(6)
+    low, high = Elevation(sides='low', gap=0.0), Elevation(sides='high', gap=0.0)
+    np.testing.assert_allclose(detect(-xyz, low), detect(xyz, high), rtol=1e-9, atol=1e-9)
+
+
+def test_scale() -> None:
+    """In centimetres, with all limits in centimetres, scores are the same."""
+    xyz, parameters = hills(7), Elevation()
+    larger = replace(parameters, gap=100 * parameters.gap, sigma_floor=100 * parameters.sigma_floor)
+    np.testing.assert_allclose(detect(100 * xyz, larger), detect(xyz, parameters), rtol=1e-9)
+
+
+def test_threads_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However the work is cut up and shared out, scores are the same, bit for bit."""
+    xyz = np.concatenate([hills(8, 40_000), flat(50, 50) + np.array([100.0, 0.0, 0.0])])
+    score = detect(xyz, Elevation(), 1)
+    for threads in (2, 3):
+        np.testing.assert_array_equal(score, detect(xyz, Elevation(), threads))
+    monkeypatch.setattr(elevation, 'CHUNK', 777)
+    np.testing.assert_array_equal(score, detect(xyz, Elevation(), 2))
+
+
+# What it says ----------------------------------------------------------------------------------
+
+
+def test_sides() -> None:
+    """A high and a low point on a plain: each side finds its own, the paper's formula the low."""
+    dice = np.random.default_rng(9)
+    xyz = dice.uniform(0, [30, 30, 0.02], (1000, 3))
+    xyz[100, 2], xyz[200, 2] = 3.0, -3.0
+    found = {sides: np.flatnonzero(detect(xyz, Elevation(sides=sides)) > 1) for sides in SIDES}
+    assert {sides: places.tolist() for sides, places in found.items()} == {
+        'both': [100, 200],
+        'low': [200],
+        'high': [100],
+    }
+
+
+def test_the_histogram_keeps_gross_errors_from_hiding_others() -> None:
+    """A bird 500 m up makes σ so large that a low point stays, unless it is set apart before."""
+    dice = np.random.default_rng(10)
+    xyz = dice.uniform(0, [30, 30, 0.02], (1000, 3))
+    xyz[100, 2], xyz[200, 2] = 500.0, -1.0
+    assert np.flatnonzero(detect(xyz, Elevation(gap=0.0)) > 1).tolist() == [100]
+    score = detect(xyz, Elevation())
+    assert np.flatnonzero(score > 1).tolist() == [100, 200]
+    assert score[100] == (500.0 - xyz[np.arange(1000) != 100, 2].max()) / 5.0
+
+
+def test_body() -> None:
+    """Of ten points three may go on either side; a step of exactly the gap does not part."""
+    z = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 12.0, 13.0, -9.0])
+    assert body(z, 5.0, 0.3) == (0.0, 6.0)
+    assert body(z, 6.0, 0.3) == (0.0, 13.0)
+    assert body(z, 5.0, 0.1) == (0.0, 13.0)
+    assert body(z, 0.0, 0.3) == (-9.0, 13.0)
+    # Beyond several gaps, as far as there are few enough.
+    z = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 20.0, 100.0])
+    assert body(z, 5.0, 0.2) == (0.0, 7.0)
+    assert body(z, 5.0, 0.1) == (0.0, 20.0)
+
+
+def test_roundings_on_a_floor_are_no_errors() -> None:
+    """A plain whose elevations differ by less than the floor has no gross errors."""
+    dice = np.random.default_rng(11)
+    xyz = dice.uniform(0, [30, 30, 0], (1000, 3)) + np.array([0.0, 0.0, 0.1])
+    xyz[3, 2] += 0.001
+    assert detect(xyz, Elevation()).max() < 1
+    assert np.flatnonzero(detect(xyz, Elevation(sigma_floor=1e-6)) > 1).tolist() == [3]
+
+
+@pytest.mark.parametrize('wrong', [np.nan, np.inf, -1e160])
+@pytest.mark.parametrize('axis', range(3))
+def test_impossible_coordinates_are_refused(axis: int, wrong: float) -> None:
+    """Their squares are no numbers."""
+    xyz = hills(0)
+    xyz[17, axis] = wrong
+    with pytest.raises(FilterError, match='coordinates must be finite and at most'):
+        detect(xyz, Elevation())
+
+
+def test_input_is_left_alone() -> None:
+    """Neither coordinates nor their order change."""
+    xyz = hills(1)
+    before = xyz.copy()
+    detect(xyz, Elevation(share=0.02))
+    np.testing.assert_array_equal(xyz, before)
+
+
+def test_a_facade_seen_from_above() -> None:
+    """Two hundred thousand points over one place, and others around, take no quadratic time."""
+    dice = np.random.default_rng(12)
+    column = np.zeros((200_000, 3))
+    column[:, 2] = dice.uniform(0, 10, len(column))
+    xyz = np.concatenate([column, dice.uniform(-20, [20, 20, 0.1], (5000, 3))])
+    score = detect(xyz, Elevation())
+    mean = column[:, 2].mean()
+    assert np.argmax(score[:200_000]) == np.argmax(np.abs(column[:, 2] - mean))
+
+
+# On real clouds --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('name', 'most'), [('autzen_trim.laz', 0.02), ('sample_lareunion_epsg2975.laz', 0.04)]
+)
+def test_share_hardly_depends_on_k(recordings: Path, name: str, most: float) -> None:
+    """Kang's Table 1: between 30 and 60 neighbours the share of eliminated points is stable."""
+    xyz = np.ascontiguousarray(laspy.read(recordings / 'clouds' / name).xyz)
+    few, many = (float(np.mean(detect(xyz, Elevation(k=k)) > 1)) for k in (30, 60))
+    assert few > 0
+    assert many == pytest.approx(few, rel=most)

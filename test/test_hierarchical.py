@@ -1,0 +1,408 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Hierarchical outlier detection: equal to the naive twin, and to nothing but the points."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from naive import hierarchical as naive
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial import Delaunay
+
+from lidar_outlier_filter.core.detectors import gabriel, hierarchical, spanning_tree
+from lidar_outlier_filter.core.detectors.hierarchical import Outcome, detect
+from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters import Hierarchical
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+LINE = np.stack([np.arange(60.0), np.zeros(60), np.zeros(60)], axis=1)
+
+
+def scene(seed: int, scale: float = 1.0) -> Floats:
+    """Two surfaces of different density, two clusters of outliers, and single ones."""
+    dice = np.random.default_rng(seed)
+    ground = dice.uniform(0, [4, 4, 0.02], (110, 3))
+    wall = dice.uniform(0, [0.01, 2, 1.5], (70, 3)) + np.array([4.5, 1.0, 0.2])
+    near = dice.normal([1, 1, 0.8], 0.05, (6, 3))
+    far = dice.normal([9, 9, 3], 0.1, (7, 3))
+    single = dice.uniform(-6, 8, (12, 3))
+    return scale * np.concatenate([ground, wall, near, far, single])
+
+
+def street(seed: int, count: int) -> Floats:
+    """Make a road between two facades, 8 mm noise, and a few points in the air."""
+    dice = np.random.default_rng(seed)
+    x = dice.uniform(0, count / 500, count)
+    side = dice.integers(-1, 2, count)
+    across, up = dice.uniform(-3, 3, count), dice.uniform(0, 6, count)
+    wall = np.abs(side) * up
+    cloud = np.stack([x, np.where(side == 0, across, 4.0 * side), wall], axis=1)
+    cloud += dice.normal(0, 0.008, cloud.shape)
+    air = np.arange(count) % 97 == 0
+    cloud[air] = dice.uniform([0, -4, 0.2], [count / 500, 4, 6], (np.count_nonzero(air), 3))
+    return cloud
+
+
+def grid(*steps: int) -> Floats:
+    """Put points on a grid of so many places along each axis."""
+    axes = np.meshgrid(*(np.arange(float(n)) for n in steps), indexing='ij')
+    return np.stack([axis.ravel() for axis in axes], axis=1)
+
+
+def sphere(count: int) -> Floats:
+    """Put points on a sphere, and its centre behind them."""
+    points = np.random.default_rng(5).normal(size=(count, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    return np.concatenate([points, np.zeros((1, 3))])
+
+
+def settings(min_cluster: int, confidence: float = 0.99, local: float = 0.95) -> Hierarchical:
+    """Set all there is to set."""
+    return Hierarchical(confidence, local, min_cluster)
+
+
+def assert_same(
+    one: Outcome, other: Outcome, order: NDArray[np.intp] | slice = slice(None)
+) -> None:
+    """Compare two outcomes, bit for bit."""
+    np.testing.assert_array_equal(one.score[order], other.score)
+    np.testing.assert_array_equal(one.phase[order], other.phase)
+    np.testing.assert_array_equal(one.cluster[order], other.cluster)
+
+
+def assert_like_naive(xyz: Floats, parameters: Hierarchical) -> Outcome:
+    """Compare with the naive twin."""
+    outcome = detect(xyz, parameters)
+    expected = naive.detect(
+        xyz.tolist(),
+        parameters.global_confidence,
+        parameters.local_confidence,
+        parameters.min_cluster,
+    )
+    np.testing.assert_array_equal(outcome.phase, expected.phase)
+    np.testing.assert_array_equal(outcome.cluster, expected.cluster)
+    np.testing.assert_array_equal(outcome.score, expected.score)
+    np.testing.assert_array_equal(outcome.score > 1, outcome.phase > 0)
+    return outcome
+
+
+# Equal to the naive twin -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_equals_naive(seed: int) -> None:
+    """On surfaces with outliers, and with intervals so narrow that both phases reject many."""
+    xyz = scene(seed)
+    outcome = assert_like_naive(xyz, settings(12))
+    assert set(outcome.phase.tolist()) >= {0, 1}
+    outcome = assert_like_naive(xyz, settings(8, 0.6, 0.4))
+    assert set(outcome.phase.tolist()) == {0, 1, 2}
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_equals_naive_with_float32_values(seed: int) -> None:
+    """Coordinates as sensors give them."""
+    assert_like_naive(scene(seed).astype(np.float32).astype(np.float64), settings(8, 0.8, 0.6))
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_equals_naive_far_from_the_origin(seed: int) -> None:
+    """Coordinates of a map: differences lose ten digits, and are the same ones for both."""
+    xyz = scene(seed) + np.array([382_250.0, 6_564_000.0, 120.0])
+    assert_like_naive(np.round(xyz, 2), settings(8, 0.8, 0.6))
+
+
+DEGENERATE = {
+    'nothing': np.empty((0, 3)),
+    'one point': np.ones((1, 3)),
+    'two points': LINE[:2],
+    'three points': LINE[:3],
+    'four points': np.eye(4, 3),
+    'all coincide': np.full((40, 3), 7.25),
+    'two places': np.repeat(LINE[:2], 20, axis=0),
+    'negative zero': np.array([[0.0, 0.0, 0.0], [-0.0, 0.0, -0.0], [1.0, 0.0, 0.0]]),
+    'a line': LINE,
+    'a line with a hole': LINE[np.r_[:25, 35:60]],
+    'a line across': np.random.default_rng(1).normal(size=(80, 1)) * [1.0, 2.0, -0.5],
+    'a plane': np.random.default_rng(2).normal(size=(120, 3)) * [1.0, 1.0, 0.0],
+    'a slanting plane': np.random.default_rng(3).normal(size=(120, 2)) @ [[1, 2, 3.0], [3, -1, 2]],
+    'a square grid': grid(12, 12, 1),
+    'a cubic grid': grid(5, 5, 5),
+    'a grid with holes': grid(6, 6, 6)[np.random.default_rng(4).random(216) < 0.5],
+    'a circle': np.stack([np.cos(np.arange(50)), np.sin(np.arange(50)), np.zeros(50)], axis=1),
+    'a sphere and its centre': sphere(100),
+    'two crossing lines': np.concatenate([LINE - LINE[30], LINE[:, [1, 0, 2]] - [0, 30, -1.0]]),
+}
+
+
+@pytest.mark.parametrize('least', [1, 2, 5, 30])
+@pytest.mark.parametrize('name', DEGENERATE)
+def test_equals_naive_on_degenerate_clouds(name: str, least: int) -> None:
+    """What Qhull would refuse or drop has an answer."""
+    assert_like_naive(DEGENERATE[name], settings(least))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_equals_naive_with_ties_and_coincident_points(seed: int) -> None:
+    """Few different coordinates: many equal lengths, right angles and coincident points."""
+    xyz = np.random.default_rng(seed).integers(0, 5, (200, 3)).astype(float)
+    assert_like_naive(xyz * [1, 1, 2], settings(4, 0.5, 0.2))
+
+
+# The graphs ------------------------------------------------------------------------------------
+
+
+def given(neighbourhood: Neighbourhood, ends: NDArray[np.int32]) -> set[tuple[int, int]]:
+    """Edges by the indices of the points as given, each once."""
+    pairs = np.sort(neighbourhood.order[ends], axis=1)
+    edges = {(int(p), int(q)) for p, q in pairs}
+    assert len(edges) == len(ends)
+    return edges
+
+
+@pytest.mark.parametrize('name', DEGENERATE)
+def test_gabriel_graph_equals_naive(name: str) -> None:
+    """Edge for edge, points on the ball included."""
+    xyz = np.unique(DEGENERATE[name], axis=0)
+    if len(xyz) == 0:
+        return
+    neighbourhood = Neighbourhood(xyz, 1)
+    graph = gabriel.gabriel_graph(neighbourhood)
+    assert given(neighbourhood, graph.ends) == set(naive.gabriel_graph(list(map(tuple, xyz))))
+
+
+@pytest.mark.parametrize('offset', [0.0, 5e6])
+@pytest.mark.parametrize('seed', range(3))
+def test_gabriel_graph_of_many(seed: int, offset: float) -> None:
+    """A street, whose houses see each other, so that edges are long and short."""
+    xyz = np.unique(np.round(street(seed, 250), 3), axis=0) + offset
+    neighbourhood = Neighbourhood(xyz, 1)
+    graph = gabriel.gabriel_graph(neighbourhood)
+    assert given(neighbourhood, graph.ends) == set(naive.gabriel_graph(list(map(tuple, xyz))))
+    assert graph.length.max() > 10 * np.median(graph.length)
+
+
+@pytest.mark.parametrize('offset', [0.0, 3e6])
+def test_points_on_the_ball_but_for_rounding(offset: float) -> None:
+    """A lone point on the ball is inside exactly if its own angle, as computed, is obtuse.
+
+    Others crowd behind both ends of the diameter, so that it has a box of its own.
+    """
+    dice = np.random.default_rng(8)
+    inside = 0
+    for _ in range(200):
+        along, to_third = dice.normal(size=(2, 3))
+        along /= np.linalg.norm(along)
+        to_third /= np.linalg.norm(to_third)
+        crowd = dice.uniform(-0.05, 0.05, (60, 3))
+        crowd += np.where(np.arange(60) < 30, 1.2, -1.2)[:, None] * along
+        ends = np.array([along, -along, to_third])
+        xyz = 0.7 * (np.concatenate([ends, crowd]) + dice.uniform(0, 5, 3)) + offset
+        (a, b, c), (d, e, f) = xyz[0] - xyz[2], xyz[1] - xyz[2]
+        obtuse = bool((a * d + b * e) + c * f < 0)
+        inside += obtuse
+        neighbourhood = Neighbourhood(xyz, 1)
+        edges = given(neighbourhood, gabriel.gabriel_graph(neighbourhood).ends)
+        assert ((0, 1) in edges) == (not obtuse)
+    assert 50 < inside < 150
+
+
+def delaunay_edges(xyz: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Edges of Qhull's triangulation, and their lengths."""
+    corners = Delaunay(xyz).simplices
+    pairs = np.concatenate([corners[:, [a, b]] for a in range(4) for b in range(a)])
+    ends = np.unique(np.sort(pairs, axis=1), axis=0)
+    return ends, np.linalg.norm(xyz[ends[:, 0]] - xyz[ends[:, 1]], axis=1)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_spanning_tree_is_that_of_the_triangulation(seed: int) -> None:
+    """The paper's way, on thousands of points: the same lengths."""
+    xyz = street(seed, 5000)
+    ends, length = delaunay_edges(xyz)
+    graph = coo_array((length, ends.T), (len(xyz), len(xyz)))
+    expected = np.sort(minimum_spanning_tree(graph).data)
+    tree = spanning_tree.spanning_tree(Neighbourhood(xyz, 1))
+    np.testing.assert_allclose(np.sort(tree.length), expected, rtol=1e-12)
+
+
+def test_gabriel_graph_is_part_of_the_triangulation() -> None:
+    """For points in general position, on thousands of them."""
+    xyz = street(7, 5000)
+    neighbourhood = Neighbourhood(xyz, 1)
+    edges = given(neighbourhood, gabriel.gabriel_graph(neighbourhood).ends)
+    assert edges < {(int(p), int(q)) for p, q in delaunay_edges(xyz)[0]}
+
+
+def test_spanning_tree_joins_everything() -> None:
+    """One edge less than points, and one component, ties or not."""
+    for xyz in (grid(9, 9, 9), LINE, np.zeros((30, 3)), street(1, 3000)):
+        tree = spanning_tree.spanning_tree(Neighbourhood(xyz, 1))
+        assert len(tree.ends) == len(xyz) - 1
+        _, size = hierarchical.clusters(len(xyz), tree, np.ones(len(tree.ends), np.bool_))
+        assert size.tolist() == [len(xyz)]
+
+
+# Nothing but the points matters ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_permutation(seed: int) -> None:
+    """In another order the points get the same outcome, bit for bit."""
+    dice = np.random.default_rng(seed)
+    xyz = np.concatenate([street(seed, 4000), np.round(street(seed, 1000), 1)])
+    order = dice.permutation(len(xyz))
+    outcome = detect(xyz, settings(20))
+    assert {0, 1} <= set(outcome.phase.tolist())
+    assert_same(outcome, detect(xyz[order], settings(20)), order)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_rigid_motion_and_scale(seed: int) -> None:
+    """Turned, shifted, mirrored and in other units the points get the same outcome."""
+    xyz, parameters = scene(seed), settings(8, 0.7, 0.5)
+    outcome = detect(xyz, parameters)
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    turned = xyz @ turn + np.array([10.0, -20.0, 3.0])
+    for moved in (turned, -xyz, 1e-3 * xyz, 1e100 * xyz):
+        assert_same(outcome, detect(moved, parameters))
+
+
+def test_every_point_twice() -> None:
+    """Clusters are twice as large, and nothing else changes."""
+    xyz = scene(1)
+    once, twice = detect(xyz, settings(10)), detect(np.repeat(xyz, 2, axis=0), settings(20))
+    np.testing.assert_array_equal(np.repeat(once.phase, 2), twice.phase)
+    np.testing.assert_array_equal(np.repeat(2 * once.cluster, 2), twice.cluster)
+    np.testing.assert_array_equal(np.repeat(once.score, 2), twice.score)
+
+
+def test_threads_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However the work is cut up and shared out, the graphs are the same, edge by edge."""
+    xyz = np.concatenate([street(5, 20_000), grid(15, 15, 15) + np.array([0.0, 0.0, 20.0])])
+    neighbourhood = Neighbourhood(xyz, 1)
+    tree, graph = spanning_tree.spanning_tree(neighbourhood, 1), None
+    outcome = detect(xyz, settings(30), 1)
+    graph = gabriel.gabriel_graph(neighbourhood, 1)
+    for threads in (2, 3):
+        again = spanning_tree.spanning_tree(neighbourhood, threads)
+        np.testing.assert_array_equal(tree.ends, again.ends)
+        np.testing.assert_array_equal(
+            graph.ends, gabriel.gabriel_graph(neighbourhood, threads).ends
+        )
+        assert_same(outcome, detect(xyz, settings(30), threads))
+    monkeypatch.setattr(spanning_tree, 'CHUNK', 700)
+    monkeypatch.setattr(gabriel, 'CHUNK', 333)
+    assert_same(outcome, detect(xyz, settings(30), 2))
+    np.testing.assert_array_equal(graph.ends, gabriel.gabriel_graph(neighbourhood, 2).ends)
+
+
+# What it says ----------------------------------------------------------------------------------
+
+
+def test_phases_and_clusters() -> None:
+    """A far pair goes in phase 1, a near point in phase 2: worked out with the naive twin."""
+    xyz = np.zeros((13, 3))
+    xyz[:, 0] = [*range(10), 11.5, 40, 41]
+    outcome = detect(xyz, settings(3))
+    assert outcome.phase.tolist() == [0] * 10 + [2, 1, 1]
+    assert outcome.cluster.tolist() == [10] * 10 + [1, 2, 2]
+    assert outcome.score.tolist() == [0.3] * 10 + [3.0, 1.5, 1.5]
+
+
+def test_just_large_enough() -> None:
+    """A cluster of exactly min_cluster points has score 1 and stays."""
+    xyz = np.concatenate([LINE, LINE[:10] + np.array([0.0, 500.0, 0.0])])
+    assert detect(xyz, settings(10)).score.tolist() == [10 / 60] * 60 + [1.0] * 10
+    outcome = detect(xyz, settings(11))
+    assert outcome.score.tolist() == [11 / 60] * 60 + [1.1] * 10
+    assert outcome.phase.tolist() == [0] * 60 + [1] * 10
+
+
+def test_just_large_enough_for_phase_2() -> None:
+    """A cluster of exactly min_cluster points is looked at again: a step of 3 among ones is cut.
+
+    Eight times 1 and 3: median 1, mean 11/9, variance 4/9, limit 2.31.
+    """
+    small = LINE[:10] + np.array([0.0, 500.0, 0.0])
+    small[5:, 0] += 2
+    outcome = detect(np.concatenate([LINE, small]), settings(10))
+    assert outcome.phase.tolist() == [0] * 60 + [2] * 10
+    assert outcome.cluster.tolist() == [60] * 60 + [5] * 10
+
+
+def test_edges_of_exactly_the_limit_stay() -> None:
+    """With intervals of no width all edges of the median length do."""
+    outcome = detect(LINE, settings(60, 0.0, 0.0))
+    assert outcome.score.tolist() == [1.0] * 60
+    assert not outcome.phase.any()
+
+
+@pytest.mark.parametrize('count', [0, 1, 99])
+def test_too_few_points_stay_untested(count: int) -> None:
+    """Less than one cluster."""
+    outcome = detect(scene(0)[:count], Hierarchical())
+    assert np.isnan(outcome.score).all()
+    assert len(outcome.score) == len(outcome.phase) == len(outcome.cluster) == count
+    assert not outcome.phase.any()
+    assert not outcome.cluster.any()
+
+
+@pytest.mark.parametrize('step', [0.1, 1 / 3, 1e-3])
+def test_roundings_cut_nothing(step: float) -> None:
+    """Points in equal steps, whose lengths differ by rounding, are one cluster in both phases."""
+    line = np.zeros((500, 3), np.float32)
+    line[:, 0] = 100 + step * np.arange(500)
+    for xyz in (line.astype(np.float64), step * grid(20, 25, 1) + [1e5, 1e6, 0]):
+        if step == 1e-3:  # float32 has no such steps at 100 m: some are 4 % longer
+            xyz = step * grid(500, 1, 1)  # noqa: PLW2901
+        assert detect(xyz, Hierarchical()).cluster.tolist() == [500] * 500
+
+
+def test_limit() -> None:
+    """Of 1, 1, 2, 4: median 1.5, variance 2; in any order the same, bit for bit."""
+    lengths = np.array([4.0, 1.0, 2.0, 1.0])
+    assert hierarchical.limit(lengths, 0.95) == pytest.approx(1.5 + 1.959964 * np.sqrt(2), rel=1e-6)
+    dice = np.random.default_rng(1)
+    many = dice.exponential(size=10_000)
+    assert hierarchical.limit(many, 0.9) == hierarchical.limit(dice.permutation(many), 0.9)
+
+
+@pytest.mark.parametrize('wrong', [np.nan, np.inf, -1e160])
+def test_impossible_coordinates_are_refused(wrong: float) -> None:
+    """Their squares are no numbers."""
+    xyz = scene(0)
+    xyz[17, 1] = wrong
+    with pytest.raises(FilterError, match='coordinates must be finite and at most'):
+        detect(xyz, Hierarchical())
+
+
+def test_a_wild_coordinate_is_an_outlier() -> None:
+    """A point at the far end of float32 is cut off, and the others stay."""
+    xyz = np.concatenate([grid(10, 15, 1), [[3e38, 0.0, -3e38]]])
+    outcome = detect(xyz, Hierarchical())
+    assert outcome.phase.tolist() == [0] * 150 + [1]
+
+
+def test_a_heap_of_coincident_points() -> None:
+    """Two hundred thousand returns from one place take no quadratic time."""
+    xyz = np.concatenate([np.zeros((200_000, 3)), street(3, 2000) + np.array([5.0, 0.0, 0.0])])
+    outcome = detect(xyz, Hierarchical())
+    assert outcome.cluster[:200_000].min() >= 200_000
+    assert outcome.phase[0] == 0
+
+
+def test_a_point_that_sees_all() -> None:
+    """In the middle of a sphere of points it has an edge to every one of them."""
+    neighbourhood = Neighbourhood(sphere(3000), 1)
+    edges = given(neighbourhood, gabriel.gabriel_graph(neighbourhood).ends)
+    assert {p for p, q in edges if q == 3000} == set(range(3000))
