@@ -60,6 +60,9 @@ setup(
             'ros-jazzy-sensor-msgs>=5.3,<6',
         ],
         'audit': ['filterpy>=1.4.5'],  # `engine: filterpy`
+        # `lidar-outlier-filter clean`: LAS, LAZ and PCD (1 MB); Parquet (170 MB). Others need none.
+        'files': ['laspy[lazrs]>=2.5', 'python-neo-lzf>=0.3.5'],
+        'parquet': ['pyarrow>=14'],
         'bench': ['open3d>=0.18'],  # the ratio that `lidar-outlier-filter bench` prints
         'test': [
             'catkin-pkg>=1.0',
@@ -67,11 +70,14 @@ setup(
             'colcon-ros>=0.5',
             'filterpy>=1.4.5',
             'hypothesis>=6.98',
+            'laspy[lazrs]>=2.5',
             'mcap-ros2-support>=0.5',
             'psutil>=5.9',
+            'pyarrow>=14',
             'pytest>=7.4',
             'pytest-timeout>=2.2',
             'pytest-xdist>=3.4',
+            'python-neo-lzf>=0.3.5',
             'scikit-learn>=1.4',
         ],
         'lint': [

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.cli_clean import add_clean
 from lidar_outlier_filter.errors import FilterError, ParameterError
 
 if TYPE_CHECKING:
@@ -274,7 +275,7 @@ def _bench(_options: argparse.Namespace) -> int:
 
 
 # A command is a function that adds its parser; `run` in the parser's defaults runs it.
-COMMANDS: tuple[Callable[[Commands], None], ...] = (add_replay, add_demo, add_bench)
+COMMANDS: tuple[Callable[[Commands], None], ...] = (add_replay, add_clean, add_demo, add_bench)
 
 
 if __name__ == '__main__':

@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What every format can do, and which module reads which file."""
+
+from __future__ import annotations
+
+import importlib
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from lidar_outlier_filter.errors import CloudError, FilterError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Mask = NDArray[np.bool_]
+
+CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
+
+# Suffix, module, and what to install where its library is missing.
+_FORMATS = {
+    '.las': ('las', 'files'),
+    '.laz': ('las', 'files'),
+    '.pcd': ('pcd', 'files'),
+    '.ply': ('ply', ''),
+    '.csv': ('text', ''),
+    '.tsv': ('text', ''),
+    '.txt': ('text', ''),
+    '.xyz': ('text', ''),
+    '.asc': ('text', ''),
+    '.parquet': ('parquet', 'parquet'),
+    '.sqlite': ('sqlite', ''),
+    '.sqlite3': ('sqlite', ''),
+    '.db': ('sqlite', ''),
+}
+
+
+@dataclass(frozen=True)
+class Change:
+    """In what a copy of a file of N points differs from it.
+
+    Attributes
+    ----------
+    keep : (N,) bool or None
+        The points that the copy has; None: all.
+    noise : (N,) bool or None
+        The points whose classification becomes 7, noise; only where the format has classes.
+    added : columns by name, (N,) each
+        What each point gains, behind all that it has.
+
+    """
+
+    keep: Mask | None = None
+    noise: Mask | None = None
+    added: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    def count(self, total: int) -> int:
+        """Count the points of the copy of a file of so many."""
+        return total if self.keep is None else int(np.count_nonzero(self.keep))
+
+
+class CloudFile(Protocol):
+    """A file of points, read chunk by chunk as often as it takes, and copied with changes.
+
+    Attributes
+    ----------
+    columns : the columns that hold one number a point, and their types, in the order of the file
+    classes : whether points have a classification
+    whole : why no point can be left out of a copy; empty: any can
+
+    """
+
+    path: Path
+    columns: Mapping[str, np.dtype[Any]]
+    classes: bool
+    whole: str
+
+    def __len__(self) -> int:
+        """Count the points."""
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns, chunk by chunk: for each name an array (n,), in the order of the names."""
+
+    def copy(self, path: Path, change: Change) -> Iterator[int]:
+        """Write a copy to a new file; yield, now and then, how many points of this are done.
+
+        All that the change does not name is kept, byte for byte.
+        """
+
+
+def open_cloud(path: Path, table: str | None = None) -> CloudFile:
+    """Open a cloud by the suffix of its name.
+
+    Parameters
+    ----------
+    path : the file
+    table : the table of a database; None: the only one
+
+    Raises
+    ------
+    CloudError
+        If the suffix is of no known format, or the file cannot be read or has no points.
+
+    """
+    suffix = path.suffix.lower()
+    if suffix not in _FORMATS:
+        raise CloudError(f'the file {path}', f'one of {" ".join(_FORMATS)}', repr(path.suffix))
+    module, extra = _FORMATS[suffix]
+    with readable(path):
+        if not path.is_file():
+            raise CloudError(f'the file {path}', 'a file', 'a folder' if path.is_dir() else 'none')
+        try:
+            opened: CloudFile = importlib.import_module(f'{__package__}.{module}').open_file(
+                path, table
+            )
+        except ModuleNotFoundError as err:
+            must_be = f"installed, as by pip install 'lidar_outlier_filter[{extra}]'"
+            raise CloudError(f'the module {err.name} for {suffix} files', must_be, 'none') from err
+    if table is not None and module != 'sqlite':
+        raise CloudError('the table', f'given for a database only, not for {suffix}', repr(table))
+    if len(opened) == 0:
+        raise CloudError(f'the cloud {path}', 'of at least one point', 0)
+    return opened
+
+
+def is_same_format(path: Path, other: Path) -> bool:
+    """Tell whether two names are those of files of one format."""
+    formats = [_FORMATS.get(one.suffix.lower()) for one in (path, other)]
+    return formats[0] == formats[1]
+
+
+def read(file: CloudFile, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+    """Read columns of a file chunk by chunk, whatever is wrong with it said in one sentence."""
+    for name in names:
+        if name not in file.columns:
+            raise CloudError(f'a column of {file.path}', f'one of {_names(file)}', repr(name))
+    count = 0
+    with readable(file.path):
+        for chunk in file.read(names):
+            count += len(chunk[0])
+            yield chunk
+        check_count(file.path, len(file), count)
+
+
+def copy(file: CloudFile, path: Path, change: Change) -> Iterator[int]:
+    """Write a changed copy; whatever goes wrong is said in one sentence."""
+    if change.keep is not None and file.whole:
+        raise CloudError(f'rejected points of {file.path}', 'marked', f'removed: {file.whole}')
+    for name in change.added:
+        if name in file.columns:
+            raise CloudError(f'the columns of {file.path}', f'without {name}', _names(file))
+    with readable(file.path):
+        try:
+            yield from file.copy(path, change)
+        except OSError as err:
+            raise CloudError(f'the output {path}', 'written in full', _quoted(err)) from err
+
+
+def check_count(path: Path, said: int, found: int) -> None:
+    """Refuse a file that is shorter than it says."""
+    if found != said:
+        raise CloudError(f'the file {path}', f'of {said} points, as it says', f'{found}')
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Refuse, in one sentence, whatever a file that is none makes its reader raise."""
+    try:
+        yield
+    except FilterError:
+        raise
+    except Exception as err:  # on damaged files, the readers raise whatever they come upon
+        raise CloudError(f'the file {path}', 'readable', _quoted(err)) from err
+
+
+def _names(file: CloudFile) -> str:
+    return ', '.join(file.columns) or 'none'
+
+
+def _quoted(err: Exception) -> str:
+    """Put a foreign sentence, on one line, into quotes."""
+    text = (err.strerror or '') if isinstance(err, OSError) else ''
+    return '"' + ' '.join((text or str(err) or repr(err)).split()) + '"'

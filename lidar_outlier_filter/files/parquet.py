@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parquet files, through pyarrow: row group by row group, schema and metadata kept."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.rows import check_names
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.cloud_file import Change
+
+
+def open_file(path: Path, _table: str | None) -> ParquetFile:
+    """Open a Parquet file."""
+    return ParquetFile(path)
+
+
+class ParquetFile:
+    """A Parquet file; see :class:`CloudFile`."""
+
+    classes = False
+    whole = ''
+
+    def __init__(self, path: Path) -> None:
+        """Read schema and size."""
+        self.path = path
+        with parquet.ParquetFile(path) as file:
+            self._schema = file.schema_arrow
+            self._count = file.metadata.num_rows
+        check_names(path, self._schema.names)
+        self.columns: Mapping[str, np.dtype[Any]] = {
+            field.name: np.dtype(field.type.to_pandas_dtype())
+            for field in self._schema
+            if pa.types.is_integer(field.type)
+            or pa.types.is_floating(field.type)
+            or pa.types.is_timestamp(field.type)
+        }
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return int(self._count)
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns chunk by chunk; null is NaN."""
+        with parquet.ParquetFile(self.path) as file:
+            for batch in file.iter_batches(CHUNK, columns=list(dict.fromkeys(names))):
+                yield tuple(_numbers(batch.column(name)) for name in names)
+
+    def copy(self, path: Path, change: Change) -> Iterator[int]:
+        """Write a copy with the same row groups and compression."""
+        schema = self._schema
+        for name, values in change.added.items():
+            schema = schema.append(pa.field(name, pa.from_numpy_dtype(values.dtype)))
+        done = 0
+        with (
+            parquet.ParquetFile(self.path) as file,
+            parquet.ParquetWriter(path, schema, **_properties(file)) as writer,
+        ):
+            for group in range(file.num_row_groups):
+                table = file.read_row_group(group)
+                part = slice(done, done + len(table))
+                for name, values in change.added.items():
+                    table = table.append_column(name, pa.array(values[part]))
+                if change.keep is not None:
+                    table = table.filter(pa.array(change.keep[part]))
+                writer.write_table(table.cast(schema), row_group_size=max(1, len(table)))
+                done = part.stop
+                yield done
+
+
+def _numbers(column: Any) -> NDArray[Any]:
+    if pa.types.is_timestamp(column.type):
+        column = column.cast(pa.timestamp('ns')).cast(pa.int64())
+    return np.asarray(column.to_numpy(zero_copy_only=False))
+
+
+def _properties(file: Any) -> dict[str, Any]:
+    """Return what the writer must be told to write as the file was written."""
+    if file.num_row_groups == 0:
+        return {}
+    group = file.metadata.row_group(0)
+    columns = [group.column(i) for i in range(group.num_columns)]
+    compression = {
+        column.path_in_schema: column.compression.replace('UNCOMPRESSED', 'NONE')
+        for column in columns
+    }
+    return {'compression': compression, 'version': file.metadata.format_version}

@@ -1,0 +1,190 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""PCD files of the Point Cloud Library: ascii, binary, binary_compressed.
+
+Read here and not by pypcd4, the library there is: it prints the numbers of ascii files anew, drops
+comments, names what is padding at random, and holds whole files in memory. LZF is left to liblzf.
+"""
+
+from __future__ import annotations
+
+import struct
+from functools import cached_property
+from itertools import accumulate
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import lzf
+import numpy as np
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import check_count
+from lidar_outlier_filter.files.rows import (
+    BinaryRows,
+    Rows,
+    TextRows,
+    check_names,
+    single_numbers,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.cloud_file import Change
+
+_KINDS = {'I': 'i', 'U': 'u', 'F': 'f'}
+_LETTERS = {kind: letter for letter, kind in _KINDS.items()}
+_LONGEST_HEADER = 1_000_000  # bytes
+_SIZES = struct.Struct('<II')
+
+
+def open_file(path: Path, _table: str | None) -> PcdFile:
+    """Open a PCD file."""
+    return PcdFile(path)
+
+
+class PcdFile:
+    """A PCD file; see :class:`CloudFile`."""
+
+    classes = False
+    whole = ''
+
+    def __init__(self, path: Path) -> None:
+        """Read the header."""
+        self.path = path
+        with path.open('rb') as stream:
+            self._header = _header(stream)
+            self._offset = stream.tell()
+        said = {line.split()[0].upper(): line.split()[1:] for line in self._header if line.split()}
+        try:
+            self._names = [name.decode() for name in said[b'FIELDS']]
+            self._dtype = self._layout(said)
+            width, height = int(said[b'WIDTH'][0]), int(said[b'HEIGHT'][0])
+            self._count = int(said.get(b'POINTS', [b'%d' % (width * height)])[0])
+            self._data = said[b'DATA'][0].decode().lower()
+        except (KeyError, IndexError) as err:
+            raise CloudError(f'the header of {path}', 'complete', f'no {err}') from err
+        if self._count != width * height or self._count < 0:
+            must_be = f'WIDTH × HEIGHT = {width * height}'
+            raise CloudError(f'POINTS in {path}', must_be, self._count)
+        if self._data not in {'ascii', 'binary', 'binary_compressed'}:
+            must_be = 'ascii, binary or binary_compressed'
+            raise CloudError(f'DATA in {path}', must_be, repr(self._data))
+        numbers = single_numbers(self._dtype)
+        self.columns: Mapping[str, np.dtype[Any]] = {
+            name: kind for name, kind in numbers.items() if not name.startswith('_ ')
+        }
+
+    def _layout(self, said: Mapping[bytes, Sequence[bytes]]) -> np.dtype[np.void]:
+        """Make the dtype of a row; padding, whose name is always ``_``, is numbered."""
+        sizes = [int(size) for size in said[b'SIZE']]
+        counts = [int(count) for count in said.get(b'COUNT', [b'1'] * len(sizes))]
+        kinds = [_KINDS.get(letter.decode(), letter.decode()) for letter in said[b'TYPE']]
+        if not len(self._names) == len(sizes) == len(kinds) == len(counts):
+            got = f'{len(self._names)}, {len(sizes)}, {len(kinds)} and {len(counts)}'
+            must_be = 'of one length'
+            raise CloudError(f'FIELDS, SIZE, TYPE and COUNT in {self.path}', must_be, got)
+        names = [f'_ {i}' if name == '_' else name for i, name in enumerate(self._names)]
+        check_names(self.path, names)
+        return np.dtype(
+            [
+                (name, f'<{kind}{size}', *([(count,)] if count != 1 else []))
+                for name, kind, size, count in zip(names, kinds, sizes, counts, strict=True)
+            ]
+        )
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return self._count
+
+    @cached_property
+    def _rows(self) -> Rows:
+        if self._data == 'ascii':
+            counts = [dtype.itemsize // dtype.base.itemsize for dtype in self._kinds]
+            places = dict(zip(self._dtype.names or (), accumulate([0, *counts]), strict=False))
+            columns = {name: (places[name], kind) for name, kind in self.columns.items()}
+            return TextRows(self.path, self._offset, self._count, columns)
+        if self._data == 'binary':
+            return BinaryRows.map(self.path, self._offset, self._dtype, self._count)
+        return BinaryRows(self._decompressed)
+
+    @property
+    def _kinds(self) -> list[np.dtype[Any]]:
+        return [self._dtype[name] for name in self._dtype.names or ()]
+
+    @cached_property
+    def _decompressed(self) -> NDArray[np.void]:
+        """The rows of a compressed file, in which the columns come one after the other."""
+        rows = np.empty(self._count, self._dtype)
+        if self._count == 0:
+            return rows
+        with self.path.open('rb') as stream:
+            stream.seek(self._offset)
+            packed, size = _SIZES.unpack(stream.read(_SIZES.size))
+            check_count(self.path, self._count, size // self._dtype.itemsize)
+            columns = lzf.decompress(stream.read(packed), size)
+        begin = 0
+        for name, kind in zip(self._dtype.names or (), self._kinds, strict=True):
+            rows[name] = np.ndarray(self._count, kind, columns, begin)
+            begin += kind.itemsize * self._count
+        return rows
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns chunk by chunk."""
+        return self._rows.read(names)
+
+    def copy(self, path: Path, change: Change) -> Iterator[int]:
+        """Write a copy; without some of its points a cloud is organised no more."""
+        with path.open('wb') as stream:
+            stream.writelines(self._changed_header(change))
+            if self._data == 'binary_compressed':
+                self._compress(stream, change)
+                yield self._count
+            else:
+                yield from self._rows.write(stream, change)
+
+    def _changed_header(self, change: Change) -> Iterator[bytes]:
+        count = b'%d' % change.count(self._count)
+        shape = {b'WIDTH': count, b'HEIGHT': b'1', b'POINTS': count}
+        added: dict[bytes, list[str]] = {b'FIELDS': list(change.added)}
+        kinds = [values.dtype for values in change.added.values()]
+        added[b'SIZE'] = [str(kind.itemsize) for kind in kinds]
+        added[b'TYPE'] = [_LETTERS[kind.kind] for kind in kinds]
+        added[b'COUNT'] = ['1'] * len(kinds)
+        for line in self._header:
+            word = line.split(maxsplit=1)[0].upper() if line.split() else b''
+            if word in shape and change.keep is not None:
+                yield word + b' ' + shape[word] + b'\n'
+            elif word in added and kinds:
+                yield line.rstrip() + b' ' + ' '.join(added[word]).encode() + b'\n'
+            else:
+                yield line
+
+    def _compress(self, stream: BinaryIO, change: Change) -> None:
+        """Write the columns one after the other, compressed."""
+        rows = self._decompressed
+        columns = [rows[name] for name in rows.dtype.names or ()]
+        columns += [
+            values.astype(values.dtype.newbyteorder('<')) for values in change.added.values()
+        ]
+        kept = slice(None) if change.keep is None else change.keep
+        data = b''.join(column[kept].tobytes() for column in columns)
+        # Given room, LZF also takes what it cannot make smaller.
+        packed = lzf.compress(data, len(data) + len(data) // 16 + 64) if data else b''
+        stream.write(_SIZES.pack(len(packed), len(data)))
+        stream.write(packed)
+
+
+def _header(stream: BinaryIO) -> list[bytes]:
+    """Read the lines up to DATA."""
+    lines: list[bytes] = []
+    while stream.tell() < _LONGEST_HEADER:
+        line = stream.readline(_LONGEST_HEADER)
+        if not line:
+            break
+        lines.append(line)
+        if line.upper().startswith(b'DATA'):
+            return lines
+    raise CloudError('the header of a PCD file', 'ended by a line with DATA', 'none')

@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""PLY files: ascii and binary of both byte orders.
+
+The header and the element ``vertex`` are read; all before and behind it is copied as it is. Read
+here because no library fits: plyfile's licence is the GPL, and meshio, trimesh and Open3D keep only
+the properties that they know.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.rows import (
+    BinaryRows,
+    Rows,
+    TextRows,
+    check_names,
+    single_numbers,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.cloud_file import Change
+
+_NAMES = {
+    'i1': ('char', 'int8'),
+    'u1': ('uchar', 'uint8'),
+    'i2': ('short', 'int16'),
+    'u2': ('ushort', 'uint16'),
+    'i4': ('int', 'int32'),
+    'u4': ('uint', 'uint32'),
+    'f4': ('float', 'float32'),
+    'f8': ('double', 'float64'),
+}
+_KINDS = {name: kind for kind, names in _NAMES.items() for name in names}
+_ORDERS = {'ascii': '<', 'binary_little_endian': '<', 'binary_big_endian': '>'}
+_LONGEST_HEADER = 1_000_000  # bytes
+
+
+@dataclass
+class _Element:
+    """An element: how many, and the type words of each property; two for the lists."""
+
+    name: str
+    count: int
+    properties: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def has_lists(self) -> bool:
+        return any(len(words) > 1 for words in self.properties.values())
+
+    @property
+    def names_vertices(self) -> bool:
+        return self.count > 0 and any(name.startswith('vert') for name in self.properties)
+
+    def layout(self, order: str) -> np.dtype[np.void]:
+        return np.dtype(
+            [(name, order + _KINDS[words[0]]) for name, words in self.properties.items()]
+        )
+
+
+def open_file(path: Path, _table: str | None) -> PlyFile:
+    """Open a PLY file."""
+    return PlyFile(path)
+
+
+class PlyFile:
+    """A PLY file; see :class:`CloudFile`."""
+
+    classes = False
+
+    def __init__(self, path: Path) -> None:
+        """Read the header, and find where the vertices begin."""
+        self.path = path
+        with path.open('rb') as stream:
+            self._header = _header(stream)
+            self._begin = stream.tell()
+        self._format, self._elements = _parse(path, self._header)
+        found = [i for i, element in enumerate(self._elements) if element.name == 'vertex']
+        if len(found) != 1:
+            raise CloudError(f'the elements vertex of {path}', 'one', len(found))
+        self._place = found[0]
+        self._vertex = self._elements[self._place]
+        if self._vertex.has_lists:
+            raise CloudError(f'the element vertex of {path}', 'without lists', 'a list')
+        self._dtype = self._vertex.layout(_ORDERS[self._format])
+        self.columns: Mapping[str, np.dtype[Any]] = single_numbers(self._dtype)
+        names = [element.name for element in self._elements if element.names_vertices]
+        self.whole = f'its elements {", ".join(names)} name vertices by number' if names else ''
+        self._rows, self._offset, self._end = self._find()
+
+    def _find(self) -> tuple[Rows, int, int]:
+        """Return the rows of the vertices, and where they begin and end in the file."""
+        with self.path.open('rb') as stream:
+            stream.seek(self._begin)
+            for element in self._elements[: self._place]:
+                _skip(stream, element, self._format)
+            offset = stream.tell()
+        if self._format == 'ascii':
+            columns = {name: (i, kind) for i, (name, kind) in enumerate(self.columns.items())}
+            lines = TextRows(self.path, offset, self._vertex.count, columns)
+            return lines, offset, lines.end()
+        rows = BinaryRows.map(self.path, offset, self._dtype, self._vertex.count)
+        return rows, offset, offset + self._dtype.itemsize * self._vertex.count
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return self._vertex.count
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns chunk by chunk."""
+        return self._rows.read(names)
+
+    def copy(self, path: Path, change: Change) -> Iterator[int]:
+        """Write a copy, with every other element as it is."""
+        with path.open('wb') as stream, self.path.open('rb') as source:
+            stream.writelines(self._changed_header(change))
+            source.seek(self._begin)
+            stream.write(source.read(self._offset - self._begin))
+            yield from self._rows.write(stream, change)
+            source.seek(self._end)
+            shutil.copyfileobj(source, stream)
+
+    def _changed_header(self, change: Change) -> Iterator[bytes]:
+        inside = False
+        for line in self._header:
+            words = line.split()
+            if (
+                inside
+                and words[:1] != [b'property']
+                and words[:1] not in ([b'comment'], [b'obj_info'])
+            ):
+                end = line[len(line.rstrip()) :]
+                for name, values in change.added.items():
+                    yield f'property {_NAMES[values.dtype.str[1:]][0]} {name}'.encode() + end
+                inside = False
+            if words[:2] == [b'element', b'vertex']:
+                inside = True
+                count = change.count(len(self))
+                yield b'element vertex %d' % count + line[len(line.rstrip()) :]
+            else:
+                yield line
+
+
+def _header(stream: BinaryIO) -> list[bytes]:
+    """Read the lines up to ``end_header``."""
+    lines: list[bytes] = []
+    while stream.tell() < _LONGEST_HEADER:
+        line = stream.readline(_LONGEST_HEADER)
+        if not line or (not lines and line.strip() != b'ply'):
+            break
+        lines.append(line)
+        if line.strip() == b'end_header':
+            return lines
+    raise CloudError('the header of a PLY file', "from 'ply' to 'end_header'", 'another')
+
+
+def _parse(path: Path, header: Sequence[bytes]) -> tuple[str, list[_Element]]:
+    """Read format and elements out of the lines of a header."""
+    form, elements = '', list[_Element]()
+    for line in header:
+        match line.decode('latin-1').split():
+            case ['format', word, _]:
+                form = word
+            case ['element', name, count]:
+                elements.append(_Element(name, int(count)))
+            case ['property', 'list', length, kind, name]:
+                check_names(path, [*elements[-1].properties, name])
+                elements[-1].properties[name] = [kind, length]
+            case ['property', kind, name]:
+                check_names(path, [*elements[-1].properties, name])
+                elements[-1].properties[name] = [kind]
+            case ['property' | 'element' | 'format', *_]:
+                must_be = 'of the words that the format has'
+                raise CloudError(f'the header of {path}', must_be, repr(line.decode('latin-1')))
+    if form not in _ORDERS:
+        raise CloudError(f'the format of {path}', f'one of {", ".join(_ORDERS)}', repr(form))
+    return form, elements
+
+
+def _skip(stream: BinaryIO, element: _Element, form: str) -> None:
+    """Move behind an element."""
+    if form == 'ascii':
+        for _ in range(element.count):
+            stream.readline()
+        return
+    if not element.has_lists:
+        stream.seek(element.layout(_ORDERS[form]).itemsize * element.count, 1)
+        return
+    order = _ORDERS[form]
+    kinds = [
+        [np.dtype(order + _KINDS[word]) for word in words] for words in element.properties.values()
+    ]
+    for _ in range(element.count):
+        for kind, *length in kinds:
+            count = (
+                int(np.frombuffer(stream.read(length[0].itemsize), length[0])[0]) if length else 1
+            )
+            stream.seek(count * kind.itemsize, 1)

@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of a file → Points: which are the coordinates, the time and the scan line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.points import Points, is_return
+from lidar_outlier_filter.decoder import LINE_NAMES, TIME_NAMES, guess_unit, to_nanoseconds
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files import cloud_file, scan
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.cloud_file import CloudFile
+    from lidar_outlier_filter.parameters import FilterParameters
+
+    Columns = Mapping[str, NDArray[Any]]
+
+GPS_TIME = 'gps_time'
+DIMENSIONS = (2, 3)
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What was read of a file.
+
+    Attributes
+    ----------
+    points : Points
+        All of the file, in its order; time and line are 0 where there are no ``lines``.
+    lines : str
+        What the scan lines were found by; empty where the file has none.
+    lack : str
+        What the file lacks, so that it has no lines; empty where they were not asked for.
+
+    """
+
+    points: Points
+    lines: str
+    lack: str
+
+
+def choose_coordinates(file: CloudFile, wanted: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns that are the coordinates: those wanted, or x, y and z in either case.
+
+    Raises
+    ------
+    CloudError
+        If they are not two or three different columns of the file.
+
+    """
+    lower = {name.lower(): name for name in reversed(list(file.columns))}
+    names = tuple(wanted) or tuple(lower[axis] for axis in 'xyz' if axis in lower)
+    has = f'the columns {", ".join(file.columns) or "none"}'
+    if not wanted and len(names) not in DIMENSIONS:
+        raise CloudError(f'{file.path}', 'with columns x and y, or --columns given', has)
+    for name in names:
+        if name not in file.columns:
+            raise CloudError(f'the coordinates {", ".join(names)}', f'columns of {file.path}', has)
+    if len(names) not in DIMENSIONS or len(set(names)) < len(names):
+        raise CloudError('the coordinates', 'two or three columns', ', '.join(names))
+    return names
+
+
+def load(  # noqa: PLR0913  which columns, and where to
+    file: CloudFile,
+    coordinates: Sequence[str],
+    parameters: FilterParameters,
+    *,
+    timed: bool,
+    allocate: Callable[[tuple[int, ...]], NDArray[np.float64]] = np.empty,
+    progress: Callable[[int], object] = bool,
+) -> Loaded:
+    """Read the points of a file.
+
+    Parameters
+    ----------
+    file : CloudFile
+    coordinates : two or three columns; of two, z is 0
+    parameters : name the columns of time, line and standard deviation
+    timed : whether time and lines are wanted
+    allocate : gives the array for the coordinates, in memory or in a file
+    progress : is told how many points have been read
+
+    Raises
+    ------
+    CloudError
+        If the file cannot be read, or has not the columns that the parameters name.
+
+    """
+    others = _others(file, parameters) if timed else []
+    xyz = allocate((len(file), 3))
+    columns: dict[str, NDArray[Any]] = {}
+    done = 0
+    for chunk in cloud_file.read(file, [*coordinates, *others]):
+        part = slice(done, done + len(chunk[0]))
+        for axis in range(3):
+            xyz[part, axis] = chunk[axis] if axis < len(coordinates) else 0.0
+        for name, values in zip(others, chunk[len(coordinates) :], strict=True):
+            if done == 0:
+                columns[name] = np.empty(len(file), values.dtype)
+            elif values.dtype.kind == 'f' != columns[name].dtype.kind:
+                columns[name] = columns[name].astype(np.float64)  # the first NaN
+            columns[name][part] = values
+        done = part.stop
+        progress(done)
+    valid = is_return(xyz)
+    zeros = np.zeros(len(file), np.int64)
+    if not timed:
+        return Loaded(Points(xyz, zeros, zeros, valid), '', '')
+    return _with_lines(file, Points(xyz, zeros, zeros, valid), columns, parameters)
+
+
+def _others(file: CloudFile, parameters: FilterParameters) -> list[str]:
+    """List the columns that may tell time, line and standard deviation."""
+    named = [
+        _named(file, parameters.time_field, 'time_field', (GPS_TIME, *TIME_NAMES)),
+        _named(file, parameters.line_field, 'line_field', LINE_NAMES),
+    ]
+    if parameters.angle_field:
+        named.append(_named(file, parameters.angle_field, 'angle_field', ()))
+    if parameters.alpha_beta_gamma.sigma_field:
+        sigma = parameters.alpha_beta_gamma.sigma_field
+        named.append(_named(file, sigma, 'alpha_beta_gamma.sigma_field', ()))
+    if named[0]:
+        named += [name for name in scan.COLUMNS if name in file.columns]
+    return list(dict.fromkeys(name for name in named if name))
+
+
+def _named(file: CloudFile, name: str, parameter: str, usual: Sequence[str]) -> str:
+    """Return the column that a parameter names; under 'auto' the first usual one, or none."""
+    if name == 'auto':
+        lower = {column.lower(): column for column in reversed(list(file.columns))}
+        return next((lower[one] for one in usual if one in lower), '')
+    if name not in file.columns:
+        must_be = f'a column of {file.path}: {", ".join(file.columns) or "none"}'
+        raise CloudError(parameter, must_be, repr(name))
+    return name
+
+
+def _with_lines(
+    file: CloudFile, points: Points, columns: Columns, parameters: FilterParameters
+) -> Loaded:
+    """Add time, line and standard deviation to the points, if the columns tell them."""
+    time = _named(file, parameters.time_field, 'time_field', (GPS_TIME, *TIME_NAMES))
+    if not time:
+        return Loaded(points, '', 'no column with the time of each point')
+    values, unit = columns[time], parameters.time_unit
+    if unit == 'auto':
+        sizes = np.abs(values[points.valid].astype(np.float64))
+        unit = 's' if time.lower() == GPS_TIME else guess_unit(values.dtype, sizes)
+    t = to_nanoseconds(values, points.valid, unit)
+    found = _lines(file, t, columns, parameters)
+    if found is None:
+        return Loaded(points, '', 'no column that tells its scan lines')
+    sigma = _sigma(columns, points.valid, parameters.alpha_beta_gamma.sigma_field)
+    timed = Points(points.xyz, t, found.line, points.valid, sigma)
+    return Loaded(timed, f'{time} ({unit}) and {found.found_by}', '')
+
+
+def _lines(
+    file: CloudFile, t: NDArray[np.int64], columns: Columns, parameters: FilterParameters
+) -> scan.ScanLines | None:
+    """Find the scan lines in the way that ``line_source`` says."""
+    source = parameters.line_source
+    if source not in {'auto', 'field', 'angle'}:
+        raise CloudError('line_source', "'auto', 'field' or 'angle' for a file", repr(source))
+    field = _named(file, parameters.line_field, 'line_field', LINE_NAMES)
+    if source == 'field' and not field:
+        must_be = f'one of {", ".join(LINE_NAMES)}, or line_field given'
+        raise CloudError('the line column', must_be, f'the columns {", ".join(file.columns)}')
+    if field and source != 'angle':
+        line = columns[field]
+        if line.dtype.kind == 'f' and not (line == np.floor(line)).all():
+            raise CloudError(f'column {field!r}', 'of whole numbers', 'others')
+        return scan.ScanLines(line.astype(np.int64), field)
+    angle = parameters.angle_field
+    if source == 'angle' and not angle:
+        angle = next((name for name in scan.ANGLES if name in columns), '')
+        if not angle:
+            must_be = f'one of {", ".join(scan.ANGLES)}, or angle_field given'
+            raise CloudError('the angle column', must_be, f'the columns {", ".join(file.columns)}')
+    return scan.find(t, columns, angle)
+
+
+def _sigma(columns: Columns, valid: NDArray[np.bool_], name: str) -> NDArray[np.float64] | None:
+    if not name:
+        return None
+    sigma = columns[name].astype(np.float64)
+    wrong = valid & ~((sigma > 0) & np.isfinite(sigma))
+    if wrong.any():
+        raise CloudError(f'column {name!r}', 'more than 0 and finite', sigma[wrong][0])
+    return sigma

@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Points that lie in a file row by row, behind a header: what PCD and PLY have in common.
+
+Rows are copied as the bytes that they are; only the columns asked for are ever read as numbers.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol
+
+import numpy as np
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import CHUNK, check_count
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.cloud_file import Change
+
+
+class Rows(Protocol):
+    """The rows of a file."""
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns chunk by chunk."""
+
+    def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
+        """Write the rows, changed; yield how many are done."""
+
+
+class BinaryRows:
+    """Rows of fixed length."""
+
+    def __init__(self, rows: NDArray[np.void]) -> None:
+        """Take the rows, (N,) structured: mapped from a file, or in memory."""
+        self._rows = rows
+
+    @classmethod
+    def map(cls, path: Path, offset: int, dtype: np.dtype[np.void], count: int) -> BinaryRows:
+        """Map the rows of a file that begin at ``offset``; refuse a file that ends before them."""
+        most = max(0, path.stat().st_size - offset) // dtype.itemsize
+        check_count(path, count, min(count, most))
+        if count == 0:
+            return cls(np.empty(0, dtype))
+        return cls(np.memmap(path, dtype, 'r', offset, count))
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns chunk by chunk."""
+        for begin in range(0, len(self._rows), CHUNK):
+            rows = self._rows[begin : begin + CHUNK]
+            yield tuple(np.ascontiguousarray(rows[name]) for name in names)
+
+    def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
+        """Write the rows, changed; yield how many are done."""
+        for begin, rows in self.changed(change):
+            stream.write(rows.tobytes())
+            yield begin + CHUNK
+
+    def changed(self, change: Change) -> Iterator[tuple[int, NDArray[np.void]]]:
+        """Yield where each chunk begins, and its rows, changed."""
+        # As plain bytes: copies of a structured array lose what lies between the fields.
+        plain = np.dtype((np.void, self._rows.dtype.itemsize))
+        order: Literal['<', '>'] = '>' if _is_big_endian(self._rows.dtype) else '<'
+        added = [(name, values.dtype.newbyteorder(order)) for name, values in change.added.items()]
+        for begin in range(0, len(self._rows), CHUNK):
+            part = slice(begin, begin + CHUNK)
+            rows = self._rows[part].view(plain)
+            if added:
+                wider = np.empty(len(rows), np.dtype([('', plain), *added]))
+                wider['f0'] = rows
+                for name, values in change.added.items():
+                    wider[name] = values[part]
+                rows = wider
+            yield begin, rows if change.keep is None else rows[change.keep[part]]
+
+
+def _is_big_endian(dtype: np.dtype[np.void]) -> bool:
+    return any(dtype[name].base.byteorder == '>' for name in dtype.names or ())
+
+
+class TextRows:
+    """Rows that are lines, with columns between blanks."""
+
+    def __init__(
+        self, path: Path, offset: int, count: int, columns: Mapping[str, tuple[int, np.dtype[Any]]]
+    ) -> None:
+        """Note where the lines begin, how many there are, and place and type of the columns."""
+        self._path, self._offset, self._count, self._columns = path, offset, count, columns
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns chunk by chunk, each number in its own type, as PCL does."""
+        places = [self._columns[name] for name in names]
+        dtype = np.dtype([(f'f{i}', kind) for i, (_, kind) in enumerate(places)])
+        # numpy reads columns in the order in which they are asked for.
+        use = [place for place, _ in places]
+        with self._path.open('rb') as stream:
+            stream.seek(self._offset)
+            for lines in self._chunks(stream):
+                text = [line.decode('latin-1') for line in lines]
+                table = np.loadtxt(text, dtype, comments=None, usecols=use, ndmin=1)
+                yield tuple(np.ascontiguousarray(table[name]) for name in dtype.names or ())
+
+    def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
+        """Write the lines, changed; yield how many are done."""
+        done = 0
+        with self._path.open('rb') as source:
+            source.seek(self._offset)
+            for lines in self._chunks(source):
+                part = slice(done, done + len(lines))
+                if change.added:
+                    added = [values[part].tolist() for values in change.added.values()]
+                    lines = [  # noqa: PLW2901
+                        append(line, b' ', values)
+                        for line, *values in zip(lines, *added, strict=True)
+                    ]
+                if change.keep is not None:
+                    lines = [  # noqa: PLW2901
+                        line for line, keep in zip(lines, change.keep[part], strict=True) if keep
+                    ]
+                stream.write(b''.join(lines))
+                done = part.stop
+                yield done
+
+    def end(self) -> int:
+        """Find where the lines end: the place in the file."""
+        with self._path.open('rb') as stream:
+            stream.seek(self._offset)
+            return self._offset + sum(len(line) for lines in self._chunks(stream) for line in lines)
+
+    def _chunks(self, stream: BinaryIO) -> Iterator[list[bytes]]:
+        """Yield the lines chunk by chunk, empty ones left out."""
+        found = 0
+        lines = (line for line in stream if not line.isspace())
+        while found < self._count:
+            chunk = list(islice(lines, min(CHUNK, self._count - found)))
+            if not chunk:
+                check_count(self._path, self._count, found)
+            found += len(chunk)
+            yield chunk
+
+
+def append(line: bytes, separator: bytes, values: Sequence[float]) -> bytes:
+    """Put numbers behind what a line holds, before its end."""
+    held = line.rstrip(b'\r\n')
+    # Nine digits tell any two float32 apart.
+    texts = (f'{value:.9g}'.encode() for value in values)
+    return separator.join((held, *texts)) + line[len(held) :]
+
+
+def single_numbers(dtype: np.dtype[np.void]) -> dict[str, np.dtype[Any]]:
+    """List the fields that are one number a row, with their types."""
+    return {name: dtype[name] for name in dtype.names or () if dtype[name].subdtype is None}
+
+
+def check_names(path: Path, names: Sequence[str]) -> None:
+    """Refuse columns of which two have one name: none of them could be meant."""
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise CloudError(f'the columns of {path}', 'of different names', ', '.join(double))

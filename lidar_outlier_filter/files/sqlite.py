@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A table of an SQLite database; the verdict becomes a table of its own beside it."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import CHUNK
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.cloud_file import Change
+
+VERDICT = '_verdict'  # behind the name of the table
+_TYPES = {'f': 'REAL', 'u': 'INTEGER', 'i': 'INTEGER'}
+
+
+def open_file(path: Path, table: str | None) -> SqliteFile:
+    """Open a table of a database; None: the only one that it has."""
+    return SqliteFile(path, table)
+
+
+class SqliteFile:
+    """A table of an SQLite database; see :class:`CloudFile`."""
+
+    classes = False
+    whole = 'the verdict on a table is a table of its own'
+
+    def __init__(self, path: Path, table: str | None) -> None:
+        """Find the table, its columns and its size."""
+        self.path = path
+        with closing(self._connect()) as database:
+            self.table = _choose(database, path, table)
+            about = database.execute(f'PRAGMA table_info({_quoted(self.table)})').fetchall()
+            count = f'SELECT count(*) FROM {_quoted(self.table)}'  # noqa: S608  quoted
+            self._count: int = database.execute(count).fetchone()[0]
+            first = database.execute(
+                f'SELECT * FROM {_quoted(self.table)} ORDER BY rowid LIMIT 1'  # noqa: S608  quoted
+            ).fetchone()
+        self.columns: Mapping[str, np.dtype[Any]] = {
+            name: np.dtype(np.int64 if 'INT' in kind.upper() else np.float64)
+            for (_, name, kind, *_), value in zip(about, first or (), strict=False)
+            if value is None or _number(value) is not None
+        }
+
+    def _connect(self) -> sqlite3.Connection:
+        return sqlite3.connect(f'{self.path.resolve().as_uri()}?mode=ro', uri=True)
+
+    def __len__(self) -> int:
+        """Count the rows."""
+        return self._count
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns chunk by chunk, in the order of the row ids; NULL is NaN."""
+        wanted = ', '.join(_quoted(name) for name in names)
+        with closing(self._connect()) as database:
+            for rows in self._chunks(database, wanted):
+                columns = zip(*rows, strict=True)
+                yield tuple(
+                    self._numbers(name, values) for name, values in zip(names, columns, strict=True)
+                )
+
+    def _numbers(self, name: str, values: Sequence[Any]) -> NDArray[Any]:
+        """Turn a column into numbers, whatever it was declared to be."""
+        known = [np.nan if value is None else _number(value) for value in values]
+        if None in known:
+            what = f'column {name!r} of table {self.table!r}'
+            raise CloudError(what, 'of numbers', repr(values[known.index(None)]))
+        return np.array(known)
+
+    def _chunks(self, database: sqlite3.Connection, wanted: str) -> Iterator[list[Any]]:
+        cursor = database.execute(
+            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY rowid'  # noqa: S608  quoted
+        )
+        while rows := cursor.fetchmany(CHUNK):
+            yield rows
+
+    def copy(self, path: Path, change: Change) -> Iterator[int]:
+        """Copy the database and add the table with the verdict: a row for each, by its row id."""
+        with closing(self._connect()) as source, closing(sqlite3.connect(path)) as target:
+            source.backup(target)
+            name = _quoted(self.table + VERDICT)
+            columns = ''.join(
+                f', {_quoted(key)} {_TYPES[values.dtype.kind]}'
+                for key, values in change.added.items()
+            )
+            places = ', ?' * len(change.added)
+            insert = f'INSERT INTO {name} VALUES (?{places})'  # noqa: S608  quoted
+            done = 0
+            with target:
+                target.execute(f'CREATE TABLE {name} (row_id INTEGER PRIMARY KEY{columns})')
+                for rows in self._chunks(source, 'rowid'):
+                    part = slice(done, done + len(rows))
+                    added = [values[part].tolist() for values in change.added.values()]
+                    ids = (row[0] for row in rows)
+                    target.executemany(insert, zip(ids, *added, strict=True))
+                    done = part.stop
+                    yield done
+
+
+def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str:
+    """Find the table that is meant."""
+    found = database.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")
+    names = [name for (name,) in found if not name.startswith('sqlite_')]
+    if wanted is None and len(names) == 1:
+        wanted = names[0]
+    if wanted is None or wanted not in names:
+        got = 'none' if wanted is None else repr(wanted)
+        raise CloudError(f'the table of {path}', f'one of {", ".join(names) or "none"}', got)
+    if wanted + VERDICT in names:
+        must_be = f'without {wanted + VERDICT}, which is to be made'
+        raise CloudError(f'the tables of {path}', must_be, ', '.join(names))
+    return wanted
+
+
+def _number(value: Any) -> float | None:
+    """Return a number, even if it was stored as a text; None for what is none."""
+    if isinstance(value, int | float):
+        return value
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'

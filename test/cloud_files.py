@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the tests of cloud files share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.files import cloud_file
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+VERDICT = ('outlier', 'outlier_score', 'outlier_detectors')
+
+
+def columns(path: Path, *names: str, table: str | None = None) -> list[NDArray[Any]]:
+    """Read columns of a file; none named: all."""
+    file = open_cloud(path, table)
+    chunks = cloud_file.read(file, names or list(file.columns))
+    return [np.concatenate(column) for column in zip(*chunks, strict=True)]
+
+
+def copied(path: Path, change: Change, name: str = '', table: str | None = None) -> Path:
+    """Copy a file, changed, into a folder beside it; under its own name, if no other is given."""
+    folder = path.parent / 'copied'
+    folder.mkdir(exist_ok=True)
+    target = folder / (name or path.name)
+    file = open_cloud(path, table)
+    done = list(cloud_file.copy(file, target, change))
+    assert sorted(done) == done
+    assert done[-1] >= len(file)
+    return target
+
+
+def verdict(count: int) -> dict[str, NDArray[Any]]:
+    """Make up columns of a verdict; the first point is untested."""
+    rng = np.random.default_rng(count)
+    score = rng.gamma(1.0, size=count).astype(np.float32)
+    score[0] = np.nan
+    outlier = (score > 1).astype(np.uint8)
+    return dict(zip(VERDICT, (outlier, score, outlier.astype(np.uint16) * 300), strict=True))
+
+
+def every_third(count: int) -> NDArray[np.bool_]:
+    """Keep all but every third point."""
+    return np.arange(count) % 3 > 0

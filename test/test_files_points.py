@@ -1,0 +1,260 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which columns of a file are coordinates, time and scan lines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import laspy
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.errors import CloudError, FilterError
+from lidar_outlier_filter.files import scan
+from lidar_outlier_filter.files.cloud_file import open_cloud
+from lidar_outlier_filter.files.points import Loaded, choose_coordinates, load
+from lidar_outlier_filter.parameters import FilterParameters
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def table(folder: Path, text: str) -> Path:
+    """Write a table."""
+    path = folder / 'table.csv'
+    path.write_text(text)
+    return path
+
+
+def loaded(path: Path, *columns: str, timed: bool = True, **values: Any) -> Loaded:
+    """Load a file; parameters with __ for the dot."""
+    parameters = FilterParameters().changed(
+        {name.replace('__', '.'): value for name, value in values.items()}
+    )
+    file = open_cloud(path)
+    return load(file, choose_coordinates(file, columns), parameters, timed=timed)
+
+
+@pytest.mark.parametrize(
+    ('names', 'wanted', 'expected'),
+    [
+        ('x,y,z', '', 'x,y,z'),
+        ('z,w,y,x', '', 'x,y,z'),
+        ('X,Y,Z', '', 'X,Y,Z'),
+        ('x,X,y,Y', '', 'x,y'),
+        ('lat,lon,speed', 'lon,lat', 'lon,lat'),
+        ('lat,lon,speed', 'lat,lon,speed', 'lat,lon,speed'),
+    ],
+)
+def test_coordinates(tmp_path: Path, names: str, wanted: str, expected: str) -> None:
+    """Those that are named, or x, y and z in any order and case."""
+    path = table(tmp_path, f'{names}\n1,2,3,4\n')
+    chosen = choose_coordinates(open_cloud(path), wanted.split(',') if wanted else ())
+    assert chosen == tuple(expected.split(','))
+
+
+@pytest.mark.parametrize(
+    ('names', 'wanted', 'sentence'),
+    [
+        ('a,b,c', '', 'must be with columns x and y, or --columns given, got the columns a, b, c'),
+        ('x,b,c', '', 'must be with columns x and y, or --columns given'),
+        ('a,b,c', 'a', 'the coordinates must be two or three columns, got a'),
+        ('a,b,c', 'a,a', 'the coordinates must be two or three columns, got a, a'),
+        ('a,b,c,d', 'a,b,c,d', 'the coordinates must be two or three columns, got a, b, c, d'),
+        ('a,b,c', 'a,x', 'the coordinates a, x must be columns of'),
+    ],
+)
+def test_no_coordinates(tmp_path: Path, names: str, wanted: str, sentence: str) -> None:
+    """What cannot be coordinates is refused, and what there is is told."""
+    path = table(tmp_path, f'{names}\n1,2,3,4\n')
+    with pytest.raises(CloudError) as caught:
+        choose_coordinates(open_cloud(path), wanted.split(',') if wanted else ())
+    assert sentence in str(caught.value)
+
+
+def test_two_coordinates(tmp_path: Path) -> None:
+    """Of two coordinates z is 0; what is not known, or all 0, is no point."""
+    found = loaded(table(tmp_path, 'lat,lon\n45.1,7.2\n,7.3\n0,0\n0,7\n'), 'lat', 'lon')
+    np.testing.assert_array_equal(
+        found.points.xyz, [[45.1, 7.2, 0], [np.nan, 7.3, 0], [0, 0, 0], [0, 7, 0]]
+    )
+    assert found.points.valid.tolist() == [True, False, False, True]
+    assert found.lines == ''
+    assert found.lack == 'no column with the time of each point'
+
+
+def test_time_and_ring(tmp_path: Path) -> None:
+    """A time and a ring by their usual names give times in nanoseconds and lines."""
+    path = table(tmp_path, 'x,y,z,ring,timestamp\n1,2,3,0,1.5\n4,5,6,1,1.5000001\n,8,9,1,\n')
+    found = loaded(path)
+    assert found.points.t.tolist() == [1_500_000_000, 1_500_000_100, 0]
+    assert found.points.line.tolist() == [0, 1, 1]
+    assert found.lines == 'timestamp (s) and ring'
+    assert found.lack == ''
+
+
+def test_time_is_not_asked_for(tmp_path: Path) -> None:
+    """Where no detector needs them, times that make no sense do no harm."""
+    path = table(tmp_path, 'x,y,z,ring,time\n1,2,3,0.5,1e300\n')
+    assert loaded(path, timed=False).points.line.tolist() == [0]
+    with pytest.raises(CloudError, match='the time of a point must be finite and within 73 years'):
+        loaded(path)
+
+
+def test_named_columns(tmp_path: Path) -> None:
+    """Columns for time, line and standard deviation may be named."""
+    path = table(tmp_path, 'x,y,z,a,b,c\n1,2,3,100,7,0.01\n4,5,6,250,8,0.02\n')
+    found = loaded(
+        path, time_field='a', time_unit='us', line_field='b', alpha_beta_gamma__sigma_field='c'
+    )
+    assert found.points.t.tolist() == [100_000, 250_000]
+    assert found.points.line.tolist() == [7, 8]
+    assert found.points.sigma is not None
+    assert found.points.sigma.tolist() == [0.01, 0.02]
+
+
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        ({'time_field': 'when'}, "time_field must be a column of {}: x, y, z, t, s, got 'when'"),
+        ({'line_field': 'row'}, "line_field must be a column of {}: x, y, z, t, s, got 'row'"),
+        ({'line_field': 's'}, "column 's' must be of whole numbers, got others"),
+        ({'line_source': 'field'}, 'the line column must be one of ring, channel, line, laser_id'),
+        ({'line_source': 'row'}, "line_source must be 'auto', 'field' or 'angle' for a file, got"),
+        ({'line_source': 'angle'}, 'the angle column must be one of scan_angle, scan_angle_rank'),
+        ({'angle_field': 'phi', 'line_source': 'angle'}, 'angle_field must be a column of {}'),
+        (
+            {'alpha_beta_gamma__sigma_field': 's', 'line_source': 'angle', 'angle_field': 't'},
+            "column 's' must be more than 0 and finite, got -0.5",
+        ),
+    ],
+)
+def test_refused_columns(tmp_path: Path, values: dict[str, Any], sentence: str) -> None:
+    """Columns that are not there, or cannot be what they shall be, are refused."""
+    path = table(tmp_path, 'x,y,z,t,s\n1,2,3,0,0.5\n4,5,6,1,-0.5\n4,5,6,9,0.5\n4,5,6,0,0.5\n')
+    with pytest.raises(FilterError) as caught:
+        loaded(path, **values)
+    assert sentence.format(path) in str(caught.value)
+
+
+def test_whole_numbers_of_gps_time_are_seconds(tmp_path: Path) -> None:
+    """gps_time is in seconds, whatever its values look like."""
+    path = table(tmp_path, 'x,y,z,GPS_time,ring\n1,2,3,1000,0\n4,5,6,1001,0\n')
+    assert loaded(path).points.t.tolist() == [1000 * 10**9, 1001 * 10**9]
+
+
+def las(folder: Path, **columns: Any) -> Path:
+    """Write a file with some dimensions given."""
+    header = laspy.LasHeader(point_format=6, version='1.4')
+    count = len(columns['gps_time'])
+    points = laspy.ScaleAwarePointRecord.zeros(count, header=header)
+    points['x'] = np.arange(1, count + 1)
+    points['return_number'][:] = 1
+    for name, values in columns.items():
+        points[name] = values
+    path = folder / 'made.las'
+    with laspy.open(path, 'w', header=header) as writer:
+        writer.write_points(points)
+    return path
+
+
+def groups(line: np.ndarray[Any, Any]) -> list[int]:
+    """Give each line the number of those before it."""
+    first = list(dict.fromkeys(line.tolist()))
+    return [first.index(one) for one in line.tolist()]
+
+
+def test_lines_by_direction(tmp_path: Path) -> None:
+    """A line ends where the mirror turns, in the order of time."""
+    time = np.array([0, 1, 2, 3, 4, 5, 6, 7])
+    direction = np.array([0, 0, 0, 1, 1, 0, 0, 1])
+    mixed = np.array([7, 0, 3, 1, 6, 2, 5, 4])
+    path = las(tmp_path, gps_time=time[mixed] / 10, scan_direction_flag=direction[mixed])
+    found = loaded(path)
+    assert found.lines == 'gps_time (s) and scan_direction_flag'
+    in_time = np.argsort(mixed)
+    assert groups(found.points.line[in_time]) == [0, 0, 0, 1, 1, 2, 2, 3]
+    assert found.points.t[in_time].tolist() == [i * 10**8 for i in range(8)]
+
+
+def test_lines_by_edge(tmp_path: Path) -> None:
+    """A line ends behind a shot at the edge, whichever of its returns is marked."""
+    time = np.array([0, 1, 2, 2, 3, 4, 4, 5])
+    edge = np.array([0, 0, 1, 0, 0, 0, 1, 0])
+    found = loaded(las(tmp_path, gps_time=time, edge_of_flight_line=edge))
+    assert found.lines == 'gps_time (s) and edge_of_flight_line'
+    assert groups(found.points.line) == [0, 0, 0, 0, 1, 1, 1, 2]
+
+
+def test_lines_by_angle(tmp_path: Path) -> None:
+    """A line ends where the angle steps back by more than half of its span."""
+    angle = np.array([-3000, 0, 3000, -3000, 0, 3000, -2900, 100])
+    found = loaded(las(tmp_path, gps_time=np.arange(8) / 10, scan_angle=angle))
+    assert found.lines == 'gps_time (s) and scan_angle'
+    assert groups(found.points.line) == [0, 0, 0, 1, 1, 1, 2, 2]
+
+
+def test_a_named_angle_decides_alone(tmp_path: Path) -> None:
+    """The scan angle may be told to decide."""
+    angle = np.array([-3000, 0, 3000, -3000, 0, 3000, -2900, 100])
+    direction = np.arange(8) % 2
+    path = las(tmp_path, gps_time=np.arange(8), scan_angle=angle, scan_direction_flag=direction)
+    assert groups(loaded(path).points.line) == list(range(8))
+    for found in (loaded(path, line_source='angle'), loaded(path, angle_field='scan_angle')):
+        assert groups(found.points.line) == [0, 0, 0, 1, 1, 1, 2, 2]
+
+
+def test_sources_and_returns_are_apart(tmp_path: Path) -> None:
+    """Flight lines that overlap in time, channels, and the returns of a shot have own lines."""
+    path = las(
+        tmp_path,
+        gps_time=np.array([0, 0, 1, 1, 2, 2, 3, 3]),
+        scan_direction_flag=np.array([0, 1, 0, 1, 1, 0, 1, 0]),
+        point_source_id=np.array([8, 9, 8, 9, 8, 9, 8, 9]),
+        return_number=np.array([1, 1, 1, 1, 1, 1, 1, 2]),
+    )
+    assert groups(loaded(path).points.line) == [0, 1, 0, 1, 2, 3, 2, 4]
+
+
+def test_no_scan_lines(tmp_path: Path) -> None:
+    """Where nothing tells of a mirror, or there is one line only, there are no scan lines."""
+    source = np.arange(8) // 4
+    path = las(tmp_path, gps_time=source, point_source_id=source, scan_direction_flag=source)
+    assert loaded(path).lines == ''
+    found = loaded(las(tmp_path, gps_time=np.arange(8), point_source_id=np.arange(8) // 4))
+    assert found.lines == ''
+    assert found.lack == 'no column that tells its scan lines'
+    assert found.points.line.tolist() == [0] * 8
+    assert scan.find(np.empty(0, np.int64), {scan.EDGE: np.empty(0)}) is None
+
+
+def test_real_files(recordings: Path) -> None:
+    """Lines of real files are as long as a swath is wide."""
+    found = loaded(recordings / 'clouds' / 'autzen_trim.laz')
+    assert found.lines == 'gps_time (s) and scan_direction_flag'
+    first = found.points.line[found.points.line % 5 == 1]
+    assert 500 < len(np.unique(first)) < 800
+    found = loaded(recordings / 'clouds' / 'actual_scan_20240820_cloud.pcd')
+    assert found.lines == 'time (s) and ring'
+    assert len(np.unique(found.points.line)) > 16
+    assert loaded(recordings / 'clouds' / 'plane.laz').lack == 'no column that tells its scan lines'
+
+
+def test_first_null_in_a_later_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A column of whole numbers may turn out to have unknown ones."""
+    import pyarrow as pa  # noqa: PLC0415
+    from pyarrow import parquet  # noqa: PLC0415
+
+    monkeypatch.setattr('lidar_outlier_filter.files.parquet.CHUNK', 2)
+    path = tmp_path / 'cloud.parquet'
+    time = pa.array([1, 2, 3, None])
+    parquet.write_table(
+        pa.table({'x': [1.0] * 4, 'y': [1.0] * 4, 't': time, 'ring': [1] * 4}), path
+    )
+    with pytest.raises(CloudError, match='the time of a point must be finite'):
+        loaded(path)
+    parquet.write_table(
+        pa.table({'x': [1.0] * 3 + [None], 'y': [1.0] * 4, 't': time, 'ring': [1] * 4}), path
+    )
+    assert loaded(path, time_unit='ns').points.t.tolist() == [1, 2, 3, 0]

@@ -1,0 +1,158 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""SQLite: the database is copied whole, and the verdict is a table of its own."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from cloud_files import columns, copied, every_third, verdict
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+COUNT = 30
+
+
+def run(path: Path, *statements: str) -> list[tuple[Any, ...]]:
+    """Run SQL; return what the last statement finds."""
+    with closing(sqlite3.connect(path)) as database, database:
+        for statement in statements:
+            found = database.execute(statement).fetchall()
+    return found
+
+
+def make(folder: Path) -> Path:
+    """Make a database with the track of a bus, whose row ids are neither dense nor in order."""
+    path = folder / 'tracks.sqlite'
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(
+            'CREATE TABLE "line 11" (id INTEGER PRIMARY KEY, bus TEXT, lat REAL, lon, '
+            '"speed ""km/h""" INTEGER, at TEXT, note BLOB)'
+        )
+        rows = [
+            (3 * i + 1, f'bus {i}', 45 + i / 1000, f'{7 + i / 1000}', i % 50, '2017-05-03', b'\0\1')
+            for i in range(COUNT)
+        ]
+        database.executemany('INSERT INTO "line 11" VALUES (?, ?, ?, ?, ?, ?, ?)', rows[::-1])
+        database.execute('CREATE INDEX by_bus ON "line 11" (bus)')
+        database.execute('CREATE VIEW fast AS SELECT * FROM "line 11" WHERE lat > 45')
+    return path
+
+
+def test_columns(tmp_path: Path) -> None:
+    """Columns of numbers can be read by row id, numbers that were stored as text, too."""
+    path = make(tmp_path)
+    assert list(open_cloud(path).columns) == ['id', 'lat', 'lon', 'speed "km/h"']
+    row, lat, lon, speed = columns(path)
+    assert row.tolist() == [3 * i + 1 for i in range(COUNT)]
+    np.testing.assert_array_equal(lat, [45 + i / 1000 for i in range(COUNT)])
+    np.testing.assert_array_equal(lon, [7 + i / 1000 for i in range(COUNT)])
+    np.testing.assert_array_equal(speed, [i % 50 for i in range(COUNT)])
+
+
+def test_null_is_nan(tmp_path: Path) -> None:
+    """What is not known is NaN."""
+    path = make(tmp_path)
+    run(path, 'UPDATE "line 11" SET lat = NULL, "speed ""km/h""" = NULL WHERE id = 4')
+    lat, speed = columns(path, 'lat', 'speed "km/h"')
+    assert np.flatnonzero(np.isnan(lat)).tolist() == [1]
+    assert np.flatnonzero(np.isnan(speed)).tolist() == [1]
+
+
+def test_verdict(tmp_path: Path) -> None:
+    """The copy has all of the database, and a table with the verdict on every row, by row id."""
+    path = make(tmp_path)
+    before = path.read_bytes()
+    added = verdict(COUNT)
+    copy = copied(path, Change(added=added))
+    schema = "SELECT * FROM sqlite_schema WHERE name NOT LIKE '%verdict' ORDER BY name"
+    rows = 'SELECT * FROM "line 11" ORDER BY id'
+    assert run(copy, schema) == run(path, schema)
+    assert run(copy, rows) == run(path, rows)
+    found = run(copy, 'SELECT * FROM "line 11_verdict" ORDER BY row_id')
+    values = (added['outlier'], added['outlier_score'], added['outlier_detectors'])
+    for i, (row, outlier, score, detectors) in enumerate(found):
+        known = None if np.isnan(values[1][i]) else float(values[1][i])
+        assert (row, outlier, score, detectors) == (3 * i + 1, values[0][i], known, values[2][i])
+    assert len(found) == COUNT
+    joined = 'SELECT count(*) FROM "line 11" t JOIN "line 11_verdict" v ON t.rowid = v.row_id'
+    assert run(copy, joined) == [(COUNT,)]
+    assert path.read_bytes() == before
+    assert sorted(item.name for item in tmp_path.iterdir()) == ['copied', 'tracks.sqlite']
+
+
+def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chunk by chunk, the rows are the same as at once."""
+    path = make(tmp_path)
+    expected = columns(path)
+    rows = 'SELECT * FROM "line 11_verdict"'
+    at_once = run(copied(path, Change(added=verdict(COUNT)), 'one.db'), rows)
+    monkeypatch.setattr('lidar_outlier_filter.files.sqlite.CHUNK', 7)
+    assert [one.tobytes() for one in columns(path)] == [one.tobytes() for one in expected]
+    assert run(copied(path, Change(added=verdict(COUNT)), 'other.db'), rows) == at_once
+
+
+def test_no_row_is_removed(tmp_path: Path) -> None:
+    """Rows are not taken out of a database."""
+    with pytest.raises(CloudError, match='marked, got removed: the verdict on a table is a table'):
+        copied(make(tmp_path), Change(keep=every_third(COUNT)))
+
+
+def test_the_table_is_named(tmp_path: Path) -> None:
+    """With several tables, one must be named, and exist."""
+    path = make(tmp_path)
+    run(path, 'CREATE TABLE other (x, y)', 'INSERT INTO other VALUES (1.5, 2)')
+    with pytest.raises(CloudError, match='must be one of line 11, other, got none'):
+        open_cloud(path)
+    with pytest.raises(CloudError, match="must be one of line 11, other, got 'fast'"):
+        open_cloud(path, 'fast')
+    assert len(open_cloud(path, 'line 11')) == COUNT
+    assert [column.tolist() for column in columns(path, table='other')] == [[1.5], [2]]
+
+
+def test_a_verdict_there_already(tmp_path: Path) -> None:
+    """A table that has a verdict is refused, however the verdict got there."""
+    path = copied(make(tmp_path), Change(added=verdict(COUNT)))
+    with pytest.raises(CloudError, match='without line 11_verdict, which is to be made'):
+        open_cloud(path, 'line 11')
+
+
+def test_words_among_numbers(tmp_path: Path) -> None:
+    """A column of numbers must be of numbers in every row."""
+    path = make(tmp_path)
+    run(path, 'UPDATE "line 11" SET lon = \'west\' WHERE id = 7')
+    with pytest.raises(CloudError, match="column 'lon' of table 'line 11' must be of numbers, got"):
+        columns(path, 'lon')
+
+
+def test_no_database(tmp_path: Path) -> None:
+    """A file of another kind, an empty one and an empty table are refused."""
+    path = tmp_path / 'other.db'
+    path.write_bytes(b'LASF' * 1000)
+    with pytest.raises(CloudError, match='must be readable, got "file is not a database"'):
+        open_cloud(path)
+    path.write_bytes(b'')
+    with pytest.raises(CloudError, match=r'the table of .* must be one of none, got none'):
+        open_cloud(path)
+    run(path, 'CREATE TABLE t (x, y, z)')
+    with pytest.raises(CloudError, match='must be of at least one point, got 0'):
+        open_cloud(path)
+
+
+def test_damaged(tmp_path: Path) -> None:
+    """A damaged database is refused when it is read."""
+    path = make(tmp_path)
+    run(path, *['INSERT INTO "line 11" SELECT NULL, bus, lat, lon, 1, at, note FROM "line 11"'] * 6)
+    path.write_bytes(path.read_bytes()[:20_000])
+    with pytest.raises(
+        CloudError, match='must be readable, got "database disk image is malformed"'
+    ):
+        columns(path)

@@ -1,0 +1,144 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables that are text: every byte of every row is kept, whatever the separator."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from cloud_files import columns, copied, every_third, verdict
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files import cloud_file
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TABLE = (
+    b'x,y,"z, metres",remark,stop\n'
+    b'1.50,2,0.1,plain,4\n'
+    b'-1e3,,+.5,"quoted, with a ""comma""",\n'
+    b'007,inf,nan,"over\ntwo lines", 6\n'
+    b' 8 ,9,10,\xff\xfe no UTF-8,7\n'
+)
+
+
+def make(folder: Path, data: bytes = TABLE, name: str = 'table.csv') -> Path:
+    """Write a table."""
+    path = folder / name
+    path.write_bytes(data)
+    return path
+
+
+def test_columns(tmp_path: Path) -> None:
+    """Columns whose first row is a number or empty can be read; an empty field is NaN."""
+    path = make(tmp_path)
+    assert list(open_cloud(path).columns) == ['x', 'y', 'z, metres', 'stop']
+    x, z, y, stop = columns(path, 'x', 'z, metres', 'y', 'stop')
+    np.testing.assert_array_equal(x, [1.5, -1000, 7, 8])
+    np.testing.assert_array_equal(z, [0.1, 0.5, np.nan, 10])
+    np.testing.assert_array_equal(y, [2, np.nan, np.inf, 9])
+    np.testing.assert_array_equal(stop, [4, np.nan, 6, 7])
+
+
+def test_unchanged(tmp_path: Path) -> None:
+    """A copy without changes is the same file."""
+    path = make(tmp_path)
+    assert copied(path, Change()).read_bytes() == TABLE
+
+
+def test_some_rows(tmp_path: Path) -> None:
+    """A copy of some rows has their bytes, under the same names."""
+    path = make(tmp_path)
+    copy = copied(path, Change(keep=np.array([False, True, True, False])))
+    lines = TABLE.splitlines(keepends=True)
+    assert copy.read_bytes() == lines[0] + b''.join(lines[2:5])
+
+
+def test_added_columns(tmp_path: Path) -> None:
+    """Added columns stand behind all else of a row, in as many digits as it takes."""
+    path = make(tmp_path)
+    score = np.array([np.nan, 1 / 3, 16777217 / 3, np.inf], np.float32)
+    copy = copied(path, Change(added={'outlier': np.array([0, 1, 0, 1], np.uint8), 'score': score}))
+    lines = TABLE.split(b'\n')
+    expected = [
+        lines[0] + b',outlier,score',
+        lines[1] + b',0,nan',
+        lines[2] + b',1,0.333333343',
+        lines[3],
+        lines[4] + b',0,5592405.5',
+        lines[5] + b',1,inf',
+        b'',
+    ]
+    assert copy.read_bytes() == b'\n'.join(expected)
+    np.testing.assert_array_equal(columns(copy, 'score')[0].astype(np.float32), score)
+
+
+@pytest.mark.parametrize('separator', [',', ';', '\t', '|', ' '])
+@pytest.mark.parametrize('named', [True, False])
+def test_separators(tmp_path: Path, separator: str, *, named: bool) -> None:
+    """The separator is found; without names the columns are numbered."""
+    rows = [['1', '2.5', '3'], ['4', '5', '6.25']]
+    head = [['x', 'y', 'z']] if named else []
+    text = '\r\n'.join(separator.join(row) for row in head + rows) + '\r\n'
+    path = make(tmp_path, text.encode(), 'cloud.xyz')
+    assert list(open_cloud(path).columns) == (['x', 'y', 'z'] if named else ['1', '2', '3'])
+    assert [column.tolist() for column in columns(path)] == [[1, 4], [2.5, 5], [3, 6.25]]
+    copy = copied(path, Change(added=verdict(2)))
+    assert copy.read_bytes().count(b'\r\n') == copy.read_bytes().count(b'\n') == 2 + named
+    assert [column.tolist() for column in columns(copy)[:3]] == [[1, 4], [2.5, 5], [3, 6.25]]
+    np.testing.assert_array_equal(columns(copy)[3], verdict(2)['outlier'])
+
+
+def test_blanks_and_empty_lines(tmp_path: Path) -> None:
+    """Several blanks are one separator, and empty lines are no rows, but are gone in no copy."""
+    path = make(tmp_path, b'1   2 3\n\n4 5    6\n   \n7 8 9', 'cloud.txt')
+    assert [column.tolist() for column in columns(path)] == [[1, 4, 7], [2, 5, 8], [3, 6, 9]]
+    copy = copied(path, Change(keep=np.array([True, False, True])))
+    assert copy.read_bytes() == b'1   2 3\n7 8 9'
+
+
+def test_byte_order_mark(tmp_path: Path) -> None:
+    """A byte order mark belongs to no name, and is kept."""
+    path = make(tmp_path, b'\xef\xbb\xbfx;y\n1;2\n3;4\n')
+    assert list(open_cloud(path).columns) == ['x', 'y']
+    assert copied(path, Change()).read_bytes() == path.read_bytes()
+    copy = copied(path, Change(added={'outlier': np.zeros(2, np.uint8)}))
+    assert copy.read_bytes().startswith(b'\xef\xbb\xbfx;y;outlier\n1;2;0\n')
+
+
+def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chunk by chunk, the rows are the same as at once."""
+    monkeypatch.setattr('lidar_outlier_filter.files.text.CHUNK', 7)
+    count = 100
+    path = make(tmp_path, b'x y z\n' + b''.join(b'%d 0 %d\n' % (i, -i) for i in range(count)))
+    chunks = list(cloud_file.read(open_cloud(path), ['x', 'z']))
+    assert [len(x) for x, _ in chunks] == [7] * 14 + [2]
+    keep, added = every_third(count), verdict(count)
+    copy = copied(path, Change(keep=keep, added=added))
+    x, outlier, detectors = columns(copy, 'x', 'outlier', 'outlier_detectors')
+    np.testing.assert_array_equal(x, np.arange(count)[keep])
+    np.testing.assert_array_equal(outlier, added['outlier'][keep])
+    np.testing.assert_array_equal(detectors, added['outlier_detectors'][keep])
+
+
+@pytest.mark.parametrize(
+    ('data', 'sentence'),
+    [
+        (b'', 'must be of at least one point, got 0'),
+        (b'x,y,z\n', 'must be of at least one point, got 0'),
+        (b'x,y,x\n1,2,3\n', 'must be of different names, got x'),
+        (b'x,y,z\n1,2,3\n4,five,6\n', "row 2 of {} must be of numbers, got 'five'"),
+        (b'x,y,z\n1,2,3\n4,5\n', 'row 2 of {} must be of 3 fields, got 2'),
+        (b'x,y,z\n1,"2,3\n4,5,6\n', 'must be readable, got "unexpected end of data"'),
+    ],
+)
+def test_refused(tmp_path: Path, data: bytes, sentence: str) -> None:
+    """A table that makes no sense is refused in one sentence."""
+    path = make(tmp_path, data)
+    with pytest.raises(CloudError) as caught:
+        columns(path)
+    assert sentence.format(path) in str(caught.value)
