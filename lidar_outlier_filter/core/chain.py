@@ -77,7 +77,7 @@ class Chain:
 
     def compile(self) -> None:
         """Run every detector once on a few points, so that its kernels are ready."""
-        count = 64
+        count = 128  # enough for each detector of the defaults to judge them
         xyz = np.zeros((count, 3))
         xyz[:, 0] = np.arange(count)
         xyz[count // 2, 2] = 10.0
