@@ -116,6 +116,13 @@ def halving(_: Dice, n: int) -> Floats:
     return xyz
 
 
+def finest(dice: Dice, n: int) -> Floats:
+    """Take four numbers with no others between them: of two there is no middle."""
+    xyz = np.ones((n, 3))
+    xyz += dice.integers(0, 4, (n, 3)) * 2.0**-52
+    return xyz
+
+
 def rows(dice: Dice, n: int) -> Floats:
     """Scan lines: dense along them, sparse across."""
     xyz: Floats = np.stack(
@@ -127,7 +134,7 @@ def rows(dice: Dice, n: int) -> Floats:
 
 CLOUDS: list[Callable[[Dice, int], Floats]] = [
     *(scattered, sheet, lattice, flat_lattice, line, same, stacks, doubled),
-    *(heap, shell, outlier, uneven, halving, rows),
+    *(heap, shell, outlier, uneven, halving, finest, rows),
 ]
 every_cloud = pytest.mark.parametrize('cloud', CLOUDS)
 
