@@ -68,7 +68,8 @@ def add_clean(commands: Commands) -> None:
         default=0.0,
         metavar='METRES',
         help='judge the cloud in square tiles of this side, to save memory; so large that one '
-        'holds a million points or so. The answer is that of one piece, which is the default (0)',
+        'holds a million points or so. The answer is that of one piece, which is the default (0); '
+        'that of quadric depends on the side',
     )
     parser.add_argument('--chain', metavar='D[,D…]', help='detectors, in their order')
     parser.add_argument(

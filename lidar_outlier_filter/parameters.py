@@ -69,6 +69,37 @@ class AlphaBetaGamma:
 
 
 @dataclass(frozen=True)
+class Quadric:
+    """Quadric surfaces through the neighbourhood."""
+
+    window: str = declare(
+        'section',
+        'section: all points of a section of the cloud are tested against its surface; patch: each '
+        'point against that of its own neighbours, slow.',
+        choices=('section', 'patch'),
+    )
+    section: int = declare(
+        64, 'Most points that a section judges; those around it support them.', '', 16, 10_000
+    )
+    k: int = declare(30, 'Neighbours in the patch around each point.', '', 10, 1000)
+    significance: float = declare(
+        1e-6, 'Two-sided probability to reject a good point, for one test.', '', 1e-15, 0.5
+    )
+    surfaces: int = declare(3, 'Most surfaces looked for in one window: 1 is the paper.', '', 1, 10)
+    start: str = declare(
+        'robust',
+        'First surface: robust: of the half that agrees best; all: of all points (the paper).',
+        choices=('robust', 'all'),
+    )
+    min_points: int = declare(
+        12, 'Fewest points that make a surface; with fewer a point stays untested.', '', 11, 1000
+    )
+    sigma_floor: float = declare(
+        0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
+    )
+
+
+@dataclass(frozen=True)
 class Lof:
     """Local outlier factor: density against that of the neighbours."""
 
@@ -175,7 +206,7 @@ class FilterParameters:
     chain: tuple[str, ...] = declare(
         ('alpha_beta_gamma',),
         'Detectors, in their order.',
-        choices=('alpha_beta_gamma', 'lof', 'sor', 'hierarchical', 'elevation'),
+        choices=('alpha_beta_gamma', 'quadric', 'lof', 'sor', 'hierarchical', 'elevation'),
     )
     vote: int = declare(
         0,
@@ -293,6 +324,7 @@ class FilterParameters:
         text='Add outlier_score (float32) and outlier_detectors (uint16) to both clouds.',
     )
     alpha_beta_gamma: AlphaBetaGamma = AlphaBetaGamma()
+    quadric: Quadric = Quadric()
     lof: Lof = Lof()
     sor: Sor = Sor()
     hierarchical: Hierarchical = Hierarchical()

@@ -15,8 +15,14 @@ from lidar_outlier_filter.core.verdict import BITS, Verdict
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters import FilterParameters
 
-SPATIAL = ('lof', 'sor', 'hierarchical', 'elevation')
+SPATIAL = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation')
 EVERY = ('alpha_beta_gamma', *SPATIAL)
+QUICK = ('alpha_beta_gamma', *SPATIAL[1:])  # without quadric, whose kernels compile for a minute
+
+
+def slow(*values: object) -> Any:
+    """Mark values of a test's parameters as slow."""
+    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 def parameters(*chain: str, **values: object) -> FilterParameters:
@@ -44,7 +50,7 @@ def judge(points: Points, *chain: str, **values: object) -> Verdict:
     return Chain(parameters(*chain, **values)).judge(points)
 
 
-@pytest.mark.parametrize('name', EVERY)
+@pytest.mark.parametrize('name', [*QUICK, slow('quadric')])
 def test_one_detector(name: str) -> None:
     """Its bit is set where its score is above 1, and nowhere else; it finds something."""
     verdict = judge(road(), name)
@@ -54,7 +60,9 @@ def test_one_detector(name: str) -> None:
     np.testing.assert_array_equal(verdict.undecided != 0, np.isnan(verdict.score))
 
 
-@pytest.mark.parametrize('chain', [EVERY, EVERY[::-1], ('sor', 'lof')])
+# Sections are those of the tree, which loses points but is not built anew: quadric comes before
+# the other spatial ones.
+@pytest.mark.parametrize('chain', [QUICK, QUICK[::-1], slow(EVERY), ('sor', 'lof')])
 def test_each_judges_what_the_earlier_ones_left(chain: tuple[str, ...]) -> None:
     """The chain is its detectors one after the other, each called anew on what is left."""
     points = road(1)
@@ -72,12 +80,14 @@ def test_each_judges_what_the_earlier_ones_left(chain: tuple[str, ...]) -> None:
     assert len(set(verdict.detectors.tolist())) > 2
 
 
-@pytest.mark.parametrize('vote', [1, 2, 3])
-def test_vote(vote: int) -> None:
+@pytest.mark.parametrize(
+    ('vote', 'chain'), [(1, QUICK), (2, QUICK), (3, QUICK), slow(2, EVERY), slow(4, EVERY)]
+)
+def test_vote(vote: int, chain: tuple[str, ...]) -> None:
     """Every detector sees all points; as many as the vote must agree."""
     points = road(2)
-    verdict = judge(points, *EVERY, vote=vote)
-    alone = [judge(points, name) for name in EVERY]
+    verdict = judge(points, *chain, vote=vote)
+    alone = [judge(points, name) for name in chain]
     count = np.sum([each.rejected for each in alone], axis=0)
     np.testing.assert_array_equal(verdict.rejected, count >= vote)
     np.testing.assert_array_equal(verdict.detectors, sum(each.detectors for each in alone))
@@ -93,7 +103,7 @@ def test_vote_of_more_than_there_are() -> None:
         parameters('lof', 'sor', vote=3)
 
 
-@pytest.mark.parametrize('count', [0, 1, 2, 3, 11, 15])
+@pytest.mark.parametrize('count', [0, 1, 2, 3, 11, slow(15)])
 def test_too_few_points(count: int) -> None:
     """What cannot be tested is left, and noted for each detector that looked at it."""
     verdict = judge(road(3).take(slice(0, count)), *SPATIAL)
@@ -103,7 +113,7 @@ def test_too_few_points(count: int) -> None:
     assert (verdict.undecided & expected == expected).all()
 
 
-@pytest.mark.parametrize('name', SPATIAL)
+@pytest.mark.parametrize('name', [*SPATIAL[1:], slow('quadric')])
 def test_coincident_points(name: str) -> None:
     """Points that are all the same are no outliers, however many."""
     points = road(4)
@@ -111,7 +121,7 @@ def test_coincident_points(name: str) -> None:
     assert not judge(same, name).rejected.any()
 
 
-@pytest.mark.parametrize('chain', [EVERY, ('lof',), ('sor',)])
+@pytest.mark.parametrize('chain', [QUICK, ('lof',), ('sor',), slow(EVERY), slow(('quadric',))])
 def test_any_number_of_threads(chain: tuple[str, ...]) -> None:
     """The verdict does not depend on the number of threads, bit for bit."""
     points = road(5)
@@ -124,12 +134,17 @@ def test_any_number_of_threads(chain: tuple[str, ...]) -> None:
 
 def test_bits_are_all_different() -> None:
     """A recorded number tells the detectors."""
-    assert [BITS[name] for name in EVERY] == [1, 4, 8, 16, 32]
+    assert [BITS[name] for name in EVERY] == [1, 2, 4, 8, 16, 32]
 
 
 @pytest.mark.parametrize(
     ('name', 'extra'),
     [
+        slow('quadric', {'quadric.window': 'patch', 'quadric.significance': 1e-3}),
+        slow(
+            'quadric',
+            {'quadric.start': 'all', 'quadric.surfaces': 1, 'quadric.significance': 1e-3},
+        ),
         ('lof', {'lof.statistic': 'lof2', 'lof.threshold': 0.5}),
         ('sor', {'sor.statistic': 'sor2', 'sor.limit': 0.1}),
         ('sor', {'sor.statistic': 'radius', 'sor.radius': 0.2}),
@@ -146,8 +161,9 @@ def test_every_form(name: str, extra: dict[str, Any]) -> None:
     assert not np.array_equal(verdict.score, judge(points, name).score, equal_nan=True)
 
 
-def test_compiles_what_the_parameters_ask_for() -> None:
+@pytest.mark.parametrize('chain', [QUICK, slow(EVERY)])
+def test_compiles_what_the_parameters_ask_for(chain: tuple[str, ...]) -> None:
     """Compiling leaves no trace in what is counted."""
-    chain = Chain(parameters(*EVERY))
-    chain.compile()
-    assert chain.passes == 0
+    ready = Chain(parameters(*chain))
+    ready.compile()
+    assert ready.passes == 0

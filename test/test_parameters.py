@@ -110,7 +110,7 @@ SENTENCES: list[tuple[Mapping[str, object], str]] = [
     ({'chain': 3}, 'chain must be a list of texts, got 3'),
     ({'chain': []}, 'chain must be a list, without repetition, of one of '),
     ({'chain': ['alpha_beta_gamma'] * 2}, "got ['alpha_beta_gamma', 'alpha_beta_gamma']"),
-    ({'chain': ['magic']}, "without repetition, of one of 'alpha_beta_gamma', 'lof', 'sor', "),
+    ({'chain': ['magic']}, "without repetition, of one of 'alpha_beta_gamma', 'quadric', 'lof', "),
     ({'chain': [['alpha_beta_gamma']]}, "got [['alpha_beta_gamma']]"),
     ({'gap': 2.0}, 'a parameter must be one of alpha_beta_gamma.after, '),
     ({'gap': 2.0}, ", got 'gap'"),

@@ -165,6 +165,16 @@ WAYS: dict[str, dict[str, object]] = {
     'elevation': {'chain': ['elevation'], 'elevation.k': 10, 'elevation.multiplier': 1.5},
     'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
 }
+LONG: dict[str, dict[str, object]] = {
+    'quadric': {'chain': ['quadric']},
+    'patches': {'chain': ['quadric'], 'quadric.window': 'patch', 'quadric.significance': 1e-3},
+    'quadric in a chain': {'chain': ['alpha_beta_gamma', 'quadric', 'lof', 'sor']},
+    'quadric votes': {'chain': ['alpha_beta_gamma', 'quadric', 'lof'], 'vote': 2},
+}  # their kernels compile for a minute
+every_way = pytest.mark.parametrize(
+    'way', [*WAYS, *(pytest.param(way, marks=pytest.mark.slow) for way in LONG)]
+)
+WAYS |= LONG
 
 
 def scene(way: str, seed: int, shots: int) -> Rows:
@@ -180,7 +190,7 @@ def scene(way: str, seed: int, shots: int) -> Rows:
     return rows
 
 
-@pytest.mark.parametrize('way', WAYS)
+@every_way
 def test_chunk_invariance(way: str) -> None:
     """Cut into messages in any way, the same points get the same verdicts, bit for bit."""
     rows = scene(way, seed=10, shots=600)
@@ -203,7 +213,7 @@ def chunks(data: bytes, size: int) -> list[bytes]:
     return [data[i : i + size] for i in range(0, len(data), size)]
 
 
-@pytest.mark.parametrize('way', WAYS)
+@every_way
 def test_one_point_per_message(way: str) -> None:
     """The finest cut of all, one point in each message."""
     rows = scene(way, seed=11, shots=120)

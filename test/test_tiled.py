@@ -13,6 +13,7 @@ from lidar_outlier_filter.core import tiled
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.tiled import TiledChain
+from lidar_outlier_filter.core.tiles import Tiles
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files.cloud_file import open_cloud
@@ -133,7 +134,7 @@ def test_all_at_one_place() -> None:
 def test_nothing_left() -> None:
     """Detectors that come after all has been rejected have nothing to say."""
     cloud = points('surface')
-    values = {'chain': ['sor', 'lof', 'alpha_beta_gamma'], 'sor.statistic': 'radius'}
+    values = {'chain': ['sor', 'lof', 'alpha_beta_gamma', 'quadric'], 'sor.statistic': 'radius'}
     parameters = FilterParameters().changed({**values, 'sor.radius': 1e-6})
     expected = whole(cloud, parameters)
     assert expected.rejected[cloud.valid].all()
@@ -187,6 +188,46 @@ def test_most_points_are_measured_in_their_tile(monkeypatch: pytest.MonkeyPatch)
     for chain in ('sor', 'lof'):
         TiledChain(cloud, FilterParameters().changed(CHAINS[chain]), 20.0).judge()
     assert 0 < min(far) <= max(far) < 100
+
+
+def test_a_far_point_needs_few_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A point that is alone in its tile is measured among its neighbours, not among all."""
+    sizes = []
+    closure = Tiles.closure
+
+    def count(self: Tiles, *given: Any) -> NDArray[np.int64]:
+        found = closure(self, *given)
+        sizes.append(len(found))
+        return found
+
+    monkeypatch.setattr(Tiles, 'closure', count)
+    cloud = points('surface').take(np.array([46, *range(100, 1100)]))
+    cloud.valid[:] = True
+    for chain in ('sor', 'lof'):
+        TiledChain(cloud, FilterParameters().changed(CHAINS[chain]), 50.0).judge()
+    assert len(sizes) == 2
+    assert sizes[0] == 21
+    assert 9 < sizes[1] < 100
+
+
+@pytest.mark.slow
+def test_quadric_is_given_each_tile_with_its_halo() -> None:
+    """Sections are those of a tile with a tenth around it: of the tiles, and of nothing else."""
+    cloud = points('surface')
+    cloud.xyz[:, 2] += np.where(np.arange(COUNT) % 50 == 9, 0.0, 0.1 * cloud.xyz[:, 0])
+    parameters = FilterParameters().changed({'chain': ['quadric'], 'quadric.section': 16})
+    verdict = TiledChain(cloud, parameters, 10.0).judge()
+    x, y = cloud.xyz[:, 0], cloud.xyz[:, 1]
+    rejected = 0
+    for i in range(4):
+        for j in range(3):
+            own = cloud.valid & (x // 10 == i) & (y // 10 == j)
+            near = (x >= 10 * i - 1) & (x <= 10 * i + 11) & (y >= 10 * j - 1) & (y <= 10 * j + 11)
+            seen = np.flatnonzero(cloud.valid & near)
+            told = Chain(parameters).judge(cloud.take(seen))
+            assert_same(verdict.take(own), told.take(own[seen]))
+            rejected += int(told.rejected[own[seen]].sum())
+    assert rejected > 10
 
 
 def test_too_many_points_in_a_tile() -> None:

@@ -15,6 +15,7 @@ from lidar_outlier_filter.core.detectors import (
     elevation,
     hierarchical,
     lof,
+    quadric,
     sor,
 )
 from lidar_outlier_filter.core.neighbours import Neighbourhood
@@ -55,6 +56,7 @@ class Chain:
         self.passes = 0  # the most that the smoother has needed
         self._detectors: dict[str, Detect] = {
             'alpha_beta_gamma': self._alpha_beta_gamma,
+            'quadric': _quadric,
             'lof': _lof,
             'sor': _sor,
             'hierarchical': _hierarchical,
@@ -101,6 +103,12 @@ class Chain:
         return score
 
 
+def _quadric(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
+    sigma = seen.points.sigma
+    variance = None if sigma is None else sigma**2
+    return quadric.detect(seen.neighbourhood, parameters.quadric, variance)
+
+
 def _lof(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
     return lof.detect(seen.neighbourhood, parameters.lof)
 
@@ -120,6 +128,7 @@ def _elevation(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]
 def _most_neighbours(parameters: FilterParameters) -> int:
     """Return the longest list of neighbours that a detector of the chain will ask for."""
     lengths = {
+        'quadric': quadric.neighbours(parameters.quadric),
         'lof': lof.neighbours(parameters.lof),
         'sor': sor.neighbours(parameters.sor),
     }

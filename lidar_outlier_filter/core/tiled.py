@@ -11,9 +11,11 @@ Each detector goes over the whole cloud before the next one does, as in :class:`
     if no point beyond the halo could be one of them, or one of theirs; the few others, far from
     everything, are measured among just those neighbours, wherever they are. What is compared with
     all points (mean, median) is computed once all are measured.
+``quadric``
+    cuts what it is given into sections. It is given a tile with its halo, so that here, and only
+    here, the answer depends on the tiles: on their side alone, as tiles are aligned absolutely.
 
-So the scores are those of one piece, bit for bit, whatever the side. Other detectors need all
-points at once, and are refused.
+So for all but ``quadric`` the scores are those of one piece, bit for bit, whatever the side.
 """
 
 from __future__ import annotations
@@ -81,7 +83,7 @@ class TiledChain:
 
         """
         for name in parameters.chain:
-            if name not in {'alpha_beta_gamma', *HOPS}:
+            if name not in {'alpha_beta_gamma', 'quadric', *HOPS}:
                 raise ParameterError('chain', f'without {name} where there are tiles', name)
         self._cloud, self._parameters, self._progress = cloud, parameters, progress
         self._tiles = Tiles(cloud.xyz, cloud.valid, side, allocate)
@@ -95,8 +97,10 @@ class TiledChain:
         for name in parameters.chain:
             if name == 'alpha_beta_gamma':
                 score = self._along_lines(left)
-            else:
+            elif name in HOPS:
                 score = self._by_measure(name, left)
+            else:
+                score = self._by_tile(name, left)
             verdict.add(BITS[name], tiles.order[left], score[left])
             if parameters.vote == 0:
                 left &= ~(score > 1)
@@ -122,6 +126,20 @@ class TiledChain:
                 self._advance(end - begin)
                 begin = end
         score: Floats = told[self._tiles.order]
+        return score
+
+    def _by_tile(self, name: str, left: Bools) -> Floats:
+        """Run a detector in each tile with its halo."""
+        tiles, chain = self._tiles, self._alone(name)
+        score = np.full(len(left), np.nan)
+        for tile in range(len(tiles)):
+            part = tiles.part(tile)
+            if left[part].any():
+                places, _ = self._around(tile, HALO * tiles.side, left)
+                own = (places >= part.start) & (places < part.stop)
+                told = chain.judge(self._cloud.take(tiles.order[places]))
+                score[places[own]] = told.score[own]
+            self._advance(part.stop - part.start)
         return score
 
     def _by_measure(self, name: str, left: Bools) -> Floats:

@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
-# The bit of a detector never changes: recorded clouds carry it in `outlier_detectors`. 2 is free.
+# The bit of a detector never changes: recorded clouds carry it in `outlier_detectors`.
 BITS = {
     'alpha_beta_gamma': 1,
+    'quadric': 2,
     'lof': 4,
     'sor': 8,
     'hierarchical': 16,

@@ -43,8 +43,8 @@ NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peer's statistical outlier removal
 ROUNDS = 9
 SIDES = ('both', 'either')
 FORM = 'alpha_beta_gamma.sides'
-SPATIAL = ('lof', 'sor')
-CHAINS = (('alpha_beta_gamma',), ('alpha_beta_gamma', 'lof'))
+SPATIAL = ('quadric', 'lof', 'sor')
+CHAINS = (('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
 SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
 
 
