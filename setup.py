@@ -58,6 +58,7 @@ setup(
             'ros-jazzy-rclpy>=7.1,<8',
             'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9',
             'ros-jazzy-sensor-msgs>=5.3,<6',
+            'ros-jazzy-std-srvs>=5.3,<6',
         ],
         'audit': ['filterpy>=1.4.5'],  # `engine: filterpy`
         # `lidar-outlier-filter clean`: LAS, LAZ and PCD (1 MB); Parquet (170 MB). Others need none.

@@ -89,11 +89,9 @@ class Decoder:
 
         """
         self._before = copy.copy(self._counter)
-        self._refuse_scores(msg)
-        if is_empty(msg):
+        view = self.view(msg)
+        if view is None:
             return _nothing(with_sigma=bool(self.parameters.alpha_beta_gamma.sigma_field))
-        view = structured(msg)
-        self._refuse_holes(view)
         xyz = np.empty((view.size, 3))
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
@@ -110,6 +108,22 @@ class Decoder:
         # By now nothing is refused any more.
         self._remember(view.dtype, convention)
         return Points(xyz, t, line, valid, sigma)
+
+    def view(self, msg: Any) -> NDArray[np.void] | None:
+        """View the points of a cloud as it is; None where it has none.
+
+        Raises
+        ------
+        CloudError
+            If it could not be answered.
+
+        """
+        self._refuse_scores(msg)
+        if is_empty(msg):
+            return None
+        view = structured(msg)
+        self._refuse_holes(view)
+        return view
 
     def undo(self) -> None:
         """Forget the scan lines that the last cloud began: it was refused after all."""

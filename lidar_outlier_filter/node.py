@@ -10,44 +10,29 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import rclpy
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
-from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.expand_topic_name import expand_topic_name
-from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_full_topic_name import validate_full_topic_name
-from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import SetBool
 
-from lidar_outlier_filter.errors import CloudError, FilterError, ParameterError
+from lidar_outlier_filter.channel import Channel
+from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.parameter_files import NODE_NAME
-from lidar_outlier_filter.parameters import FilterParameters, describe
-from lidar_outlier_filter.pipeline import Answer, CloudFilter, Statistics
 from lidar_outlier_filter.start import leave, on_stop
+from lidar_outlier_filter.tuning import TunableNode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
     from rclpy.publisher import Publisher
-    from rclpy.subscription import Subscription
+    from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.parameter import Parameter
+    from lidar_outlier_filter.parameters import FilterParameters
+    from lidar_outlier_filter.pipeline import Answer, Statistics
 
 POINTS, CLEANED, OUTLIERS = 'points', 'points/cleaned', 'points/outliers'
-OUTPUT_DEPTH = 10  # clouds kept for a subscriber that is slow
-REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
-PATIENCE = 0.9  # share of max_delay that a cloud may wait; the rest is for its verdict
-ACKNOWLEDGE = Duration(seconds=2)  # how long the last clouds may take to arrive
 SIGNAL_PERIOD = 0.1  # seconds between two looks for a signal: the middleware wakes for none
 
 
@@ -69,7 +54,7 @@ def remappings(input_topic: str) -> list[tuple[str, str]]:
     return [(POINTS, input_topic), (CLEANED, cleaned), (OUTLIERS, outliers)]
 
 
-class OutlierFilterNode(Node):  # type: ignore[misc]
+class OutlierFilterNode(TunableNode):
     """Filters the clouds of one topic.
 
     Made, it has its parameters, its compiled kernels and its publishers. ``start`` subscribes; a
@@ -97,198 +82,68 @@ class OutlierFilterNode(Node):  # type: ignore[misc]
             If a parameter, given here or on the command line, makes no sense.
 
         """
-        values = parameters or {}
-        given = [RosParameter(name, value=_to_ros(values[name])) for name in values]
         if input_topic is not None:
             rules = [f'{old}:={new}' for old, new in remappings(input_topic)]
             remap = [word for rule in rules for word in ('-r', rule)]
             options['cli_args'] = [*options.get('cli_args', []), '--ros-args', *remap]
-        super().__init__(NODE_NAME, parameter_overrides=given, **options)
-        self._filter = CloudFilter(self._declare(), self._log_info, self._log_warning)
-        self.add_pre_set_parameters_callback(_with_floats)
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._apply_parameters)
-        self.cleaned_publisher = self._advertise(CLEANED)
-        self.outliers_publisher = self._advertise(OUTLIERS)
-        self._subscription: Subscription | None = None
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        super().__init__(parameters or {}, **options)
+        self._channel = Channel(self, POINTS, self.filter_parameters)
+        self._watch_parameters()
 
     @property
     def statistics(self) -> Statistics:
         """Counts since the start."""
-        return self._filter.statistics
+        return self._channel.statistics
 
     @property
-    def filter_parameters(self) -> FilterParameters:
-        """The parameters in force."""
-        return self._filter.parameters
+    def waiting(self) -> int:
+        """Count the clouds that were taken and have no answer yet."""
+        return self._channel.waiting
+
+    @property
+    def cleaned_publisher(self) -> Publisher:
+        """Where the cleaned clouds go."""
+        return self._channel.cleaned_publisher
+
+    @property
+    def outliers_publisher(self) -> Publisher:
+        """Where the outlier clouds go."""
+        return self._channel.outliers_publisher
 
     def start(self) -> None:
-        """Subscribe, and watch over ``max_delay``."""
-        self._patience = PATIENCE * self._filter.parameters.max_delay
-        self._alarm = self.create_timer(
-            self._patience, self._hurry, clock=self._steady, autostart=False
-        )
-        self._subscription = self.create_subscription(
-            PointCloud2,
-            POINTS,
-            self._receive,
-            qos_profile_sensor_data,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
+        """Subscribe, watch over ``max_delay``, and offer the services."""
+        self._serve_parameters()
+        self.create_service(SetBool, '~/enable', self._enable)
+        self._channel.start()
 
     def process(self, msg: PointCloud2, tag: object = None) -> list[Answer]:
         """Filter the next cloud; return the answers that are finished by it, the oldest first.
 
         A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
         """
-        try:
-            return self._filter.push(msg, tag)
-        except CloudError as err:
-            self.get_logger().warning(
-                f'refused a cloud ({self.statistics.refused} so far): {err}',
-                throttle_duration_sec=REFUSAL_PERIOD,
-            )
-            return []
+        return self._channel.process(msg, tag)
 
     def flush(self) -> list[Answer]:
         """Answer all that is pending, and begin anew."""
-        return self._filter.flush()
+        return self._channel.flush()
 
     def finish(self) -> None:
         """Answer and publish all that was received, before the node goes.
 
         Does nothing where ROS is shut down already: nobody would hear of it.
         """
-        if not self.context.ok():
-            return
-        if self._subscription is not None:
-            received = _take_all(self._subscription)
-            self.destroy_subscription(self._subscription)
-            self._subscription = None
-            for msg in received:
-                self._publish(self.process(msg))
-        self._publish(self.flush())
-        for publisher in (self.cleaned_publisher, self.outliers_publisher):
-            publisher.wait_for_all_acked(ACKNOWLEDGE)
+        if self.context.ok():
+            self._channel.finish()
 
-    def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
-        """Set all or none; refuse in our own words, before rclpy does in words without units."""
-        result = self._check_parameters(parameter_list)
-        return super().set_parameters_atomically(parameter_list) if result.successful else result
+    def apply(self, parameters: FilterParameters) -> None:
+        """Filter by these parameters from the next block on."""
+        self._channel.change(parameters)
 
-    def _advertise(self, name: str) -> Publisher:
-        return self.create_publisher(
-            PointCloud2,
-            name,
-            QoSProfile(depth=OUTPUT_DEPTH),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
-
-    def _receive(self, msg: PointCloud2) -> None:
-        self._publish(self.process(msg, self._steady.now()))
-        self._set_alarm()
-
-    def _hurry(self) -> None:
-        """Answer all that waits with what is there."""
-        self._publish(self._filter.hurry())
-        self._set_alarm()
-
-    def _set_alarm(self) -> None:
-        """Wake when the cloud that has waited longest must be answered."""
-        received = self._filter.oldest
-        if received is None:
-            self._alarm.cancel()
-            return
-        left = received + Duration(seconds=self._patience) - self._steady.now()
-        self._alarm.timer_period_ns = max(left.nanoseconds, 0)
-        self._alarm.reset()
-
-    def _publish(self, answers: Iterable[Answer]) -> None:
-        for answer in answers:
-            self.cleaned_publisher.publish(answer.cleaned)
-            self.outliers_publisher.publish(answer.outliers)
-
-    def _log_info(self, text: str) -> None:
-        self.get_logger().info(text)
-
-    def _log_warning(self, text: str) -> None:
-        self.get_logger().warning(text)
-
-    def _declare(self) -> FilterParameters:
-        """Declare every parameter, and refuse values that make no sense, alone or together."""
-        given = {
-            name: parameter.value
-            for name, parameter in self._parameter_overrides.items()
-            # Those that ROS declares itself are not for us.
-            if not (self.has_parameter(name) or name.startswith('qos_overrides.'))
-        }
-        parameters = FilterParameters().changed(given)
-        values = parameters.flat()
-        for item in describe():
-            # Not the override but its checked value: a whole number may stand for a float.
-            self.declare_parameter(
-                item.name, _to_ros(values[item.name]), _descriptor(item), ignore_override=True
-            )
-        return parameters
-
-    def _changed(self, parameters: Iterable[RosParameter]) -> FilterParameters:
-        known = {parameter.name for parameter in describe()}
-        values = {item.name: item.value for item in parameters if item.name in known}
-        return self._filter.parameters.changed(values)
-
-    def _check_parameters(self, parameters: list[RosParameter]) -> SetParametersResult:
-        """Refuse a set of parameters as a whole, or let it pass; no side effects."""
-        try:
-            self._changed(parameters)
-        except ParameterError as err:
-            return SetParametersResult(successful=False, reason=str(err))
-        return SetParametersResult(successful=True)
-
-    def _apply_parameters(self, parameters: list[RosParameter]) -> None:
-        """Apply what passed, between two messages."""
-        self._filter.change(self._changed(parameters))
-
-
-def _to_ros(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _take_all(subscription: Subscription) -> list[PointCloud2]:
-    """Take the clouds that were received, but that no executor will serve any more."""
-    received = []
-    with subscription.handle:
-        while taken := subscription.handle.take_message(PointCloud2, False):  # noqa: FBT003
-            received.append(taken[0])
-    return received
-
-
-def _with_floats(parameters: list[RosParameter]) -> list[RosParameter]:
-    """Let a whole number stand for a float, as in a file."""
-    floats = {item.name for item in describe() if isinstance(item.default, float)}
-    return [
-        RosParameter(item.name, value=float(item.value))
-        if item.name in floats and item.type_ is RosParameter.Type.INTEGER
-        else item
-        for item in parameters
-    ]
-
-
-def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    """Tell ROS what there is to know of a parameter."""
-    descriptor = ParameterDescriptor(
-        description=parameter.text + (f' [{parameter.unit}]' if parameter.unit else ''),
-        additional_constraints=parameter.range_text,
-        read_only=parameter.fixed,
-    )
-    if parameter.low is not None and parameter.high is not None:
-        if isinstance(parameter.default, float):
-            low, high = float(parameter.low), float(parameter.high)
-            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-        else:
-            first, last = int(parameter.low), int(parameter.high)
-            descriptor.integer_range = [IntegerRange(from_value=first, to_value=last, step=1)]
-    return descriptor
+    def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._channel.enable(on=request.data)
+        response.success = True
+        response.message = 'filtering' if request.data else 'clouds pass unfiltered'
+        return response
 
 
 def main(args: list[str] | None = None) -> int:

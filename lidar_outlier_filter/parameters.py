@@ -305,7 +305,7 @@ class FilterParameters:
         fixed=True,
     )
     max_delay: float = declare(
-        1.0, 'Longest time a live cloud waits for its answer.', 's', 1e-3, 600.0, fixed=True
+        1.0, 'Longest time a live cloud waits for its answer.', 's', 1e-3, 600.0
     )
     max_points: int = declare(
         50_000_000,
@@ -322,6 +322,10 @@ class FilterParameters:
     scores: bool = declare(
         default=False,
         text='Add outlier_score (float32) and outlier_detectors (uint16) to both clouds.',
+    )
+    save_to: str = declare(
+        '',
+        'File that ~/save_parameters writes; empty: one named after the node, in ROS_HOME.',
     )
     alpha_beta_gamma: AlphaBetaGamma = AlphaBetaGamma()
     quadric: Quadric = Quadric()

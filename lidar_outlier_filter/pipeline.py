@@ -13,6 +13,7 @@ import numpy as np
 from lidar_outlier_filter.cloud import split
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.points import missing
 from lidar_outlier_filter.core.verdict import BITS, Verdict
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import CloudError, ParameterError
@@ -23,6 +24,17 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.parameters import FilterParameters
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A cloud that waits for its verdict, and how it is to be answered."""
+
+    msg: Any
+    tag: Any
+    parameters: FilterParameters
+    valid: int  # points that are no missing returns
+    passed: str = ''  # why it passes unfiltered; empty: it does not
 
 
 @dataclass(frozen=True)
@@ -46,6 +58,7 @@ class Statistics:
     rejected : points by the detector that rejected them
     undecided : points by the detector that looked at them and could not test them
     outliers : points that went to the outlier clouds
+    passed : clouds that passed unfiltered, by the reason; their points are counted, not looked at
     refused : clouds refused; refusals counts them by what was wrong
     resets : times the clock was set back
     passes : most repetitions without the rejected that a block has needed
@@ -59,6 +72,7 @@ class Statistics:
     outliers: int = 0
     rejected: Counter[str] = field(default_factory=Counter)
     undecided: Counter[str] = field(default_factory=Counter)
+    passed: Counter[str] = field(default_factory=Counter)
     refusals: Counter[str] = field(default_factory=Counter)
     resets: int = 0
     passes: int = 0
@@ -67,6 +81,12 @@ class Statistics:
     def refused(self) -> int:
         """Count the clouds refused, whatever the reason."""
         return sum(self.refusals.values())
+
+    def count_passed(self, points: int, reason: str) -> None:
+        """Add a cloud that was not filtered."""
+        self.messages += 1
+        self.points += points
+        self.passed[reason] += 1
 
     def count(self, verdict: Verdict, valid: int) -> None:
         """Add a finished cloud."""
@@ -117,7 +137,7 @@ class CloudFilter:
     def oldest(self) -> Any:
         """The tag of the cloud that has waited longest; None where none waits."""
         first = self._stream.oldest
-        return None if first is None else first[1]
+        return None if first is None else first.tag
 
     def push(self, msg: Any, tag: Any = None) -> list[Answer]:
         """Take the next cloud; return the answers that are finished by it, the oldest first.
@@ -130,9 +150,28 @@ class CloudFilter:
         """
         try:
             points = self._decoder.decode(msg)
-            finished = self._stream.push(points, (msg, tag, _valid(points), self._parameters))
+            task = _Task(msg, tag, self._parameters, _valid(points))
+            finished = self._stream.push(points, task)
         except CloudError as err:
             self._decoder.undo()
+            self.statistics.refusals[err.what] += 1
+            raise
+        return self._answers(finished)
+
+    def pass_by(self, msg: Any, reason: str, tag: Any = None) -> list[Answer]:
+        """Take a cloud that is not to be filtered: all of it is cleaned, in its turn.
+
+        Raises
+        ------
+        CloudError
+            If the cloud cannot be split. It is counted, and the next one is served.
+
+        """
+        try:
+            view = self._decoder.view(msg)
+            task = _Task(msg, tag, self._parameters, 0, reason)
+            finished = self._stream.push(missing(0 if view is None else view.size), task)
+        except CloudError as err:
             self.statistics.refusals[err.what] += 1
             raise
         return self._answers(finished)
@@ -169,13 +208,19 @@ class CloudFilter:
         self.statistics.resets = self._stream.resets
         self.statistics.passes = max(self.statistics.passes, self._stream.chain.passes)
         answers = []
-        for (msg, tag, valid, parameters), verdict in finished:
-            self.statistics.count(verdict, valid)
-            clouds = split(
-                msg, verdict, keep_organized=parameters.keep_organized, scores=parameters.scores
-            )
-            answers.append(Answer(*clouds, tag))
+        for task, verdict in finished:
+            if task.passed:
+                self.statistics.count_passed(len(verdict), task.passed)
+            else:
+                self.statistics.count(verdict, task.valid)
+            answers.append(_answer(task, verdict))
         return answers
+
+
+def _answer(task: _Task, verdict: Verdict) -> Answer:
+    wanted = task.parameters
+    clouds = split(task.msg, verdict, keep_organized=wanted.keep_organized, scores=wanted.scores)
+    return Answer(*clouds, task.tag)
 
 
 def _valid(points: Points) -> int:

@@ -67,6 +67,12 @@ class Ros:
         response = self.wait(self.parameters().set_parameters_atomically(_to_set(values)))
         return str(response.result.reason)
 
+    def call(self, kind: Any, name: str, request: Any, namespace: str = '') -> Any:
+        """Call one of the node's own services, and return the response."""
+        client = self.client.create_client(kind, f'{namespace}/{NODE_NAME}/{name}')
+        assert client.wait_for_service(PATIENCE)
+        return self.wait(client.call_async(request))
+
     def close(self) -> None:
         """End all."""
         self.executor.shutdown()

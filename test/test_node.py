@@ -149,11 +149,11 @@ def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
 
     def deadline_after(msg: PointCloud2) -> float:
         """Publish, serve until it was received, and say when the alarm rings (seconds)."""
-        served = node.statistics.refused + node._filter.waiting
+        served = node.statistics.refused + node.waiting
         sensor.publish(msg, expected=99)
-        while node.statistics.refused + node._filter.waiting == served:
+        while node.statistics.refused + node.waiting == served:
             ros.executor.spin_once(0.05)
-        left: int = node._alarm.time_until_next_call()  # nanoseconds
+        left: int = node._channel._alarm.time_until_next_call()  # nanoseconds
         return time.monotonic() + left * 1e-9
 
     first = deadline_after(line(0.0))

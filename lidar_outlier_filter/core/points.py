@@ -68,6 +68,14 @@ class Points:
         )
 
 
+def missing(count: int) -> Points:
+    """Return points of which there is nothing but their number; they take no memory."""
+    zero = np.broadcast_to(np.int64(0), count)
+    return Points(
+        np.broadcast_to(np.nan, (count, 3)), zero, zero, np.broadcast_to(np.False_, count)
+    )
+
+
 @kernel
 def is_return(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell real returns from missing ones: all three finite, and not all three 0."""

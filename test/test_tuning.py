@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tuning while clouds flow: what is set, saved, put back, and switched off and on again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from nodes import Ros, Sensor, line, rejected
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+from test_node_parameters import values
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sensor_msgs.msg import PointCloud2
+
+
+def test_a_set_takes_effect_with_the_next_block_and_not_before(ros: Ros) -> None:
+    """A block is never torn in two: the parameters in force at its end judge all of it."""
+    node = ros.filter('-p', 'block:=0.02', '-p', 'halo:=0.0')
+    answers = [answer for i in range(5) for answer in node.process(line(0.01 * i), i)]
+    assert [answer.tag for answer in answers] == [0, 1, 2, 3]  # 4 and 5 are a block
+    assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
+    answers += [answer for i in range(5, 9) for answer in node.process(line(0.01 * i), i)]
+    answers += node.flush()
+    assert rejected(answers) == [1, 1, 1, 1, 0, 0, 0, 0, 0]
+
+
+def test_max_delay_can_be_set(ros: Ros) -> None:
+    """How long a cloud may wait does not change what it waits for."""
+    node = ros.filter()
+    assert ros.set(max_delay=0.5) == ['']
+    assert node.filter_parameters.max_delay == 0.5
+    assert ros.set(max_delay=0.05) == [
+        'max_delay must be at least block + halo + lateness = 0.11 s, got 0.05 s'
+    ]
+
+
+def test_saved_parameters_load(ros: Ros, tmp_path: Path) -> None:
+    """What ~/save_parameters writes serves as --params-file: a second node is like the first."""
+    path = tmp_path / 'new folder' / 'saved.yaml'
+    node = ros.filter('-p', f'save_to:={path}', '-p', 'halo:=0.02')
+    node.start()
+    assert ros.set(alpha_beta_gamma__significance=1e-9, gap_factor=2.5) == ['', '']
+    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert (answer.success, answer.message) == (True, str(path))
+    assert [item.name for item in path.parent.iterdir()] == [path.name]
+    again = ros.filter('--params-file', str(path), '-r', '__node:=again')
+    assert values(again) == values(node)
+
+
+@pytest.mark.parametrize('namespace', ['', '/left/front'])
+def test_where_parameters_are_saved(
+    ros: Ros, namespace: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a file of their own they go where ROS keeps its files, under the node's full name."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    node = ros.filter(namespace=namespace)
+    node.start()
+    answer = ros.call(Trigger, 'save_parameters', Trigger.Request(), namespace)
+    name = {'': 'outlier_filter_node.yaml', '/left/front': 'left.front.outlier_filter_node.yaml'}
+    assert answer.message == str(tmp_path / name[namespace])
+    assert (tmp_path / name[namespace]).is_file()
+
+
+def test_a_place_that_cannot_be_written(ros: Ros, tmp_path: Path) -> None:
+    """The caller is told why nothing was saved; nothing is left behind."""
+    (tmp_path / 'folder').mkdir()
+    node = ros.filter('-p', f'save_to:={tmp_path}/folder')
+    node.start()
+    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert not answer.success
+    assert answer.message.startswith('the parameters were not saved: ')
+    assert [path.name for path in tmp_path.iterdir()] == ['folder']
+
+
+def test_reset_puts_parameters_back(ros: Ros) -> None:
+    """All parameters are again as at the start, together, and ROS is told of those that changed."""
+    node = ros.filter('-p', 'gap_factor:=3.0', parameters={'alpha_beta_gamma.after': 8})
+    node.start()
+    before = values(node)
+    changes = {'alpha_beta_gamma__order': 2, 'alpha_beta_gamma__min_window': 6}
+    assert ros.set_together(gap_factor=2.0, **changes) == ''
+    told: Future = Future()
+
+    def hear(event: ParameterEvent) -> None:
+        if event.node == '/outlier_filter_node':
+            told.set_result({item.name for item in event.changed_parameters})
+
+    ros.client.create_subscription(ParameterEvent, '/parameter_events', hear, 10)
+    while not node.count_subscribers('/parameter_events'):
+        ros.executor.spin_once(0.05)
+    answer = ros.call(Trigger, 'reset', Trigger.Request())
+    changed = ['gap_factor', 'alpha_beta_gamma.order', 'alpha_beta_gamma.min_window']
+    assert (answer.success, answer.message) == (
+        True,
+        f'as at the start again: {", ".join(changed)}',
+    )
+    assert values(node) == before
+    assert node.filter_parameters.gap_factor == 3.0
+    assert ros.wait(told) == set(changed)
+    answer = ros.call(Trigger, 'reset', Trigger.Request())
+    assert (answer.success, answer.message) == (True, 'as at the start again: nothing to do')
+
+
+def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Off, clouds pass as they are, in order, counted; what waited is judged."""
+    node = ros.filter('-p', 'max_delay:=600.0')
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    sensor.publish(sweeps[0], expected=1)
+    while node.statistics.messages + node.waiting == 0:
+        ros.executor.spin_once(0.05)
+    answer = ros.call(SetBool, 'enable', SetBool.Request(data=False))
+    assert (answer.success, answer.message) == (True, 'clouds pass unfiltered')
+    for number in (1, 2):
+        sensor.publish(sweeps[number], expected=number + 1)
+        sensor.wait_for_answers()
+    assert ros.call(SetBool, 'enable', SetBool.Request(data=True)).message == 'filtering'
+    sensor.publish(sweeps[3], expected=4)
+    while node.statistics.messages + node.waiting == 3:
+        ros.executor.spin_once(0.05)
+    node.finish()
+    sensor.wait_for_answers()
+    assert [msg.header for msg in sensor.cleaned] == [msg.header for msg in sweeps]
+    assert [msg.width > 100 for msg in sensor.outliers] == [True, False, False, True]
+    assert [msg.width for msg in sensor.outliers][1:3] == [0, 0]
+    assert [bytes(msg.data) for msg in sensor.cleaned[1:3]] == [
+        bytes(msg.data) for msg in sweeps[1:3]
+    ]
+    assert node.statistics.passed == {'disabled': 2}
+    assert node.statistics.messages == 4
+    assert node.statistics.points == sum(msg.width for msg in sweeps)
