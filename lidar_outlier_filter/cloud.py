@@ -96,7 +96,12 @@ def is_empty(msg: Any) -> bool:
 
 
 def split(
-    msg: Any, verdict: Verdict, *, keep_organized: bool = False, scores: bool = False
+    msg: Any,
+    verdict: Verdict,
+    *,
+    keep_organized: bool = False,
+    scores: bool = False,
+    wanted: tuple[bool, bool] = (True, True),
 ) -> tuple[Any, Any]:
     """Split a cloud into cleaned and outliers: every point in one of them, in order, byte for byte.
 
@@ -111,21 +116,26 @@ def split(
         The cleaned cloud of an organised one keeps its shape; rejected points become NaN.
     scores : bool
         Both clouds gain ``outlier_score`` (float32) and ``outlier_detectors`` (uint16).
+    wanted : (bool, bool)
+        Which of the two to make; the other is None.
 
     """
+    if not any(wanted):
+        return None, None
     rows, step, fields = _rows(msg), msg.point_step, msg.fields
     if scores and fields:
         rows, fields = _rows_with_scores(msg, rows, verdict), _fields_with_scores(msg)
         step += BYTES_OF_SCORES
     rejected = verdict.rejected
-    cleaned, outliers = rows[~rejected], rows[rejected]
-    answer = _with_rows(msg, outliers, fields, step)
+    outliers = _with_rows(msg, rows[rejected], fields, step) if wanted[1] else None
+    if not wanted[0]:
+        return None, outliers
     if keep_organized and msg.height > 1 and len(rows):
         holes = _with_holes(rows, structured(msg).dtype, rejected)
         organised = _with_rows(msg, holes, fields, step, msg.height)
         organised.is_dense = bool(msg.is_dense) and not rejected.any()
-        return organised, answer
-    return _with_rows(msg, cleaned, fields, step), answer
+        return organised, outliers
+    return _with_rows(msg, rows[~rejected], fields, step), outliers
 
 
 def _rows(msg: Any) -> Rows:

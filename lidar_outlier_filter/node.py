@@ -18,6 +18,7 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.channel import Channel
+from lidar_outlier_filter.diagnostics import Diagnostics
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.parameter_files import NODE_NAME
 from lidar_outlier_filter.start import leave, on_stop
@@ -26,6 +27,8 @@ from lidar_outlier_filter.tuning import TunableNode
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from rclpy.context import Context
+    from rclpy.executors import Executor
     from rclpy.publisher import Publisher
     from sensor_msgs.msg import PointCloud2
 
@@ -87,45 +90,47 @@ class OutlierFilterNode(TunableNode):
             remap = [word for rule in rules for word in ('-r', rule)]
             options['cli_args'] = [*options.get('cli_args', []), '--ros-args', *remap]
         super().__init__(parameters or {}, **options)
-        self._channel = Channel(self, POINTS, self.filter_parameters)
+        self.channels = (Channel(self, POINTS, self.filter_parameters),)
         self._watch_parameters()
 
     @property
     def statistics(self) -> Statistics:
         """Counts since the start."""
-        return self._channel.statistics
+        return self.channels[0].statistics
 
     @property
     def waiting(self) -> int:
         """Count the clouds that were taken and have no answer yet."""
-        return self._channel.waiting
+        return self.channels[0].waiting
 
     @property
     def cleaned_publisher(self) -> Publisher:
         """Where the cleaned clouds go."""
-        return self._channel.cleaned_publisher
+        return self.channels[0].cleaned_publisher
 
     @property
     def outliers_publisher(self) -> Publisher:
         """Where the outlier clouds go."""
-        return self._channel.outliers_publisher
+        return self.channels[0].outliers_publisher
 
     def start(self) -> None:
         """Subscribe, watch over ``max_delay``, and offer the services."""
         self._serve_parameters()
         self.create_service(SetBool, '~/enable', self._enable)
-        self._channel.start()
+        self._diagnostics = Diagnostics(self, self.channels)
+        for channel in self.channels:
+            channel.start()
 
     def process(self, msg: PointCloud2, tag: object = None) -> list[Answer]:
         """Filter the next cloud; return the answers that are finished by it, the oldest first.
 
         A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
         """
-        return self._channel.process(msg, tag)
+        return self.channels[0].process(msg, tag)
 
     def flush(self) -> list[Answer]:
         """Answer all that is pending, and begin anew."""
-        return self._channel.flush()
+        return self.channels[0].flush()
 
     def finish(self) -> None:
         """Answer and publish all that was received, before the node goes.
@@ -133,14 +138,23 @@ class OutlierFilterNode(TunableNode):
         Does nothing where ROS is shut down already: nobody would hear of it.
         """
         if self.context.ok():
-            self._channel.finish()
+            for channel in self.channels:
+                channel.finish()
+
+    def destroy_node(self) -> None:
+        """End what runs, and let go of the rest."""
+        for channel in self.channels:
+            channel.stop()
+        super().destroy_node()
 
     def apply(self, parameters: FilterParameters) -> None:
         """Filter by these parameters from the next block on."""
-        self._channel.change(parameters)
+        for channel in self.channels:
+            channel.change(parameters)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._channel.enable(on=request.data)
+        for channel in self.channels:
+            channel.enable(on=request.data)
         response.success = True
         response.message = 'filtering' if request.data else 'clouds pass unfiltered'
         return response
@@ -175,13 +189,22 @@ def main(args: list[str] | None = None) -> int:
 
 def _serve(node: OutlierFilterNode, stop: threading.Event) -> None:
     """Serve until ``stop`` is set or ROS is shut down, and finish."""
-    executor = SingleThreadedExecutor(context=node.context)
+    executor = _executor(node.context)
     executor.add_node(node)
     with suppress(ExternalShutdownException):
         while node.context.ok() and not stop.is_set():
             executor.spin_once(timeout_sec=SIGNAL_PERIOD)
     node.finish()
     node.destroy_node()
+
+
+def _executor(context: Context) -> Executor:
+    """Make the executor that takes the least time, where this ROS has it."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor  # noqa: PLC0415
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 if __name__ == '__main__':

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.node_parameters import Health, Load
 from lidar_outlier_filter.parameter import Parameter, declare, walk
 
 if TYPE_CHECKING:
@@ -333,12 +334,15 @@ class FilterParameters:
     sor: Sor = Sor()
     hierarchical: Hierarchical = Hierarchical()
     elevation: Elevation = Elevation()
+    load: Load = Load()  # noqa: RUF009  frozen
+    health: Health = Health()  # noqa: RUF009  frozen
 
     def __post_init__(self) -> None:
         """Refuse what cannot be: each parameter by itself, then together."""
         for parameter in describe():
             parameter.check(_value(self, parameter.name))
         _check_together(self)
+        self.health.check()
 
     def changed(self, values: Mapping[str, object]) -> FilterParameters:
         """Return a validated copy with the flat, dotted names in ``values`` set; all or nothing."""

@@ -4,15 +4,16 @@
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidar_outlier_filter.cloud import split
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.chain import TEMPORAL, Chain
 from lidar_outlier_filter.core.points import missing
 from lidar_outlier_filter.core.verdict import BITS, Verdict
 from lidar_outlier_filter.decoder import Decoder
@@ -39,7 +40,10 @@ class _Task:
 
 @dataclass(frozen=True)
 class Answer:
-    """The two clouds that one cloud was split into, and what was handed in with it."""
+    """The two clouds that one cloud was split into, and what was handed in with it.
+
+    A cloud that nobody wants is None.
+    """
 
     cleaned: Any
     outliers: Any
@@ -59,6 +63,7 @@ class Statistics:
     undecided : points by the detector that looked at them and could not test them
     outliers : points that went to the outlier clouds
     passed : clouds that passed unfiltered, by the reason; their points are counted, not looked at
+    shed : clouds that were taken while the slow detectors were off
     refused : clouds refused; refusals counts them by what was wrong
     resets : times the clock was set back
     passes : most repetitions without the rejected that a block has needed
@@ -74,6 +79,7 @@ class Statistics:
     undecided: Counter[str] = field(default_factory=Counter)
     passed: Counter[str] = field(default_factory=Counter)
     refusals: Counter[str] = field(default_factory=Counter)
+    shed: int = 0
     resets: int = 0
     passes: int = 0
 
@@ -81,6 +87,11 @@ class Statistics:
     def refused(self) -> int:
         """Count the clouds refused, whatever the reason."""
         return sum(self.refusals.values())
+
+    def copy(self) -> Statistics:
+        """Copy the counts."""
+        values = {item.name: copy.copy(getattr(self, item.name)) for item in fields(self)}
+        return Statistics(**values)
 
     def count_passed(self, points: int, reason: str) -> None:
         """Add a cloud that was not filtered."""
@@ -117,11 +128,13 @@ class CloudFilter:
     ) -> None:
         """Compile the kernels; ``inform`` and ``warn`` are told once how the clouds are read."""
         self.statistics = Statistics()
+        self.wanted = (True, True)  # cleaned and outliers: what nobody wants is not made
         self._parameters = parameters
         self._decoder = Decoder(parameters, inform, warn)
         self._stream = Stream(parameters)
         self._decoder.compile()
         self._stream.chain.compile()
+        self._chain, self._short = self._stream.chain, _short(self._stream.chain)
 
     @property
     def parameters(self) -> FilterParameters:
@@ -180,9 +193,23 @@ class CloudFilter:
         """Answer all that is pending, and begin anew: the end of a recording."""
         return self._answers(self._stream.flush())
 
+    def reset(self) -> list[Answer]:
+        """Answer all that is pending, and begin anew: the clock was set back. It is counted."""
+        self._stream.resets += 1
+        return self.flush()
+
     def hurry(self) -> list[Answer]:
         """Answer all that is pending with what is there, and go on: they waited too long."""
         return self._answers(self._stream.hurry())
+
+    @property
+    def can_shed(self) -> bool:
+        """Whether the detectors that look along the line can do without the others."""
+        return self._short is not None
+
+    def shed(self, *, on: bool) -> None:
+        """Judge the blocks to come along the line only, or by the whole chain again."""
+        self._stream.chain = self._short if on and self._short is not None else self._chain
 
     def change(self, parameters: FilterParameters) -> None:
         """Judge the blocks to come by other parameters; clouds that wait keep their form.
@@ -202,7 +229,8 @@ class CloudFilter:
         # What the old chain did not need is compiled before the next cloud.
         chain.compile()
         self._parameters = self._decoder.parameters = parameters
-        self._stream.chain = chain
+        self._stream.chain = self._chain = chain
+        self._short = _short(chain)
 
     def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
         self.statistics.resets = self._stream.resets
@@ -213,14 +241,29 @@ class CloudFilter:
                 self.statistics.count_passed(len(verdict), task.passed)
             else:
                 self.statistics.count(verdict, task.valid)
-            answers.append(_answer(task, verdict))
+            answers.append(_answer(task, verdict, self.wanted))
         return answers
 
 
-def _answer(task: _Task, verdict: Verdict) -> Answer:
-    wanted = task.parameters
-    clouds = split(task.msg, verdict, keep_organized=wanted.keep_organized, scores=wanted.scores)
+def _answer(task: _Task, verdict: Verdict, wanted: tuple[bool, bool]) -> Answer:
+    form = task.parameters
+    clouds = split(
+        task.msg,
+        verdict,
+        keep_organized=form.keep_organized,
+        scores=form.scores,
+        wanted=wanted,
+    )
     return Answer(*clouds, task.tag)
+
+
+def _short(chain: Chain) -> Chain | None:
+    """Leave out the slow detectors; None where the rest could reject nothing."""
+    parameters = chain.parameters
+    names = tuple(name for name in parameters.chain if name in TEMPORAL)
+    if len(names) < max(parameters.vote, 1):
+        return None
+    return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))
 
 
 def _valid(points: Points) -> int:

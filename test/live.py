@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 PROFILE = Path(__file__).parents[1] / 'config' / 'fastdds_large_clouds.xml'
-PATIENCE = 120.0  # seconds until what a test waits for is given up; reached in failures only
+PATIENCE = 12.0  # seconds until what a test waits for is given up; reached in failures only
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 BEST_EFFORT = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.BEST_EFFORT)

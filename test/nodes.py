@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+import threading
 import time
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rclpy
 from clouds import SECOND, STAMP, cloud, table
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from live import KEEP_ALL, PATIENCE, new_domain
 from rclpy.context import Context
 from rclpy.event_handler import PublisherEventCallbacks
@@ -23,7 +26,23 @@ from lidar_outlier_filter.node import OutlierFilterNode
 from lidar_outlier_filter.parameter_files import NODE_NAME
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from lidar_outlier_filter.pipeline import Answer
+
+
+class Diagnosis:
+    """The diagnostics of one topic."""
+
+    def __init__(self, status: DiagnosticStatus) -> None:
+        self.name = str(status.name)
+        self.level = int.from_bytes(status.level, 'little')
+        self.message = str(status.message)
+        self.values = {item.key: item.value for item in status.values}
+
+    def __getitem__(self, key: str) -> float:
+        """Return a value that is a number; what is not told is 0."""
+        return float(self.values.get(key, 0))
 
 
 class Ros:
@@ -35,6 +54,7 @@ class Ros:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.client = rclpy.create_node('client', context=self.context)
         self.executor.add_node(self.client)
+        self._heard: dict[str, deque[Any]] = {}
         self._filters: list[OutlierFilterNode] = []
 
     def filter(self, *arguments: str, **options: Any) -> OutlierFilterNode:
@@ -72,6 +92,30 @@ class Ros:
         client = self.client.create_client(kind, f'{namespace}/{NODE_NAME}/{name}')
         assert client.wait_for_service(PATIENCE)
         return self.wait(client.call_async(request))
+
+    def hear(self, kind: Any, topic: str, wanted: Callable[[Any], bool]) -> Any:
+        """Serve until a message comes that is wanted, and return it; those before it are gone."""
+        if topic not in self._heard:
+            heard = self._heard[topic] = deque()
+            # rclpy does not take a method of C.
+            listen = lambda msg: heard.append(msg)  # noqa: E731, PLW0108
+            self.client.create_subscription(kind, topic, listen, KEEP_ALL)
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            while self._heard[topic]:
+                msg = self._heard[topic].popleft()
+                if wanted(msg):
+                    return msg
+            self.executor.spin_once(0.05)
+        raise AssertionError(f'nothing on {topic} was as wanted')
+
+    def diagnosis(self, wanted: Callable[[Diagnosis], bool] = bool) -> Diagnosis:
+        """Serve until the diagnostics of the (first) filter are as wanted, and return them."""
+
+        def is_wanted(msg: DiagnosticArray) -> bool:
+            return wanted(Diagnosis(msg.status[0]))
+
+        return Diagnosis(self.hear(DiagnosticArray, '/diagnostics', is_wanted).status[0])
 
     def close(self) -> None:
         """End all."""
@@ -128,6 +172,14 @@ class Sensor:
     def wait_for_answers(self) -> float:
         """Serve until the expected answers are there; return when (monotonic, seconds)."""
         return float(self._ros.wait(self._answered))
+
+
+def wait_for_thread(node: OutlierFilterNode) -> None:
+    """Wait until the threads of a node that is started have done all they were given."""
+    for channel in node.channels:
+        done = threading.Event()
+        channel._inbox.order(done.set, in_turn=True)
+        assert done.wait(PATIENCE)
 
 
 def line(begin: float, count: int = 100) -> PointCloud2:

@@ -230,7 +230,7 @@ def as_sent(msg: Any) -> PointCloud2:
 @pytest.mark.parametrize('shape', [(0,), (0, 5), (5, 0)])
 @pytest.mark.parametrize('options', [{}, {'scores': True}, {'keep_organized': True}])
 def test_split_of_nothing(
-    kind: Callable[..., Any], shape: tuple[int, ...], options: dict[str, bool]
+    kind: Callable[..., Any], shape: tuple[int, ...], options: dict[str, Any]
 ) -> None:
     """A cloud without points gives two such, in the layout that those with points have."""
     msg = kind(cloud(odd_rows(shape)))
@@ -244,7 +244,7 @@ def test_split_of_nothing(
 
 
 @pytest.mark.parametrize('options', [{}, {'scores': True}])
-def test_split_of_a_blank_message(options: dict[str, bool]) -> None:
+def test_split_of_a_blank_message(options: dict[str, Any]) -> None:
     """A cloud without points need not have fields, nor sizes that make sense."""
     for msg in (PointCloud2(), PointCloud2(height=7, point_step=2**32 - 1, row_step=9)):
         for result in split(msg, Verdict.untested(0), **options):

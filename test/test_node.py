@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 import rclpy
+from clouds import SECOND
 from live import PATIENCE, clouds
-from nodes import Ros, Sensor, broken, line, rejected
+from nodes import Ros, Sensor, broken, line, rejected, wait_for_thread
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
@@ -146,21 +147,23 @@ def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
     node.start()
     sensor = Sensor(ros, '/points')
     sensor.wait_for_filter(node)
+    channel = node.channels[0]
 
-    def deadline_after(msg: PointCloud2) -> float:
-        """Publish, serve until it was received, and say when the alarm rings (seconds)."""
+    def deadline_after(msg: PointCloud2) -> int:
+        """Publish, serve until the cloud was taken, and say when it is to be answered (ns)."""
         served = node.statistics.refused + node.waiting
         sensor.publish(msg, expected=99)
         while node.statistics.refused + node.waiting == served:
             ros.executor.spin_once(0.05)
-        left: int = node._channel._alarm.time_until_next_call()  # nanoseconds
-        return time.monotonic() + left * 1e-9
+        wait_for_thread(node)
+        assert channel._due is not None
+        return channel._due
 
     first = deadline_after(line(0.0))
-    assert first == pytest.approx(time.monotonic() + 54, abs=1)
+    left = (first - channel._clock.now()) / SECOND
+    assert left == pytest.approx(54, abs=1)
     for msg in (line(0.02), broken(), line(0.04)):
-        ros.executor.spin_once(0.1)
-        assert deadline_after(msg) == pytest.approx(first, abs=0.05)
+        assert deadline_after(msg) == first
 
 
 def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) -> None:

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     Detect = Callable[['_Seen', FilterParameters], NDArray[np.float64]]
 
 
+TEMPORAL = ('alpha_beta_gamma',)  # detectors that look along the line only: fast
+
+
 @dataclass(frozen=True)
 class _Seen:
     """The points that a detector sees, and their one neighbourhood, built when first asked for."""

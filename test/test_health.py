@@ -1,0 +1,184 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a look at the health of a topic finds, with numbers worked out by hand."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.health import ERROR, OK, PLOTTED, WARN, Backlog, Health
+from lidar_outlier_filter.node_parameters import Health as Limits
+from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.pipeline import Statistics
+
+NOTHING = Backlog(0, 0.0, 0)
+MAX_DELAY = 1.0
+
+
+def look(
+    health: Health, limits: Limits | None = None, seconds: float = 2.0
+) -> tuple[int, str, dict[str, str], dict[str, float]]:
+    """Look, with nothing that waits."""
+    report = health.look(seconds, limits or Limits(), MAX_DELAY, NOTHING)
+    plotted = dict(zip(PLOTTED, report.plotted, strict=True))
+    return report.level, report.message, report.values, plotted
+
+
+def test_what_has_happened_since_the_last_look() -> None:
+    """Rates, shares and times are those since the last look; counts are those since the start."""
+    health = Health()
+    for points in (100, 300):
+        health.received(points)
+    for delay in (0.1, 0.3, 0.2, 0.4):
+        health.answered(delay, 10 * delay)
+    counts = Statistics(messages=2, points=400, invalid=1, untested=20, outliers=8)
+    counts.rejected, counts.undecided = Counter(a=5, b=4), Counter(b=6)
+    counts.refusals, counts.passed = Counter({'the fields': 2}), Counter(disabled=1)
+    health.spent(0.05)
+    health.counted(counts)
+    level, _, values, plotted = look(health, Limits(unfiltered_warn=1.0, unfiltered_error=1.0))
+    assert level == OK
+    assert values == {
+        'clouds/s': '1.0',
+        'points/s': '200',
+        'backlog, clouds': '0',
+        'backlog, MB': '0.0',
+        'waiting for their block, clouds': '0',
+        'delay since received, p50, ms': '300.0',
+        'delay since received, p95, ms': '400.0',
+        'delay since received, max, ms': '400.0',
+        'delay since stamp, p50, ms': '3000.0',
+        'delay since stamp, p95, ms': '4000.0',
+        'delay since stamp, max, ms': '4000.0',
+        'processing time, p50, ms': '50.0',
+        'processing time, p95, ms': '50.0',
+        'processing time, max, ms': '50.0',
+        'messages': '2',
+        'points': '400',
+        'outliers': '8',
+        'untested': '20',
+        'invalid': '1',
+        'refused': '2',
+        'shed': '0',
+        'resets': '0',
+        'rejected by a': '5',
+        'rejected by b': '4',
+        'undecided by b': '6',
+        'refused for the fields': '2',
+        'unfiltered for disabled': '1',
+        'lost': '0',
+        'dropped': '0',
+    }
+    assert plotted['rejected_share'] == 8 / 400
+    assert plotted['untested_share'] == 20 / 400
+    assert plotted['refused'] == 2
+    # The counts are copies: what they were copied from goes on.
+    counts.points += 600
+    counts.outliers += 300
+    counts.refusals['the fields'] += 1
+    health.spent(0.01)
+    health.counted(counts)
+    health.received(600)
+    _, _, values, plotted = look(health, seconds=0.5)
+    assert (values['clouds/s'], values['points/s']) == ('2.0', '1200')
+    assert plotted['rejected_share'] == 300 / 600
+    assert (plotted['refused'], values['refused']) == (1, '3')
+    assert plotted['delay_max'] == 0
+    assert plotted['processing_p95'] == 0.01
+
+
+@pytest.mark.parametrize(
+    ('delays', 'level'),
+    [([0.9] * 20, OK), ([0.91] * 20, WARN), ([1.5] * 20, WARN), ([1.51] * 20, ERROR), ([], OK)],
+)
+def test_delay(delays: list[float], level: int) -> None:
+    """The 95th percentile counts, against max_delay; the limits themselves are still allowed."""
+    health = Health()
+    health.received(1)
+    for delay in delays:
+        health.answered(delay, 0)
+    assert look(health)[0] == level
+
+
+def test_a_single_slow_cloud_of_many_is_no_complaint() -> None:
+    """The percentile, not the largest."""
+    health = Health()
+    health.received(1)
+    for delay in [0.1] * 99 + [50.0]:
+        health.answered(delay, 0)
+    assert look(health)[0] == OK
+
+
+def test_what_is_not_filtered() -> None:
+    """Refused, lost, dropped and passed clouds are complained of, by how many there should be."""
+    health = Health()
+    for _ in range(6):
+        health.received(1)
+    health.lost(2)
+    health.dropped()
+    health.counted(Statistics(passed=Counter(overload=1, disabled=5)))
+    level, message, values, plotted = look(health)
+    assert level == WARN
+    assert message == (
+        'of 8 clouds 2 lost on the way, 1 dropped, 1 passed unfiltered: '
+        'set config/fastdds_large_clouds.xml for both sides'
+    )
+    assert [plotted[name] for name in ('lost', 'dropped', 'passed')] == [2, 1, 1]
+    assert (values['lost'], values['dropped']) == ('2', '1')
+    health.received(1)
+    assert look(health)[:2] == (OK, 'clouds are filtered in time')
+    for _ in range(2):
+        health.received(1)
+    health.dropped()
+    assert look(health)[1] == 'of 2 clouds 1 dropped'
+    health.received(1)
+    health.dropped(2)
+    assert look(health)[0] == ERROR
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'levels'),
+    [
+        ('outliers', 'rejected', {50: OK, 51: WARN, 90: WARN, 91: ERROR}),
+        ('untested', 'untested', {90: OK, 91: WARN, 100: WARN}),
+    ],
+)
+def test_shares_of_points(name: str, text: str, levels: dict[int, int]) -> None:
+    """Too many rejected, or too many untested."""
+    for count, level in levels.items():
+        health = Health()
+        health.received(100)
+        counts = Statistics(points=100)
+        setattr(counts, name, count)
+        health.counted(counts)
+        found, message = look(health)[:2]
+        assert found == level
+        assert level == OK or message == f'{count:.1f}% of the points are {text}'
+
+
+def test_silence() -> None:
+    """Without clouds a warning, then an error; with the next cloud all is well."""
+    health = Health()
+    found = [look(health, seconds=1.0)[0] for _ in range(12)]
+    assert found == [OK] * 2 + [WARN] * 8 + [ERROR] * 2
+    health.received(1)
+    assert look(health)[:2] == (OK, 'clouds are filtered in time')
+
+
+def test_remarks_are_warnings() -> None:
+    """What others have to say is added."""
+    health = Health()
+    health.received(1)
+    report = health.look(1.0, Limits(), MAX_DELAY, NOTHING, ['one thing', 'another'])
+    assert (report.level, report.message) == (WARN, 'one thing; another')
+
+
+def test_a_warning_after_the_error_is_refused() -> None:
+    """The limit of the warning is at most that of the error."""
+    sentence = r'^health.delay_warn must be at most health.delay_error = 1.5, got 2$'
+    with pytest.raises(ParameterError, match=sentence):
+        FilterParameters().changed({'health.delay_warn': 2.0})
+    FilterParameters().changed({'health.delay_warn': 1.5})

@@ -1,0 +1,181 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node that is given more than it can filter, with the real middleware."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+from live import PATIENCE
+from nodes import Ros, Sensor, line, wait_for_thread
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sensor_msgs.msg import PointCloud2
+
+    from lidar_outlier_filter.node import OutlierFilterNode
+
+# Blocks of one cloud, which no halo holds up; half of the queue is five clouds.
+SHORT = {'block': 0.01, 'halo': 0.0, 'max_delay': 60.0, 'load.clouds': 10}
+
+
+@contextmanager
+def held_up(node: OutlierFilterNode) -> Iterator[None]:
+    """Hold up the thread that filters, as a block that takes long does."""
+    begun, go_on = threading.Event(), threading.Event()
+
+    def wait() -> None:
+        begun.set()
+        assert go_on.wait(PATIENCE)
+
+    node.channels[0]._inbox.order(wait)
+    assert begun.wait(PATIENCE)
+    yield
+    go_on.set()
+    wait_for_thread(node)
+
+
+def send(ros: Ros, node: OutlierFilterNode, sensor: Sensor, count: int, first: int = 0) -> None:
+    """Publish clouds of 10 ms with one outlier each, and serve until the node has received them."""
+    health = node.channels[0].health
+    before = health._tally.clouds
+    for number in range(first, first + count):
+        sensor.publish(line(0.01 * number), expected=10**9)
+        while health._tally.clouds == before:
+            ros.executor.spin_once(0.05)
+        before = health._tally.clouds
+
+
+def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor]:
+    """Start a node, and a sensor that is connected to it. Nobody looks at its health meanwhile."""
+    node = ros.filter(
+        parameters=SHORT | {key.replace('__', '.'): parameters[key] for key in parameters}
+    )
+    node.start()
+    node._diagnostics._timer.cancel()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    return node, sensor
+
+
+def answers(ros: Ros, sensor: Sensor, count: int) -> list[tuple[int, int]]:
+    """Serve until there are so many answers: number of the cloud, and its outliers."""
+    while len(sensor.outliers) < count:
+        ros.executor.spin_once(0.05)
+    return [(_number(msg), msg.width) for msg in sensor.outliers]
+
+
+def _number(msg: PointCloud2) -> int:
+    stamp, first = msg.header.stamp, line(0.0).header.stamp
+    seconds: float = stamp.sec - first.sec + (stamp.nanosec - first.nanosec) * 1e-9
+    return round(100 * seconds)
+
+
+def test_receiving_goes_on_while_the_filter_works(ros: Ros) -> None:
+    """What comes meanwhile waits, and is answered in order."""
+    node, sensor = start(ros, load__clouds=100)
+    with held_up(node):
+        send(ros, node, sensor, 20)
+        assert node.waiting == 20
+        assert node.statistics.messages == 0
+    node.finish()
+    assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
+
+
+def test_drop_oldest(ros: Ros) -> None:
+    """What does not fit is dropped, the oldest first, and counted; the rest is filtered."""
+    node, sensor = start(ros)
+    with held_up(node):
+        send(ros, node, sensor, 25)
+        assert node.waiting == 10
+    node.finish()
+    assert answers(ros, sensor, 10) == [(number, 1) for number in range(15, 25)]
+    assert node.statistics.messages == 10
+    assert node.channels[0].health._dropped == 15
+
+
+def test_what_has_waited_too_long_is_dropped(ros: Ros) -> None:
+    """Also where there is room: it could not be answered within max_delay."""
+    node, sensor = start(ros, max_delay=0.4, load__clouds=100)
+    with held_up(node):
+        send(ros, node, sensor, 20)
+        clock = node.channels[0]._clock
+        oldest = node.channels[0]._inbox._items[18].at  # type: ignore[union-attr]
+        while clock.now() - oldest < 0.4e9:
+            ros.executor.spin_once(0.05)
+    node.finish()
+    # The newest is filtered: nothing is gained by dropping it.
+    assert answers(ros, sensor, 1) == [(19, 1)]
+    assert node.channels[0].health._dropped == 19
+
+
+def test_pass_through(ros: Ros) -> None:
+    """From half of the queue on clouds pass unfiltered, in order, until nothing waits."""
+    node, sensor = start(ros, load__policy='pass_through')
+    with held_up(node):
+        send(ros, node, sensor, 9)
+    send(ros, node, sensor, 3, first=9)
+    node.finish()
+    expected = [0] * 8 + [1] * 4  # behind the ninth nothing waits
+    assert answers(ros, sensor, 12) == list(enumerate(expected))
+    assert node.statistics.passed == {'overload': 8}
+    assert [msg.width for msg in sensor.cleaned[:8]] == [100] * 8
+
+
+def test_shed(ros: Ros) -> None:
+    """The slow detectors are off while there is too much; each cloud is tested along its line."""
+    node, sensor = start(
+        ros, chain=['alpha_beta_gamma', 'sor'], load__policy='shed', sor__multiplier=0.0
+    )
+    with held_up(node):
+        send(ros, node, sensor, 7)
+    send(ros, node, sensor, 3, first=7)
+    wait_for_thread(node)
+    node.finish()
+    # A cloud is judged with the next one, and behind the seventh nothing waits; with this
+    # multiplier sor rejects many.
+    found = [width > 10 for _, width in answers(ros, sensor, 10)]
+    assert found == [False] * 5 + [True] * 5
+    assert [width for _, width in answers(ros, sensor, 10)][:5] == [1] * 5
+    assert node.statistics.shed == 6
+
+
+@pytest.mark.parametrize(
+    'parameters', [{'chain': ['sor']}, {'chain': ['alpha_beta_gamma', 'sor'], 'vote': 2}]
+)
+def test_nothing_to_shed(ros: Ros, parameters: dict[str, object]) -> None:
+    """Where the smoother alone could reject nothing, shedding is passing."""
+    node, sensor = start(ros, load__policy='shed', **parameters)
+    with held_up(node):
+        send(ros, node, sensor, 7)
+    node.finish()
+    assert node.statistics.passed == {'overload': 6}
+    assert node.statistics.shed == 0
+
+
+def test_the_policy_can_be_set(ros: Ros) -> None:
+    """While it is too much."""
+    node, sensor = start(ros)
+    with held_up(node):
+        send(ros, node, sensor, 9)
+        assert ros.set(load__policy='pass_through', load__clouds=8) == ['', '']
+        send(ros, node, sensor, 1, first=9)
+    node.finish()
+    assert node.channels[0].health._dropped == 2
+    assert node.statistics.passed == {'overload': 7}
+
+
+def test_the_end_of_the_thread_is_heard_of(ros: Ros) -> None:
+    """An error that nobody foresaw ends the process, not the filtering alone."""
+    node, sensor = start(ros)
+    node.channels[0]._inbox.order(lambda: 1 / 0)
+    thread = node.channels[0]._thread
+    assert thread is not None
+    thread.join(PATIENCE)
+    sensor.publish(line(0), expected=1)
+    with pytest.raises(ZeroDivisionError):
+        send(ros, node, sensor, 1)
