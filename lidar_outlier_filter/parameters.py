@@ -306,7 +306,11 @@ class FilterParameters:
         fixed=True,
     )
     max_delay: float = declare(
-        1.0, 'Longest time a live cloud waits for its answer.', 's', 1e-3, 600.0
+        1.0,
+        'Longest time a live cloud waits for its answer; under use_sim_time by /clock.',
+        's',
+        1e-3,
+        600.0,
     )
     max_points: int = declare(
         50_000_000,

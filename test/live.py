@@ -1,17 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Live tests: what starts the processes, and two of them: one publishes, one collects.
+"""Live tests: what starts the processes, and three of them: to publish, collect and diagnose.
 
     live.py publish QOS RECORDING TOPIC     all clouds of a recording, when told to
     live.py collect QOS FOLDER TOPIC ...    every cloud to FOLDER/<last word of TOPIC>_<number>.cdr
+    live.py diagnose                        every status of /diagnostics, as JSON
 
-QOS is reliable or best_effort. Both say on stdout, one line each, what has happened, and go when
+QOS is reliable or best_effort. All say on stdout, one line each, what has happened, and go when
 their stdin is closed.
 """
 
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import queue
 import subprocess
@@ -21,9 +23,10 @@ import time
 import zlib
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
@@ -40,7 +43,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 PROFILE = Path(__file__).parents[1] / 'config' / 'fastdds_large_clouds.xml'
-PATIENCE = 12.0  # seconds until what a test waits for is given up; reached in failures only
+PATIENCE = 120.0  # seconds until what a test waits for is given up; reached in failures only
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 BEST_EFFORT = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -167,6 +170,17 @@ def collector(
     return Program(__file__, 'collect', qos, folder, *topics, env=env)
 
 
+def diagnoser(env: Mapping[str, str]) -> Program:
+    """Start the program that tells what is on /diagnostics."""
+    return Program(__file__, 'diagnose', env=env)
+
+
+def next_status(program: Program) -> dict[str, Any]:
+    """Wait for the next status of /diagnostics."""
+    status: dict[str, Any] = json.loads(program.wait_for('status ').removeprefix('status '))
+    return status
+
+
 def clouds(recording: Path) -> list[bytes]:
     """Read the clouds of a recording as they are serialised in ROS 2."""
     with AnyReader([recording]) as reader:
@@ -254,10 +268,28 @@ class _Inbox:
                 self._store(taken[0])
 
 
+def _diagnose() -> None:
+    end = Future()
+
+    def tell(msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            found = {item.key: item.value for item in status.values}
+            level = int.from_bytes(status.level, 'little')
+            said = {'name': status.name, 'level': level, 'message': status.message}
+            _tell('status', json.dumps(said | {'values': found}))
+
+    with _ros() as (node, executor):
+        node.create_subscription(DiagnosticArray, '/diagnostics', tell, KEEP_ALL)
+        threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
+        executor.spin_until_future_complete(end)
+
+
 if __name__ == '__main__':
-    role, quality, first, *rest = sys.argv[1:]
+    role, quality, first, *rest = (*sys.argv[1:], '', '')
     profile = BEST_EFFORT if quality == 'best_effort' else KEEP_ALL
-    if role == 'publish':
+    if role == 'diagnose':
+        _diagnose()
+    elif role == 'publish':
         _publish(profile, Path(first), rest[0])
     else:
-        _collect(profile, Path(first), rest)
+        _collect(profile, Path(first), [topic for topic in rest if topic])
