@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start the filter on one topic: ``ros2 launch lidar_outlier_filter filter.launch.py``."""
 
+import os
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
@@ -13,6 +14,7 @@ from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.node import NODE_NAME, remappings
 
+PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'  # of Fast DDS before 3: that of Jazzy
 ARGUMENTS = [
     DeclareLaunchArgument(
         'input_topic',
@@ -36,6 +38,13 @@ ARGUMENTS = [
         description='Take the time from /clock, as when a recording is played with --clock.',
     ),
     DeclareLaunchArgument(
+        'large_clouds',
+        default_value='true',
+        choices=['true', 'false'],
+        description='Give the node the Fast DDS profile for large clouds, which the driver needs, '
+        'too; one that FASTRTPS_DEFAULT_PROFILES_FILE names already stays.',
+    ),
+    DeclareLaunchArgument(
         'log_level',
         default_value='info',
         choices=['debug', 'info', 'warn', 'error', 'fatal'],
@@ -53,6 +62,8 @@ def filter_node(context: LaunchContext) -> list[Node]:
         if not Path(params_file).is_file():  # launch_ros would warn, and start with the defaults
             raise ParameterError('params_file', 'a file that exists', repr(params_file))
         parameters.append(ParameterFile(params_file))
+    use_profile = argument['large_clouds'] == 'true' and PROFILE not in os.environ
+    profile = Path(__file__).parents[1] / 'config' / 'fastdds_large_clouds.xml'
     node = Node(
         package='lidar_outlier_filter',
         executable='outlier_filter_node',
@@ -61,6 +72,7 @@ def filter_node(context: LaunchContext) -> list[Node]:
         parameters=parameters,
         remappings=remappings(argument['input_topic']),
         ros_arguments=['--log-level', argument['log_level']],
+        additional_env={PROFILE: str(profile)} if use_profile else {},
         output='screen',
     )
     return [node]

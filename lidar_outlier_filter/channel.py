@@ -56,6 +56,7 @@ class Channel:
         self.cleaned_publisher = self._advertise(f'{topic}/cleaned')
         self.outliers_publisher = self._advertise(f'{topic}/outliers')
         self._subscription: Subscription | None = None
+        self._resolved = self.cleaned_publisher.topic_name.removesuffix('/cleaned')
         self._clock = DelayClock(node)
         self._inbox = Inbox(parameters.load)
         self._overload = Overload()
@@ -121,7 +122,8 @@ class Channel:
         if self._clock.has_stopped:
             remarks.append('use_sim_time is set and nobody publishes /clock')
         size = self._inbox.size / MEGABYTE
-        backlog = Backlog(self._inbox.clouds, size, self._filter.waiting)
+        publishers = self._node.count_publishers(self._resolved)
+        backlog = Backlog(self._inbox.clouds, size, self._filter.waiting, publishers)
         parameters = self._parameters
         return self.health.look(seconds, parameters.health, parameters.max_delay, backlog, remarks)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.node_parameters import Health as Limits
 
 OK, WARN, ERROR = 0, 1, 2
-PROFILE = 'config/fastdds_large_clouds.xml'
+ADVICE = 'for large clouds set config/fastdds_large_clouds.xml for both sides'
 # Of one look, in this order, in the message for plotting.
 PLOTTED = (
     'clouds_per_second',
@@ -55,11 +55,12 @@ class _Tally:
 
 @dataclass(frozen=True)
 class Backlog:
-    """What waits: clouds to be filtered, their megabytes, and filtered ones without an answer."""
+    """Clouds to be filtered, their megabytes, those without an answer; and who publishes."""
 
     clouds: int
     megabytes: float
     waiting: int
+    publishers: int = 0
 
 
 @dataclass(frozen=True)
@@ -185,9 +186,12 @@ class _Look:
         said = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
         said = f'of {tally.clouds + tally.lost} clouds {said}'
         if tally.lost:
-            said += f': set {PROFILE} for both sides'
+            said += f' ({ADVICE})'
+        silence = f'no cloud for {self.silent:.0f} s'
+        if self.backlog.publishers:
+            silence += f', publishers: {self.backlog.publishers} ({ADVICE})'
         for name, value, text in (
-            ('silence', self.silent, f'no cloud for {self.silent:.0f} s'),
+            ('silence', self.silent, silence),
             (
                 'delay',
                 delay / max_delay,

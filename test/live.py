@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Live tests: what starts the processes, and three of them: to publish, collect and diagnose.
 
-    live.py publish QOS RECORDING TOPIC     all clouds of a recording, when told to
+    live.py publish QOS RECORDING TOPIC     all clouds of a recording, or several with : between,
+                                            when told to
     live.py collect QOS FOLDER TOPIC ...    every cloud to FOLDER/<last word of TOPIC>_<number>.cdr
     live.py diagnose                        every status of /diagnostics, as JSON
 
@@ -154,7 +155,7 @@ class Program:
 
 
 def publisher(
-    recording: Path, topic: str, env: Mapping[str, str], qos: str = 'reliable'
+    recording: Path | str, topic: str, env: Mapping[str, str], qos: str = 'reliable'
 ) -> Program:
     """Start the program that publishes, when somebody listens and it is told to go.
 
@@ -204,8 +205,8 @@ def _tell(*words: object) -> None:
     sys.stdout.flush()
 
 
-def _publish(qos: QoSProfile, recording: Path, topic: str) -> None:
-    messages = clouds(recording)
+def _publish(qos: QoSProfile, recordings: str, topic: str) -> None:
+    messages = [data for path in recordings.split(':') for data in clouds(Path(path))]
     somebody = Future()
     with _ros() as (node, executor):
         events = PublisherEventCallbacks(matched=lambda _: somebody.set_result(None))
@@ -290,6 +291,6 @@ if __name__ == '__main__':
     if role == 'diagnose':
         _diagnose()
     elif role == 'publish':
-        _publish(profile, Path(first), rest[0])
+        _publish(profile, first, rest[0])
     else:
         _collect(profile, Path(first), [topic for topic in rest if topic])

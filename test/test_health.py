@@ -123,8 +123,8 @@ def test_what_is_not_filtered() -> None:
     level, message, values, plotted = look(health)
     assert level == WARN
     assert message == (
-        'of 8 clouds 2 lost on the way, 1 dropped, 1 passed unfiltered: '
-        'set config/fastdds_large_clouds.xml for both sides'
+        'of 8 clouds 2 lost on the way, 1 dropped, 1 passed unfiltered '
+        '(for large clouds set config/fastdds_large_clouds.xml for both sides)'
     )
     assert [plotted[name] for name in ('lost', 'dropped', 'passed')] == [2, 1, 1]
     assert (values['lost'], values['dropped']) == ('2', '1')
@@ -166,6 +166,8 @@ def test_silence() -> None:
     assert found == [OK] * 2 + [WARN] * 8 + [ERROR] * 2
     health.received(1)
     assert look(health)[:2] == (OK, 'clouds are filtered in time')
+    report = health.look(5.0, Limits(), MAX_DELAY, Backlog(0, 0.0, 0, 2))
+    assert report.message.startswith('no cloud for 5 s, publishers: 2 (for large clouds set ')
 
 
 def test_remarks_are_warnings() -> None:

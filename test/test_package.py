@@ -193,6 +193,7 @@ def test_launch_arguments_are_described() -> None:
         'params_file',
         'namespace',
         'use_sim_time',
+        'large_clouds',
         'log_level',
     }
     assert all({'default_value', 'description'} <= given for given in declared.values())

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 import rclpy
-from live import Program, clouds, collector, environment, publisher
+from live import Program, clouds, collector, diagnoser, environment, next_status, publisher
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
@@ -106,6 +106,32 @@ def test_large_clouds_arrive_best_effort(recordings: Path, tmp_path: Path) -> No
             collecting.wait_for('received')
     received = [path.read_bytes() for path in sorted(tmp_path.glob('*.cdr'))]
     assert received == clouds(recording)
+
+
+@pytest.mark.slow
+def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) -> None:
+    """Without the profile large clouds are lost; the node hears of it, and names the profile."""
+    env = environment()
+    del env['FASTRTPS_DEFAULT_PROFILES_FILE']
+    names = ('vlp16_mrpt_mcap', 'os1_128_db3', 'vlp16_mrpt_mcap')  # 0.4 MB, 6 MB, 0.4 MB
+    paths = ':'.join(str(recordings / 'bags' / name) for name in names)
+    with (
+        diagnoser(env) as diagnosing,
+        filter_process(tmp_path, env, '/**: {ros__parameters: {}}') as node,
+        publisher(paths, TOPIC, env, 'best_effort') as publishing,
+    ):
+        next_status(diagnosing)
+        publishing.tell('go')
+        publishing.wait_for('published')
+        status = next_status(diagnosing)
+        while status['values']['lost'] == '0':
+            status = next_status(diagnosing)
+        assert status['name'] == f'outlier_filter_node: {TOPIC}'
+        assert status['level'] > 0
+        assert 'lost on the way' in status['message']
+        assert 'fastdds_large_clouds.xml' in status['message']
+        node.signal(signal.SIGTERM)
+        assert node.wait() == 0
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
