@@ -55,6 +55,7 @@ setup(
         # The real Jazzy as wheels, where none is installed; rclpy does not import without the rmw.
         'ros': [
             'ros-jazzy-diagnostic-msgs>=5.3,<6',
+            'ros-jazzy-nav-msgs>=5.3,<6',
             'ros-jazzy-rcl-interfaces>=2.0,<3',
             'ros-jazzy-rclpy>=7.1,<8',
             'ros-jazzy-rmw-fastrtps-cpp>=8.4,<9',

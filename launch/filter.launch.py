@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Start the filter on one topic: ``ros2 launch lidar_outlier_filter filter.launch.py``."""
+"""Start the filter: ``ros2 launch lidar_outlier_filter filter.launch.py input_topic:=/points``.
+
+Several sensors: ``input_topic:=/left/points,/right/points`` for one process that serves them all,
+or ``namespace:=left,right input_topic:=points`` for a process each.
+"""
 
 import os
 from pathlib import Path
@@ -19,7 +23,8 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         'input_topic',
         default_value='points',
-        description='PointCloud2 topic of the sensor; answers go to its /cleaned and /outliers.',
+        description='PointCloud2 topic of the sensor; answers go to its /cleaned and /outliers. '
+        'Several, with commas between: one process serves them all.',
     ),
     DeclareLaunchArgument(
         'params_file',
@@ -29,7 +34,8 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         'namespace',
         default_value='',
-        description='Namespace of the node, and of an input_topic without a leading slash.',
+        description='Namespace of the node, and of an input_topic without a leading slash. '
+        'Several, with commas between: a process in each.',
     ),
     DeclareLaunchArgument(
         'use_sim_time',
@@ -53,8 +59,8 @@ ARGUMENTS = [
 ]
 
 
-def filter_node(context: LaunchContext) -> list[Node]:
-    """Make the node; only now is the topic known that the three remappings come from."""
+def filter_nodes(context: LaunchContext) -> list[Node]:
+    """Make a node for each namespace; only now are the topics known."""
     argument = context.launch_configurations
     use_sim_time = ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)
     parameters: list[object] = [{'use_sim_time': use_sim_time}]
@@ -62,22 +68,27 @@ def filter_node(context: LaunchContext) -> list[Node]:
         if not Path(params_file).is_file():  # launch_ros would warn, and start with the defaults
             raise ParameterError('params_file', 'a file that exists', repr(params_file))
         parameters.append(ParameterFile(params_file))
+    topics = [topic.strip() for topic in argument['input_topic'].split(',')]
+    if len(topics) > 1:
+        parameters.append({'inputs': topics})
     use_profile = argument['large_clouds'] == 'true' and PROFILE not in os.environ
     profile = Path(__file__).parents[1] / 'config' / 'fastdds_large_clouds.xml'
-    node = Node(
-        package='lidar_outlier_filter',
-        executable='outlier_filter_node',
-        name=NODE_NAME,
-        namespace=argument['namespace'],
-        parameters=parameters,
-        remappings=remappings(argument['input_topic']),
-        ros_arguments=['--log-level', argument['log_level']],
-        additional_env={PROFILE: str(profile)} if use_profile else {},
-        output='screen',
-    )
-    return [node]
+    return [
+        Node(
+            package='lidar_outlier_filter',
+            executable='outlier_filter_node',
+            name=NODE_NAME,
+            namespace=namespace.strip(),
+            parameters=parameters,
+            remappings=remappings(topics[0]) if len(topics) == 1 else [],
+            ros_arguments=['--log-level', argument['log_level']],
+            additional_env={PROFILE: str(profile)} if use_profile else {},
+            output='screen',
+        )
+        for namespace in argument['namespace'].split(',')
+    ]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Declare the arguments, then start the node with them."""
-    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=filter_node)])
+    """Declare the arguments, then start the nodes with them."""
+    return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=filter_nodes)])

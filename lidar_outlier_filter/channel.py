@@ -8,9 +8,10 @@ import threading
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import PointCloud2
 
@@ -19,6 +20,7 @@ from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.health import Backlog, Health, Report
 from lidar_outlier_filter.load import Inbox, Overload, Received, Treatment
+from lidar_outlier_filter.motion import make_motion
 from lidar_outlier_filter.pipeline import Answer, CloudFilter, Statistics
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 
 OUTPUT_DEPTH = 10  # clouds kept for a subscriber that is slow
 REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
+ODOMETRY_DEPTH = 1000  # poses kept while the executor is busy
 ACKNOWLEDGE = Duration(seconds=2)  # how long the last clouds may take to arrive
 MEGABYTE = 1e6
 
@@ -47,16 +50,19 @@ class Channel:
     def __init__(self, node: Node, topic: str, parameters: FilterParameters) -> None:
         """Make the filter and the publishers of ``topic``/cleaned and ``topic``/outliers."""
         self.topic = topic
+        self.resolved: str = node.resolve_topic_name(topic)
         self.health = Health()
         self._node = node
         self._log = node.get_logger()
         self._parameters = parameters
-        self._filter = CloudFilter(parameters, self._log_info, self._log_warning)
+        self._motion = make_motion(node, parameters)
+        self._filter = CloudFilter(parameters, self._log_info, self._log_warning, self._motion)
+        self._filter.refuse = self._log_refusal
         self._enabled = True
         self.cleaned_publisher = self._advertise(f'{topic}/cleaned')
         self.outliers_publisher = self._advertise(f'{topic}/outliers')
         self._subscription: Subscription | None = None
-        self._resolved = self.cleaned_publisher.topic_name.removesuffix('/cleaned')
+        self._odometry: Subscription | None = None
         self._clock = DelayClock(node)
         self._inbox = Inbox(parameters.load)
         self._overload = Overload()
@@ -82,6 +88,14 @@ class Channel:
         self._clock.watch(self._went_on, self._went_back, self._clock_changed)
         self._thread = threading.Thread(target=self._work, name=f'filter {self.topic}', daemon=True)
         self._thread.start()
+        if self._motion is not None and self._motion.topic:
+            self._odometry = self._node.create_subscription(
+                Odometry,
+                self._motion.topic,
+                self._receive_pose,
+                QoSProfile(depth=ODOMETRY_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
         self._subscription = self._subscribe()
 
     def change(self, parameters: FilterParameters) -> None:
@@ -122,7 +136,7 @@ class Channel:
         if self._clock.has_stopped:
             remarks.append('use_sim_time is set and nobody publishes /clock')
         size = self._inbox.size / MEGABYTE
-        publishers = self._node.count_publishers(self._resolved)
+        publishers = self._node.count_publishers(self.resolved)
         backlog = Backlog(self._inbox.clouds, size, self._filter.waiting, publishers)
         parameters = self._parameters
         return self.health.look(seconds, parameters.health, parameters.max_delay, backlog, remarks)
@@ -170,6 +184,11 @@ class Channel:
         dropped = self._inbox.put(Received(msg, self._clock.now(), len(msg.data)))
         self.health.dropped(dropped)
 
+    def _receive_pose(self, msg: Odometry) -> None:
+        if self._motion is not None:
+            self._motion.take(msg)
+            self._inbox.wake()
+
     def _went_on(self) -> None:
         """Wake the thread that filters where a cloud has waited long enough."""
         due = self._due
@@ -199,7 +218,7 @@ class Channel:
         """Do what comes next; tell whether there will be more."""
         left = self._time_left()
         if left is not None and left <= 0 and not self._inbox.closed:
-            self._publish(self._filter.hurry())
+            self._publish(self._filter.hurry_oldest())
             return True
         job = self._inbox.take(None if self._clock.is_simulated else left)
         if isinstance(job, Received):
@@ -207,6 +226,7 @@ class Channel:
         elif job is not None:
             job()
         else:
+            self._publish(self._filter.advance())
             return not self._inbox.closed
         return True
 
@@ -285,6 +305,12 @@ class Channel:
         """
         return self._process(msg, tag, '' if self._enabled else 'disabled')
 
+    def take_pose(self, msg: Any) -> list[Answer]:
+        """Take the next odometry; return the answers that are finished by it, the oldest first."""
+        if self._motion is not None:
+            self._motion.take(msg)
+        return self._filter.advance()
+
     def flush(self) -> list[Answer]:
         """Answer all that is pending, and begin anew."""
         return self._filter.flush()
@@ -301,10 +327,7 @@ class Channel:
                 return self._filter.pass_by(msg, passed, tag)
             return self._filter.push(msg, tag)
         except CloudError as err:
-            self._log.warning(
-                f'refused a cloud ({self.statistics.refused} so far): {err}',
-                throttle_duration_sec=REFUSAL_PERIOD,
-            )
+            self._log_refusal(err)
             return []
 
     # ROS --------------------------------------------------------------------------------------
@@ -335,21 +358,35 @@ class Channel:
 
     def _unsubscribe(self) -> list[PointCloud2]:
         """Take the clouds that were received, but that no executor will serve any more."""
-        received: list[PointCloud2] = []
-        if self._subscription is not None:
-            handle = self._subscription.handle
-            with handle:
-                while taken := handle.take_message(PointCloud2, False):  # noqa: FBT003
-                    received.append(taken[0])
-            self._node.destroy_subscription(self._subscription)
-            self._subscription = None
+        if self._odometry is not None:
+            for msg in self._end(self._odometry, Odometry):
+                self._receive_pose(msg)
+            self._odometry = None
+        if self._subscription is None:
+            return []
+        received = self._end(self._subscription, PointCloud2)
+        self._subscription = None
+        return received
+
+    def _end(self, subscription: Subscription, kind: type) -> list[Any]:
+        received = []
+        with subscription.handle:
+            while taken := subscription.handle.take_message(kind, False):  # noqa: FBT003
+                received.append(taken[0])
+        self._node.destroy_subscription(subscription)
         return received
 
     def _lost(self, event: Any) -> None:
         self.health.lost(event.total_count_change)
 
+    def _log_refusal(self, err: CloudError) -> None:
+        self._log.warning(
+            f'{self.resolved}: refused a cloud ({self.statistics.refused} so far): {err}',
+            throttle_duration_sec=REFUSAL_PERIOD,
+        )
+
     def _log_info(self, text: str) -> None:
-        self._log.info(text)
+        self._log.info(f'{self.resolved}: {text}')
 
     def _log_warning(self, text: str) -> None:
-        self._log.warning(text)
+        self._log.warning(f'{self.resolved}: {text}')

@@ -54,12 +54,11 @@ class Diagnostics:
 
     def _tell(self, channel: Channel, report: Report) -> DiagnosticStatus:
         # Named as those of diagnostic_updater are.
-        topic = channel.cleaned_publisher.topic_name.removesuffix('/cleaned')
         return DiagnosticStatus(
             level=LEVELS[report.level],
-            name=f'{self._node.get_fully_qualified_name().strip("/")}: {topic}',
+            name=f'{self._node.get_fully_qualified_name().strip("/")}: {channel.resolved}',
             message=report.message,
-            hardware_id=topic,
+            hardware_id=channel.resolved,
             values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
         )
 

@@ -20,5 +20,9 @@ class CloudError(FilterError):
     """A cloud that cannot be read, or that cannot be true."""
 
 
+class PoseError(FilterError):
+    """A pose that cannot be true."""
+
+
 class RecordingError(FilterError):
     """A recording that cannot be read or written."""

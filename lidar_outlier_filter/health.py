@@ -181,6 +181,7 @@ class _Look:
             'lost on the way': tally.lost,
             'dropped': tally.dropped,
             'passed unfiltered': self.passed,
+            'judged without poses': self.now.unmoved - self.before.unmoved,
         }
         total = max(tally.clouds + tally.lost, 1)
         said = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
@@ -239,6 +240,7 @@ class _Look:
             'invalid',
             'refused',
             'shed',
+            'unmoved',
             'resets',
         ):
             found[name] = str(getattr(now, name))
@@ -246,6 +248,7 @@ class _Look:
             ('rejected by', now.rejected),
             ('undecided by', now.undecided),
             ('refused for', now.refusals),
+            ('refused poses for', now.poses),
             ('unfiltered for', now.passed),
         ):
             found |= {f'{text} {name}': str(count) for name, count in sorted(counter.items())}

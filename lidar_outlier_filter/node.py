@@ -27,6 +27,7 @@ from lidar_outlier_filter.tuning import TunableNode
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from nav_msgs.msg import Odometry
     from rclpy.context import Context
     from rclpy.executors import Executor
     from rclpy.publisher import Publisher
@@ -48,17 +49,21 @@ def remappings(input_topic: str) -> list[tuple[str, str]]:
         If ROS 2 does not allow the name.
 
     """
-    try:
-        validate_full_topic_name(expand_topic_name(input_topic, NODE_NAME, '/'))
-    except (InvalidTopicNameException, ValueError) as err:
-        must_be = 'a topic name that ROS 2 allows'
-        raise ParameterError('input_topic', must_be, repr(input_topic)) from err
+    _refuse_topic('input_topic', input_topic)
     cleaned, outliers = f'{input_topic}/cleaned', f'{input_topic}/outliers'
     return [(POINTS, input_topic), (CLEANED, cleaned), (OUTLIERS, outliers)]
 
 
+def _refuse_topic(what: str, name: str) -> None:
+    try:
+        validate_full_topic_name(expand_topic_name(name, NODE_NAME, '/'))
+    except (InvalidTopicNameException, ValueError) as err:
+        must_be = 'a topic name that ROS 2 allows'
+        raise ParameterError(what, must_be, repr(name)) from err
+
+
 class OutlierFilterNode(TunableNode):
-    """Filters the clouds of one topic.
+    """Filters the clouds of one topic, or of several, each as a stream of its own.
 
     Made, it has its parameters, its compiled kernels and its publishers. ``start`` subscribes; a
     replay does not start it but calls ``process`` itself.
@@ -89,8 +94,10 @@ class OutlierFilterNode(TunableNode):
             rules = [f'{old}:={new}' for old, new in remappings(input_topic)]
             remap = [word for rule in rules for word in ('-r', rule)]
             options['cli_args'] = [*options.get('cli_args', []), '--ros-args', *remap]
+            parameters = {**(parameters or {}), 'inputs': (POINTS,)}
         super().__init__(parameters or {}, **options)
-        self.channels = (Channel(self, POINTS, self.filter_parameters),)
+        names = self._names()
+        self.channels = tuple(Channel(self, name, self.filter_parameters) for name in names)
         self._watch_parameters()
 
     @property
@@ -128,6 +135,13 @@ class OutlierFilterNode(TunableNode):
         """
         return self.channels[0].process(msg, tag)
 
+    def take_pose(self, msg: Odometry) -> list[Answer]:
+        """Take the next odometry; return the answers that are finished by it, the oldest first.
+
+        For a node that is not started, under ``motion.source: odometry``.
+        """
+        return self.channels[0].take_pose(msg)
+
     def flush(self) -> list[Answer]:
         """Answer all that is pending, and begin anew."""
         return self.channels[0].flush()
@@ -146,6 +160,16 @@ class OutlierFilterNode(TunableNode):
         for channel in self.channels:
             channel.stop()
         super().destroy_node()
+
+    def _names(self) -> tuple[str, ...]:
+        """Return the topics of the sensors, if they are."""
+        names = self.filter_parameters.inputs
+        for name in names:
+            _refuse_topic('a topic of inputs', name)
+        resolved = {self.resolve_topic_name(name) for name in names}
+        if len(resolved) < len(names):
+            raise ParameterError('inputs', 'different topics', repr(list(names)))
+        return names
 
     def apply(self, parameters: FilterParameters) -> None:
         """Filter by these parameters from the next block on."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sections of parameters.py that are for a node on a vehicle: load, health."""
+"""The sections of parameters.py that are for a node on a vehicle: motion, load, health."""
 
 from __future__ import annotations
 
@@ -8,6 +8,44 @@ from dataclasses import dataclass
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameter import declare
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where the sensor is when, so that points of different times lie in one frame."""
+
+    source: str = declare(
+        'none',
+        'none: clouds are georeferenced, or a sweep is short; odometry: nav_msgs/Odometry on '
+        'motion.topic, with the sensor at x to yaw in its child frame; tf: from the frame of the '
+        'cloud to motion.fixed_frame.',
+        choices=('none', 'odometry', 'tf'),
+        fixed=True,
+    )
+    topic: str = declare('odometry', 'Topic of the odometry.', fixed=True)
+    fixed_frame: str = declare('odom', 'Frame that stands still (tf).', fixed=True)
+    x: float = declare(0.0, 'Sensor in front of the child frame.', 'm', -1000.0, 1000.0, fixed=True)
+    y: float = declare(0.0, 'Sensor to the left of it.', 'm', -1000.0, 1000.0, fixed=True)
+    z: float = declare(0.0, 'Sensor above it.', 'm', -1000.0, 1000.0, fixed=True)
+    roll: float = declare(
+        0.0,
+        'Its rotation, first about x, as static_transform_publisher has it.',
+        'rad',
+        -7,
+        7,
+        fixed=True,
+    )
+    pitch: float = declare(0.0, 'Then about y.', 'rad', -7.0, 7.0, fixed=True)
+    yaw: float = declare(0.0, 'Then about z.', 'rad', -7.0, 7.0, fixed=True)
+    max_gap: float = declare(
+        0.2, 'Longest time between two poses that is interpolated.', 's', 1e-6, 60.0, fixed=True
+    )
+
+    def check(self, inputs: int) -> None:
+        """Refuse one mounting for several inputs."""
+        if inputs > 1 and self.source == 'odometry':
+            must_be = "'none' or 'tf' with several inputs, which are not at the same place"
+            raise ParameterError('motion.source', must_be, "'odometry'")
 
 
 @dataclass(frozen=True)
@@ -39,7 +77,8 @@ class Health:
     delay_error: float = declare(1.5, 'Likewise: an error.', '', 0.0, 1000.0)
     unfiltered_warn: float = declare(
         0.0,
-        'Share of the clouds that were refused, lost on the way, dropped, or too many to filter.',
+        'Share of the clouds that were refused, lost on the way, dropped, too many to filter, or '
+        'judged without poses.',
         '',
         0.0,
         1.0,

@@ -73,14 +73,18 @@ class Parameter:
             raise ParameterError(self.name, self.range_text, repr(value))
 
     def _check_list(self, value: object) -> tuple[str, ...]:
-        if isinstance(value, str) or not hasattr(value, '__iter__'):
+        if not isinstance(value, list | tuple):
             raise ParameterError(self.name, 'a list of texts', repr(value))
         values = tuple(value)
-        wrong = [item for item in values if item not in self.choices]
-        if wrong or not values or len(set(values)) < len(values):
-            must_be = 'a list, without repetition, of ' + self.range_text
+        right = [isinstance(item, str) and self._is_choice(item) for item in values]
+        if not all(right) or not values or len(set(values)) < len(values):
+            must_be = 'a list, without repetition, of '
+            must_be += self.range_text if self.choices else 'texts'
             raise ParameterError(self.name, must_be, repr(list(values)))
         return values
+
+    def _is_choice(self, text: str) -> bool:
+        return text in self.choices if self.choices else bool(text)
 
 
 def declare(  # noqa: PLR0913  one line declares all that is known of a parameter

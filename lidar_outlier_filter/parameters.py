@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.node_parameters import Health, Load
+from lidar_outlier_filter.node_parameters import Health, Load, Motion
 from lidar_outlier_filter.parameter import Parameter, declare, walk
 
 if TYPE_CHECKING:
@@ -204,6 +204,11 @@ class Elevation:
 class FilterParameters:
     """All parameters of the filter; make a changed copy with :meth:`changed`."""
 
+    inputs: tuple[str, ...] = declare(
+        ('points',),
+        'Topics of the sensors; the answers to each go to its /cleaned and /outliers.',
+        fixed=True,
+    )
     chain: tuple[str, ...] = declare(
         ('alpha_beta_gamma',),
         'Detectors, in their order.',
@@ -306,11 +311,7 @@ class FilterParameters:
         fixed=True,
     )
     max_delay: float = declare(
-        1.0,
-        'Longest time a live cloud waits for its answer; under use_sim_time by /clock.',
-        's',
-        1e-3,
-        600.0,
+        1.0, 'Longest time a live cloud waits; under use_sim_time by /clock.', 's', 1e-3, 600.0
     )
     max_points: int = declare(
         50_000_000,
@@ -338,6 +339,7 @@ class FilterParameters:
     sor: Sor = Sor()
     hierarchical: Hierarchical = Hierarchical()
     elevation: Elevation = Elevation()
+    motion: Motion = Motion()  # noqa: RUF009  frozen
     load: Load = Load()  # noqa: RUF009  frozen
     health: Health = Health()  # noqa: RUF009  frozen
 
@@ -347,6 +349,7 @@ class FilterParameters:
             parameter.check(_value(self, parameter.name))
         _check_together(self)
         self.health.check()
+        self.motion.check(len(self.inputs))
 
     def changed(self, values: Mapping[str, object]) -> FilterParameters:
         """Return a validated copy with the flat, dotted names in ``values`` set; all or nothing."""

@@ -18,12 +18,14 @@ from lidar_outlier_filter.core.points import missing
 from lidar_outlier_filter.core.verdict import BITS, Verdict
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.moving import MovingStream
 from lidar_outlier_filter.parameters import describe
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.motion import Motion
     from lidar_outlier_filter.parameters import FilterParameters
 
 
@@ -65,6 +67,8 @@ class Statistics:
     passed : clouds that passed unfiltered, by the reason; their points are counted, not looked at
     shed : clouds that were taken while the slow detectors were off
     refused : clouds refused; refusals counts them by what was wrong
+    poses : poses that were refused, by what was wrong
+    unmoved : clouds that were judged without poses, in their own frame
     resets : times the clock was set back
     passes : most repetitions without the rejected that a block has needed
 
@@ -79,7 +83,9 @@ class Statistics:
     undecided: Counter[str] = field(default_factory=Counter)
     passed: Counter[str] = field(default_factory=Counter)
     refusals: Counter[str] = field(default_factory=Counter)
+    poses: Counter[str] = field(default_factory=Counter)
     shed: int = 0
+    unmoved: int = 0
     resets: int = 0
     passes: int = 0
 
@@ -125,13 +131,24 @@ class CloudFilter:
         parameters: FilterParameters,
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
+        motion: Motion | None = None,
     ) -> None:
-        """Compile the kernels; ``inform`` and ``warn`` are told once how the clouds are read."""
+        """Compile the kernels; ``inform`` and ``warn`` are told once how the clouds are read.
+
+        With a ``motion`` clouds wait for their poses, too; ``refuse`` is told of one that is
+        refused when they have come.
+        """
         self.statistics = Statistics()
+        self.refuse: Callable[[CloudError], object] = str
         self.wanted = (True, True)  # cleaned and outliers: what nobody wants is not made
         self._parameters = parameters
         self._decoder = Decoder(parameters, inform, warn)
         self._stream = Stream(parameters)
+        self._moving = None
+        if motion is not None:
+            self._moving = MovingStream(self._stream, motion, parameters, self._refuse)
+            self.statistics.poses = motion.refusals
+        self._entrance = self._moving or self._stream
         self._decoder.compile()
         self._stream.chain.compile()
         self._chain, self._short = self._stream.chain, _short(self._stream.chain)
@@ -144,12 +161,12 @@ class CloudFilter:
     @property
     def waiting(self) -> int:
         """Count the clouds without an answer."""
-        return self._stream.waiting
+        return self._entrance.waiting
 
     @property
     def oldest(self) -> Any:
         """The tag of the cloud that has waited longest; None where none waits."""
-        first = self._stream.oldest
+        first = self._entrance.oldest
         return None if first is None else first.tag
 
     def push(self, msg: Any, tag: Any = None) -> list[Answer]:
@@ -164,7 +181,7 @@ class CloudFilter:
         try:
             points = self._decoder.decode(msg)
             task = _Task(msg, tag, self._parameters, _valid(points))
-            finished = self._stream.push(points, task)
+            finished = self._entrance.push(points, task)
         except CloudError as err:
             self._decoder.undo()
             self.statistics.refusals[err.what] += 1
@@ -183,7 +200,7 @@ class CloudFilter:
         try:
             view = self._decoder.view(msg)
             task = _Task(msg, tag, self._parameters, 0, reason)
-            finished = self._stream.push(missing(0 if view is None else view.size), task)
+            finished = self._entrance.push(missing(0 if view is None else view.size), task)
         except CloudError as err:
             self.statistics.refusals[err.what] += 1
             raise
@@ -191,7 +208,7 @@ class CloudFilter:
 
     def flush(self) -> list[Answer]:
         """Answer all that is pending, and begin anew: the end of a recording."""
-        return self._answers(self._stream.flush())
+        return self._answers(self._entrance.flush())
 
     def reset(self) -> list[Answer]:
         """Answer all that is pending, and begin anew: the clock was set back. It is counted."""
@@ -200,7 +217,16 @@ class CloudFilter:
 
     def hurry(self) -> list[Answer]:
         """Answer all that is pending with what is there, and go on: they waited too long."""
-        return self._answers(self._stream.hurry())
+        return self._answers(self._entrance.hurry())
+
+    def hurry_oldest(self) -> list[Answer]:
+        """Answer what has waited too long; what waits for its poses may wait on."""
+        moving = self._moving
+        return self._answers(self._stream.hurry() if moving is None else moving.hurry_oldest())
+
+    def advance(self) -> list[Answer]:
+        """Go on with the clouds that have their poses by now."""
+        return [] if self._moving is None else self._answers(self._moving.advance())
 
     @property
     def can_shed(self) -> bool:
@@ -231,9 +257,16 @@ class CloudFilter:
         self._parameters = self._decoder.parameters = parameters
         self._stream.chain = self._chain = chain
         self._short = _short(chain)
+        if self._moving is not None:
+            self._moving.wait_at_most(parameters.max_delay)
+
+    def _refuse(self, err: CloudError) -> None:
+        self.statistics.refusals[err.what] += 1
+        self.refuse(err)
 
     def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
         self.statistics.resets = self._stream.resets
+        self.statistics.unmoved = 0 if self._moving is None else self._moving.unmoved
         self.statistics.passes = max(self.statistics.passes, self._stream.chain.passes)
         answers = []
         for task, verdict in finished:

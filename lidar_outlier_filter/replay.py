@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import rclpy
+from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.serialization import deserialize_message
@@ -28,7 +29,7 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.bags import NewBag, Recording, Topic
-from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.node import OutlierFilterNode
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.pipeline import Answer
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
+ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,7 @@ def replay(  # noqa: PLR0913  what the command line offers
         for topic in _choose(source, topics):
             streams[topic] = _Stream(topic, parameters, context)
             nodes.callback(streams[topic].node.destroy_node)
+        _check_motion(source, streams)
         started = perf_counter()
         done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress)
         elapsed = perf_counter() - started
@@ -141,14 +144,17 @@ def _copy(
         if topic not in dropped:
             bag.add(topic)
     names = {topic.name for topic in source.topics}
-    for stream in streams.values():
+    listeners: dict[str, Callable[[int, bytes], object]] = {}
+    for topic, stream in streams.items():
         stream.begin(bag, names)
+        listeners[topic.name] = stream.feed
+        listeners |= {stream.odometry: stream.feed_pose} if stream.odometry else {}
     done = 0
     for topic, time, data in source.messages():
         if topic not in dropped:
             bag.write(topic, time, data)
-        if topic in streams:
-            streams[topic].feed(time, data)
+        if topic.name in listeners:
+            listeners[topic.name](time, data)
         done += 1
         if progress is not None:
             progress(done, source.message_count)
@@ -186,6 +192,21 @@ def _choose(source: Recording, wanted: Collection[str]) -> list[Topic]:
     return [clouds[name] for name in names]
 
 
+def _check_motion(source: Recording, streams: Mapping[Topic, _Stream]) -> None:
+    """Refuse motion that the recording cannot tell."""
+    names = [topic.name for topic in source.topics if topic.msgtype == ODOMETRY]
+    for stream in streams.values():
+        kind = stream.node.filter_parameters.motion.source
+        if kind == 'tf':
+            raise ParameterError('motion.source', "'none' or 'odometry' in a replay", repr(kind))
+        if kind == 'odometry' and len(streams) > 1:
+            must_be = "'none' for several topics, whose sensors are not at the same place"
+            raise ParameterError('motion.source', must_be, repr(kind))
+        if kind == 'odometry' and stream.odometry not in names:
+            must_be = 'one of the odometry topics ' + (', '.join(names) or '(none)')
+            raise RecordingError('motion.topic', must_be, repr(stream.odometry))
+
+
 class _Stream:
     """A topic of clouds, the node that filters it, and the topics of its answers."""
 
@@ -201,6 +222,10 @@ class _Stream:
             enable_rosout=False,
             start_parameter_services=False,
         )
+        motion = self.node.filter_parameters.motion
+        self.odometry = ''
+        if motion.source == 'odometry':
+            self.odometry = self.node.resolve_topic_name(motion.topic)
         self._clouds = 0
         self._types = get_typestore(Stores.ROS2_JAZZY)
 
@@ -228,6 +253,15 @@ class _Stream:
             self.node.statistics.refusals['the CDR bytes'] += 1
         else:
             self._write(self.node.process(cloud, time))
+
+    def feed_pose(self, _time: int, data: bytes) -> None:
+        """Let the node have an odometry, and write the answers it has by now."""
+        try:
+            msg = deserialize_message(data, Odometry)
+        except RuntimeError:
+            self.node.statistics.poses['the CDR bytes'] += 1
+        else:
+            self._write(self.node.take_pose(msg))
 
     def finish(self) -> None:
         """Write the answers to the last clouds."""

@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Live tests: what starts the processes, and three of them: to publish, collect and diagnose.
+"""Live tests: what starts the processes, and those to publish, collect, count, diagnose.
 
     live.py publish QOS RECORDING TOPIC     all clouds of a recording, or several with : between,
                                             when told to
     live.py collect QOS FOLDER TOPIC ...    every cloud to FOLDER/<last word of TOPIC>_<number>.cdr
+    live.py count TOPIC                     say how many clouds came, when stdin is closed
     live.py diagnose                        every status of /diagnostics, as JSON
 
 QOS is reliable or best_effort. All say on stdout, one line each, what has happened, and go when
@@ -176,6 +177,11 @@ def diagnoser(env: Mapping[str, str]) -> Program:
     return Program(__file__, 'diagnose', env=env)
 
 
+def counter(topic: str, env: Mapping[str, str]) -> Program:
+    """Start the program that counts; it says 'matched' when the topic has a publisher."""
+    return Program(__file__, 'count', topic, env=env)
+
+
 def next_status(program: Program) -> dict[str, Any]:
     """Wait for the next status of /diagnostics."""
     status: dict[str, Any] = json.loads(program.wait_for('status ').removeprefix('status '))
@@ -269,6 +275,19 @@ class _Inbox:
                 self._store(taken[0])
 
 
+def _count(topic: str) -> None:
+    end, count = Future(), itertools.count()
+    with _ros() as (node, executor):
+        events = SubscriptionEventCallbacks(matched=lambda _: _tell('matched'))
+        listen = lambda _: next(count)  # noqa: E731
+        node.create_subscription(
+            PointCloud2, topic, listen, BEST_EFFORT, raw=True, event_callbacks=events
+        )
+        threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
+        executor.spin_until_future_complete(end)
+        _tell('clouds', next(count))
+
+
 def _diagnose() -> None:
     end = Future()
 
@@ -290,6 +309,8 @@ if __name__ == '__main__':
     profile = BEST_EFFORT if quality == 'best_effort' else KEEP_ALL
     if role == 'diagnose':
         _diagnose()
+    elif role == 'count':
+        _count(quality)
     elif role == 'publish':
         _publish(profile, first, rest[0])
     else:

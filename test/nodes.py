@@ -28,6 +28,7 @@ from lidar_outlier_filter.parameter_files import NODE_NAME
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from lidar_outlier_filter.channel import Channel
     from lidar_outlier_filter.pipeline import Answer
 
 
@@ -156,7 +157,7 @@ class Sensor:
 
         return collect
 
-    def wait_for_filter(self, node: OutlierFilterNode) -> None:
+    def wait_for_filter(self, node: OutlierFilterNode | Channel) -> None:
         """Serve until the topics of both sides are connected, all three."""
         self._ros.wait(self._matched)
         publishers = (node.cleaned_publisher, node.outliers_publisher)

@@ -37,6 +37,7 @@ def test_what_has_happened_since_the_last_look() -> None:
     counts = Statistics(messages=2, points=400, invalid=1, untested=20, outliers=8)
     counts.rejected, counts.undecided = Counter(a=5, b=4), Counter(b=6)
     counts.refusals, counts.passed = Counter({'the fields': 2}), Counter(disabled=1)
+    counts.poses = Counter({'a pose': 3})
     health.spent(0.05)
     health.counted(counts)
     level, _, values, plotted = look(health, Limits(unfiltered_warn=1.0, unfiltered_error=1.0))
@@ -63,11 +64,13 @@ def test_what_has_happened_since_the_last_look() -> None:
         'invalid': '1',
         'refused': '2',
         'shed': '0',
+        'unmoved': '0',
         'resets': '0',
         'rejected by a': '5',
         'rejected by b': '4',
         'undecided by b': '6',
         'refused for the fields': '2',
+        'refused poses for a pose': '3',
         'unfiltered for disabled': '1',
         'lost': '0',
         'dropped': '0',

@@ -42,6 +42,7 @@ class _Message:
     where: NDArray[np.intp]  # their places in the message
     verdict: Verdict  # of all points of the message
     tag: Any
+    frame: str  # points of different frames are never judged together
     first: int = field(init=False)  # earliest and latest time, ns
     last: int = field(init=False)
     sorted: bool = field(init=False)  # by time
@@ -109,8 +110,11 @@ class Stream:
         """Count the points held: those that are needed, or those that wait, whichever are more."""
         return max(self._held, self._unanswered)
 
-    def push(self, points: Points, tag: Any = None) -> list[tuple[Any, Verdict]]:
+    def push(self, points: Points, tag: Any = None, frame: str = '') -> list[tuple[Any, Verdict]]:
         """Take the points of the next message; return the messages that are finished by it.
+
+        Messages of different frames keep their order and their blocks, but their points are not
+        judged together.
 
         Returns
         -------
@@ -127,7 +131,7 @@ class Stream:
         """
         where = np.flatnonzero(points.valid)
         valid = points if len(where) == len(points) else points.take(where)
-        message = _Message(valid, where, Verdict.untested(len(points)), tag)
+        message = _Message(valid, where, Verdict.untested(len(points)), tag, frame)
         set_back = len(where) > 0 and message.last < self._newest - self._jump
         self._refuse(message, anew=set_back)
         # A clock that was set back: what was before has nothing to do with what comes.
@@ -219,8 +223,22 @@ class Stream:
         """Judge all points with first <= t < last; return which of each message they are, too."""
         near = [message for message in self._seen if first <= message.last and message.first < last]
         members = [(message, message.between(first, last)) for message in near]
-        together = concatenate([message.points.take(index) for message, index in members])
-        return members, self.chain.judge(together)
+        parts = [message.points.take(index) for message, index in members]
+        frames = [message.frame for message in near]
+        if len(set(frames)) == 1:
+            return members, self.chain.judge(concatenate(parts))
+        return members, self._judge_apart(parts, frames)
+
+    def _judge_apart(self, parts: list[Points], frames: list[str]) -> Verdict:
+        """Judge the points of each frame by themselves; the verdict is in order of the parts."""
+        ends = np.cumsum([len(part) for part in parts])
+        verdict = Verdict.untested(int(ends[-1]))
+        for frame in sorted(set(frames)):
+            mine = [i for i, other in enumerate(frames) if other == frame]
+            where = np.concatenate([np.arange(ends[i] - len(parts[i]), ends[i]) for i in mine])
+            told = self.chain.judge(concatenate([parts[i] for i in mine]))
+            verdict.put(where, told)
+        return verdict
 
     def _look_for_pending(self) -> None:
         firsts = (self._first_pending(message) for message in self._waiting)

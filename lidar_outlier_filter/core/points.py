@@ -38,6 +38,8 @@ class Points:
         False for missing returns (NaN, Inf, 0 0 0), which no detector sees.
     sigma : (N,) float64 or None
         Own standard deviation of each point, metres.
+    distance : (N,) float64 or None
+        Distance from the sensor, metres, where the sensor is not the origin of ``xyz``.
 
     """
 
@@ -46,6 +48,7 @@ class Points:
     line: NDArray[np.int64]
     valid: NDArray[np.bool_]
     sigma: NDArray[np.float64] | None = None
+    distance: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Count the points."""
@@ -53,7 +56,9 @@ class Points:
 
     @property
     def range(self) -> NDArray[np.float64]:
-        """Distance from the origin of the frame, which is the sensor in its own frame, metres."""
+        """Distance from the sensor, which is the origin of its own frame, metres."""
+        if self.distance is not None:
+            return self.distance
         distance: NDArray[np.float64] = np.sqrt(np.einsum('ij,ij->i', self.xyz, self.xyz))
         return distance
 
@@ -65,6 +70,7 @@ class Points:
             self.line[index],
             self.valid[index],
             None if self.sigma is None else self.sigma[index],
+            None if self.distance is None else self.distance[index],
         )
 
 
@@ -88,7 +94,7 @@ def is_return(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def concatenate(parts: Sequence[Points]) -> Points:
-    """Join points in the order given; all or none of the parts have a sigma."""
+    """Join points in the order given; all or none of the parts have a sigma, or a distance."""
     if len(parts) == 1:
         return parts[0]
     columns: dict[str, Any] = {}

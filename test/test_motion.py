@@ -1,0 +1,282 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A profile scanner in its own frame is filtered as well as its georeferenced twin."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from profile_scanner import MOUNTING, SHOTS, Drive, seconds
+
+from lidar_outlier_filter.cloud import structured
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.motion import Odometry, make_motion
+from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.pipeline import Answer, CloudFilter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from nodes import Ros
+    from numpy.typing import NDArray
+    from sensor_msgs.msg import PointCloud2
+
+SOR: dict[str, object] = {
+    'chain': ('sor',),
+    'sor.statistic': 'radius',
+    'sor.radius': 0.3,
+    'sor.min_neighbors': 4,
+}
+MOVING = SOR | MOUNTING | {'motion.source': 'odometry'}
+
+
+class Moving:
+    """A filter that is given clouds and odometry by their stamps."""
+
+    def __init__(self, extra: Mapping[str, object] | None = None) -> None:
+        parameters = FilterParameters().changed({**MOVING, **(extra or {})})
+        self.motion = Odometry(parameters)
+        self.filter = CloudFilter(parameters, motion=self.motion)
+
+    def run(
+        self, clouds: Iterable[PointCloud2], odometry: Iterable[object], delay: float = 0.0
+    ) -> list[Answer]:
+        """Feed what there is; odometry comes ``delay`` seconds after its time."""
+        events = [(seconds(msg), 0, msg) for msg in clouds]
+        events += [(seconds(msg) + delay, 1, msg) for msg in odometry]
+        answers: list[Answer] = []
+        for _, is_odometry, msg in sorted(events, key=lambda event: event[:2]):
+            if is_odometry:
+                self.motion.take(msg)
+                answers += self.filter.advance()
+            else:
+                answers += self.filter.push(msg, msg)
+        return answers + self.filter.flush()
+
+
+def still(clouds: Iterable[PointCloud2], extra: Mapping[str, object] | None = None) -> list[Answer]:
+    """Filter clouds as they are."""
+    clean = CloudFilter(FilterParameters().changed({**SOR, **(extra or {})}))
+    answers = [answer for msg in clouds for answer in clean.push(msg, msg)]
+    return answers + clean.flush()
+
+
+def rejected(drive: Drive, answers: list[Answer]) -> NDArray[np.bool_]:
+    """Tell which points of the drive went to the outliers, by the time in their clouds."""
+    mask = np.zeros(len(drive.t), np.bool_)
+    for answer in answers:
+        if answer.outliers.width:
+            rows = structured(answer.outliers).reshape(-1)
+            start = round(seconds(answer.outliers) * 1e9)
+            mask |= np.isin(drive.t, rows['t'].astype(np.int64) + start)
+    return mask
+
+
+def f1(drive: Drive, found: NDArray[np.bool_]) -> float:
+    """Return the harmonic mean of precision and recall."""
+    hits = np.count_nonzero(found & drive.wrong)
+    return float(2 * hits / (np.count_nonzero(found) + np.count_nonzero(drive.wrong)))
+
+
+def test_as_good_as_the_georeferenced_twin() -> None:
+    """The same points in both frames: the same verdicts; without motion they are much worse."""
+    drive = Drive(1.0)
+    own = drive.clouds(drive.own)
+    moving = Moving()
+    found = rejected(drive, moving.run(own, drive.odometry()))
+    twin = rejected(drive, still(drive.clouds(drive.fixed)))
+    unmoved = rejected(drive, still(own))
+    assert moving.filter.statistics.unmoved == 0
+    # Between the poses, 10 ms apart, the vehicle of the simulation does not move quite so evenly.
+    assert np.count_nonzero(found != twin) <= 2
+    assert f1(drive, twin) > 0.97
+    assert f1(drive, found) > f1(drive, twin) - 0.002
+    assert f1(drive, unmoved) < f1(drive, twin) - 0.1
+
+
+def test_what_is_published_is_what_came() -> None:
+    """Clouds keep their frame and their bytes; each point is in one of the two."""
+    drive = Drive(0.3)
+    clouds = drive.clouds(drive.own)
+    for answer in Moving().run(clouds, drive.odometry()):
+        assert answer.cleaned.header == answer.outliers.header == answer.tag.header
+        rows = [structured(msg).reshape(-1) for msg in (answer.cleaned, answer.outliers)]
+        together = np.concatenate(rows)
+        together = together[np.argsort(together['t'])]
+        assert together.tobytes() == bytes(answer.tag.data)
+
+
+@pytest.mark.parametrize('lines', [1, 3, 37])
+def test_chunk_invariance(lines: int) -> None:
+    """However the points are cut into clouds, and whenever the odometry comes."""
+    drive = Drive(0.5)
+    expected = rejected(drive, Moving().run(drive.clouds(drive.own), drive.odometry()))
+    for delay in (0.0, 0.25):
+        moving = Moving()
+        answers = moving.run(drive.clouds(drive.own, lines), drive.odometry(), delay)
+        assert (rejected(drive, answers) == expected).all()
+        assert moving.filter.statistics.unmoved == 0
+        assert len(answers) == -(-len(drive.t) // (lines * SHOTS))
+
+
+def test_range_is_the_distance_from_the_sensor() -> None:
+    """What grows with the range grows with that from the sensor, not from the map's origin."""
+    drive = Drive(0.5)
+    extra = {'sor.range_scaled': True, 'sor.range_factor': 0.1}
+    found = rejected(drive, Moving(extra).run(drive.clouds(drive.own), drive.odometry()))
+    assert np.count_nonzero(found) > 0
+    # From the origin of the map nothing is near: its radius is 500 km, and nobody is alone.
+    assert not rejected(drive, still(drive.clouds(drive.fixed), extra)).any()
+
+
+def test_a_cloud_waits_for_its_poses() -> None:
+    """Until the last one is there, and all behind it wait, too."""
+    drive = Drive(0.5)
+    clouds, odometry = drive.clouds(drive.own), drive.odometry()
+    moving = Moving()
+    assert [moving.filter.push(msg, msg) for msg in clouds] == [[]] * 5
+    assert moving.filter.waiting == 5
+    assert moving.filter.oldest is clouds[0]
+    answers = []
+    for msg in odometry:
+        moving.motion.take(msg)
+        made = moving.filter.advance()
+        answers += made
+        # Block and halo of a cloud of 0.1 s end with the poses of the next one.
+        assert len(answers) <= max(0, (seconds(msg) + 1e-6) / 0.1 - 1)
+    assert [answer.tag for answer in answers] == clouds[:4]
+    answers += moving.filter.flush()
+    assert (rejected(drive, answers) == rejected(drive, Moving().run(clouds, odometry))).all()
+    assert moving.filter.statistics.unmoved == 0
+
+
+def test_without_odometry_no_cloud_waits_longer_than_max_delay() -> None:
+    """By the time of the points: in a replay nobody else would let it go."""
+    drive = Drive(1.0)
+    clouds = drive.clouds(drive.own)
+    moving = Moving({'max_delay': 0.45})
+    counts = [len(moving.filter.push(msg, msg)) for msg in clouds]
+    # A cloud goes on when one ends that is 0.5 s later, and is judged with the next one.
+    assert counts == [0] * 6 + [1] * 4
+    answers = moving.filter.flush()
+    assert len(answers) == 6
+    assert moving.filter.statistics.unmoved == 10
+
+
+def test_clouds_with_and_without_poses_are_judged_apart() -> None:
+    """A gap in the odometry: those clouds are judged in their own frame, as if by themselves."""
+    drive = Drive(1.0)
+    clouds = drive.clouds(drive.own)
+    odometry = [msg for msg in drive.odometry() if not 0.33 < seconds(msg) < 0.55]
+    moving = Moving({'motion.max_gap': 0.1})
+    found = rejected(drive, moving.run(clouds, odometry))
+    assert moving.filter.statistics.unmoved == 3
+    part = slice(3 * 10 * SHOTS, 6 * 10 * SHOTS)
+    alone = rejected(drive, still(clouds[3:6]))
+    assert (found[part] == alone[part]).all()
+    assert np.count_nonzero(alone[part]) > 0
+    # A mixture would hide the outliers of some, or reject the good points of others.
+    mask = np.ones(len(found), np.bool_)
+    mask[part] = False
+    twin = rejected(drive, still(drive.clouds(drive.fixed)))
+    edge = 3  # clouds beside the gap lack a neighbour
+    near = np.zeros(len(found), np.bool_)
+    for border in (part.start, part.stop):
+        near[max(border - edge * SHOTS, 0) : border + edge * SHOTS] = True
+    assert np.count_nonzero((found != twin)[mask & ~near]) <= 2
+
+
+def test_empty_and_missing_clouds_keep_their_turn() -> None:
+    """Clouds without a valid point need no poses; they do not overtake."""
+    drive = Drive(0.2)
+    first, second = drive.clouds(drive.own)
+    empty = drive.clouds(np.zeros((len(drive.t), 3)))[0]
+    moving = Moving()
+    for msg in (first, empty, second):
+        assert moving.filter.push(msg, msg) == []
+    answers: list[Answer] = []
+    for msg in drive.odometry():
+        moving.motion.take(msg)
+        answers += moving.filter.advance()
+    answers += moving.filter.flush()
+    assert [answer.tag for answer in answers] == [first, empty, second]
+    assert answers[1].outliers.width == 0
+
+
+def test_bounded() -> None:
+    """What waits for poses is held, too: not more than max_points."""
+    drive = Drive(1.0)
+    clouds = drive.clouds(drive.own)
+    moving = Moving({'max_points': 30 * SHOTS})
+    answers = [moving.filter.push(msg, msg) for msg in clouds[:3]]
+    assert answers == [[]] * 3
+    with pytest.raises(Exception, match='the number of points held must be at most max_points'):
+        moving.filter.push(clouds[3], clouds[3])
+    assert moving.filter.statistics.refusals == {'the number of points held': 1}
+    assert len(moving.filter.flush()) == 3
+    moving.filter.push(clouds[4], clouds[4])
+
+
+def test_refused_when_its_turn_has_come() -> None:
+    """A cloud that is late is refused behind those before it, counted and told of."""
+    drive = Drive(0.6)
+    clouds = drive.clouds(drive.own)
+    moving = Moving()
+    told: list[str] = []
+    moving.filter.refuse = lambda err: told.append(str(err))
+    for msg in drive.odometry():
+        moving.motion.take(msg)
+    answers = [answer for msg in [*clouds, clouds[0]] for answer in moving.filter.push(msg, msg)]
+    answers += moving.filter.flush()
+    assert [answer.tag for answer in answers] == clouds
+    assert moving.filter.statistics.refusals == {'the time of a cloud': 1}
+    (sentence,) = told
+    assert sentence.startswith('the time of a cloud must be at or after what is judged already')
+
+
+def test_poses_that_make_no_sense_are_counted() -> None:
+    """By what was wrong with them; the others serve."""
+    drive = Drive(0.2)
+    odometry = drive.odometry()
+    odometry[5].pose.pose.orientation.w = np.nan
+    odometry[7].header.stamp = odometry[3].header.stamp
+    moving = Moving()
+    moving.run(drive.clouds(drive.own), odometry)
+    assert moving.filter.statistics.poses == {'a pose': 1, 'the time of a pose': 1}
+    assert moving.filter.statistics.unmoved == 0
+
+
+def test_a_recording_that_loops() -> None:
+    """Clouds and odometry go back: what waits is let go, and the second loop is like the first."""
+    drive = Drive(0.5)
+    extra = {'time_jump': 0.2}
+    clouds, odometry = drive.clouds(drive.own), drive.odometry()
+    moving = Moving(extra)
+    first = moving.filter.push(clouds[4], clouds[4])
+    assert first == []
+    assert len(moving.filter.push(clouds[0], clouds[0])) == 1  # without poses
+    assert (moving.filter.statistics.unmoved, moving.filter.statistics.resets) == (1, 1)
+    moving.filter.flush()
+    loops = [moving.run(clouds, odometry) for _ in range(2)]
+    assert [len(loop) for loop in loops] == [5, 5]
+    assert (rejected(drive, loops[0]) == rejected(drive, loops[1])).all()
+
+
+def test_tf_needs_tf2(ros: Ros) -> None:
+    """Where tf2_ros is not installed, the node is not made, and says why."""
+    if find_spec('tf2_ros') is None:
+        sentence = (
+            "motion.source must be 'none' or 'odometry' where tf2_ros is not installed, got 'tf'"
+        )
+        with pytest.raises(ParameterError, match=f'^{sentence}$'):
+            ros.filter('-p', 'motion.source:=tf')
+    else:
+        ros.filter('-p', 'motion.source:=tf')
+
+
+def test_none_is_none(ros: Ros) -> None:
+    """By default clouds are taken as they are."""
+    assert make_motion(ros.client, FilterParameters()) is None

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Motion in the node and in a replay: odometry over the middleware, and out of a recording."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from nav_msgs.msg import Odometry
+from nodes import Ros, Sensor, wait_for_thread
+from profile_scanner import Drive
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from test_motion import MOVING, Moving, rejected
+
+from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.replay import replay
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rclpy.publisher import Publisher
+
+    from lidar_outlier_filter.node import OutlierFilterNode
+
+
+def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor, Publisher]:
+    """Start a node that knows of motion, and what it hears."""
+    given = MOVING | {name.replace('__', '.'): value for name, value in parameters.items()}
+    node = ros.filter(parameters=given | {'motion.topic': 'odom'})
+    node.start()
+    sensor = Sensor(ros, '/points')
+    odometry = ros.client.create_publisher(Odometry, '/odom', 1000)
+    sensor.wait_for_filter(node)
+    while not odometry.get_subscription_count():
+        ros.executor.spin_once(0.05)
+    return node, sensor, odometry
+
+
+def test_live(ros: Ros) -> None:
+    """Clouds wait for the odometry that comes after them; the verdicts are as in a direct call."""
+    drive = Drive(0.5)
+    clouds, odometry = drive.clouds(drive.own), drive.odometry()
+    expected = rejected(drive, Moving().run(clouds, odometry))
+    node, sensor, publisher = start(ros, max_delay=60.0)
+    for msg in clouds:
+        sensor.publish(msg, expected=len(clouds))
+    while node.waiting < len(clouds):
+        ros.executor.spin_once(0.05)
+    for msg in odometry:
+        publisher.publish(msg)
+        ros.executor.spin_once(0.0)
+    publisher.wait_for_all_acked()
+    while node.statistics.messages < len(clouds) - 1:
+        ros.executor.spin_once(0.05)
+    node.finish()
+    sensor.wait_for_answers()
+    assert [msg.header for msg in sensor.outliers] == [msg.header for msg in clouds]
+    answers = [type('Answer', (), {'outliers': msg}) for msg in sensor.outliers]
+    assert (rejected(drive, answers) == expected).all()  # type: ignore[arg-type]
+    assert node.statistics.unmoved == 0
+
+
+def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
+    """Judged without, and told of; when it comes, the next ones are judged with it."""
+    drive = Drive(0.5)
+    clouds = drive.clouds(drive.own)
+    node, sensor, publisher = start(ros, max_delay=0.5)
+    sensor.publish(clouds[0], expected=1)
+    sensor.wait_for_answers()
+    assert node.statistics.unmoved == 1
+    found = ros.diagnosis(lambda found: found['unmoved'] == 1)
+    assert 'of 1 clouds 1 judged without poses' in found.message or found.level >= 0
+    for msg in drive.odometry():
+        publisher.publish(msg)
+        ros.executor.spin_once(0.0)
+    wait_for_thread(node)
+    for number, msg in enumerate(clouds[1:], 2):
+        sensor.publish(msg, expected=number)
+        sensor.wait_for_answers()
+    assert node.statistics.unmoved == 1
+    assert node.statistics.refused == 0
+
+
+def write(path: Path, drive: Drive, topics: tuple[str, ...] = ('/points',)) -> Path:
+    """Write a recording: clouds at the end of their time, odometry a little after its own."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        events = []
+        for topic in topics:
+            where = bag.add_connection(topic, 'sensor_msgs/msg/PointCloud2', typestore=store)
+            events += [(_time(msg) + 10**8, where, msg) for msg in drive.clouds(drive.own)]
+        where = bag.add_connection('/odom', 'nav_msgs/msg/Odometry', typestore=store)
+        events += [(_time(msg) + 3 * 10**7, where, msg) for msg in drive.odometry()]
+        for time, connection, msg in sorted(events, key=lambda event: event[0]):
+            bag.write(connection, time, bytes(serialize_message(msg)))
+    return path
+
+
+def _time(msg: object) -> int:
+    stamp = msg.header.stamp  # type: ignore[attr-defined]
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+REPLAYED = MOVING | {'motion.topic': '/odom'}
+
+
+def test_replay(tmp_path: Path) -> None:
+    """In a replay the odometry comes from the recording: the same verdicts."""
+    drive = Drive(0.5)
+    bag = write(tmp_path / 'drive', drive)
+    report = replay(bag, tmp_path / 'cleaned', parameters=REPLAYED)
+    expected = rejected(drive, Moving().run(drive.clouds(drive.own), drive.odometry()))
+    assert report.is_complete
+    assert report.topics[0].rejected == expected.sum()
+
+
+@pytest.mark.parametrize(
+    ('topics', 'parameters', 'sentence'),
+    [
+        (
+            ['/points'],
+            {'motion.topic': 'odometry'},
+            r"motion.topic must be one of .* /odom, got '/od",
+        ),
+        (['/points'], {'motion.source': 'tf'}, "'none' or 'odometry' "),
+        (['/left', '/right'], {}, "motion.source must be 'none' for several topics, "),
+    ],
+)
+def test_replays_that_cannot_be(
+    tmp_path: Path, topics: list[str], parameters: dict[str, object], sentence: str
+) -> None:
+    """Refused before anything is written."""
+    bag = write(tmp_path / 'drive', Drive(0.2), tuple(topics))
+    with pytest.raises((ParameterError, RecordingError), match=sentence):
+        replay(bag, tmp_path / 'cleaned', parameters=REPLAYED | parameters)
+    assert not (tmp_path / 'cleaned').exists()

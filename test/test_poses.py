@@ -1,0 +1,208 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poses in order of time, interpolated at every point's own time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lidar_outlier_filter.core.points import Points, concatenate
+from lidar_outlier_filter.core.poses import KEPT, Cover, Mounting, Track
+from lidar_outlier_filter.errors import PoseError
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+NOWHERE = Mounting.at((0, 0, 0), (0, 0, 0))
+
+
+def turned(degrees: float) -> tuple[float, ...]:
+    """Return the quaternion of a turn to the left."""
+    half = math.radians(degrees) / 2
+    return (0.0, 0.0, math.sin(half), math.cos(half))
+
+
+def track(*poses: tuple[float, tuple[float, ...]], max_gap: float = 1.0) -> Track:
+    """Make a track of poses at seconds after the start."""
+    made = Track(max_gap, time_jump=1.0)
+    for seconds, pose in poses:
+        made.add(START + round(seconds * SECOND), pose)
+    return made
+
+
+def points(*rows: tuple[float, float, float, float]) -> Points:
+    """Make points of (seconds after the start, x, y, z)."""
+    t, *xyz = np.array(rows).T
+    whole = START + np.rint(t * SECOND).astype(np.int64)
+    return Points(np.stack(xyz, axis=1), whole, np.zeros(len(t), int), np.ones(len(t), bool))
+
+
+def move(made: Track, given: Points, mounting: Mounting) -> Points:
+    """Move points that are covered."""
+    moved = made.move(given, mounting)
+    assert moved is not None
+    return moved
+
+
+def test_worked_out_by_hand() -> None:
+    """A vehicle drives 2 m and turns by 90°; the sensor is 1 m ahead on it, and looks left."""
+    made = track((0.0, (10.0, 20.0, 1.0, *LEVEL)), (0.5, (12.0, 20.0, 1.0, *turned(90))))
+    mounting = Mounting.at((1, 0, 0), (0, 0, math.pi / 2))
+    given = points((0.0, 3, 0, 0), (0.25, 3, 0, 0), (0.5, 3, 0, 0.5))
+    moved = move(made, given, mounting)
+    # At the start left is +y; half way it is 45° further, at the end it is -x.
+    half = math.sqrt(0.5)
+    expected = [(11, 23, 1), (11 + half - 3 * half, 20 + half + 3 * half, 1), (12 - 3, 21, 1.5)]
+    np.testing.assert_allclose(moved.xyz, expected, atol=1e-12)
+    assert (moved.t == given.t).all()
+    # The distance is that from the sensor, also of a part.
+    np.testing.assert_allclose(moved.range, [3, 3, math.hypot(3, 0.5)])
+    np.testing.assert_allclose(moved.take(slice(2, None)).range, [math.hypot(3, 0.5)])
+    together = concatenate([moved, moved.take(np.array([0]))])
+    np.testing.assert_allclose(together.range, [3, 3, math.hypot(3, 0.5), 3])
+
+
+def test_roll_pitch_yaw() -> None:
+    """About the fixed axes, x first, as static_transform_publisher has it."""
+    mounting = Mounting.at((0, 0, 0), (0.3, -0.2, 2.0))
+    matrix = np.eye(3)
+    for axis, angle in zip('xyz', (0.3, -0.2, 2.0), strict=True):
+        matrix = Rotation.from_euler(axis, angle).as_matrix() @ matrix
+    np.testing.assert_allclose(mounting.matrix, matrix, atol=1e-15)
+
+
+def test_at_the_poses_themselves_nothing_is_interpolated() -> None:
+    """Also with a single pose, and in any order of the points."""
+    made = track((0.0, (1.0, 2.0, 3.0, *turned(90))))
+    np.testing.assert_allclose(move(made, points((0.0, 1, 0, 0)), NOWHERE).xyz, [(1, 3, 3)])
+    made = track(*((i / 10, (float(i), 0.0, 0.0, *turned(10 * i))) for i in range(5)))
+    moved = move(made, points((0.3, 0, 0, 0), (0.1, 0, 0, 0), (0.3, 1, 0, 0)), NOWHERE)
+    np.testing.assert_allclose(moved.xyz[:2], [(3, 0, 0), (1, 0, 0)], atol=1e-12)
+    np.testing.assert_allclose(
+        moved.xyz[2] - moved.xyz[0], [math.cos(math.pi / 6), 0.5, 0], atol=1e-12
+    )
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_naive(seed: int) -> None:
+    """Point by point, as in a book, with times and poses at random."""
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.01, 0.1, 30))
+    rotations = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.1, (30, 3)), axis=0))
+    positions = np.cumsum(rng.normal(0, 1, (30, 3)), axis=0) + np.array([5e5, 5e6, 100])
+    made = track(
+        *((t, (*p, *q)) for t, p, q in zip(times, positions, rotations.as_quat(), strict=True))
+    )
+    mounting = Mounting.at(tuple(rng.normal(0, 1, 3)), tuple(rng.uniform(-3, 3, 3)))
+    rows = np.column_stack(
+        [rng.choice(rng.uniform(times[3], times[20], 20), 50), rng.normal(0, 9, (50, 3))]
+    )
+    given = points(*rows.tolist())
+    moved = move(made, given, mounting)
+    for i, (t, *xyz) in enumerate(rows.tolist()):
+        after = int(np.searchsorted(times, t))
+        share = (t - times[after - 1]) / (times[after] - times[after - 1])
+        turn = (rotations[after - 1].inv() * rotations[after]).as_rotvec()
+        rotation = rotations[after - 1] * Rotation.from_rotvec(share * turn)
+        position = (1 - share) * positions[after - 1] + share * positions[after]
+        on_vehicle = mounting.matrix @ xyz + mounting.position
+        np.testing.assert_allclose(moved.xyz[i], rotation.apply(on_vehicle) + position, atol=1e-6)
+
+
+def test_invalid_points_do_not_matter() -> None:
+    """Whatever their time and place: they stay invalid."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.1, (1.0, 0.0, 0.0, *LEVEL)))
+    given = points((0.05, 1, 0, 0), (9.0, np.nan, 0, 0), (-9.0, np.inf, 1, 2))
+    given = Points(given.xyz, given.t, given.line, np.array([True, False, False]))
+    moved = move(made, given, NOWHERE)
+    np.testing.assert_allclose(moved.xyz[0], [1.5, 0, 0])
+    assert moved.valid.tolist() == [True, False, False]
+    nothing = given.take(np.array([1, 2]))
+    assert move(made, nothing, NOWHERE) is nothing
+
+
+def test_cover() -> None:
+    """From the first pose to the last, both included; gaps are not covered, by anything to come."""
+    made = track(*((seconds, (0.0,) * 3 + LEVEL) for seconds in (0.0, 0.5, 1.0, 2.1, 2.5)))
+
+    def cover(first: float, last: float) -> Cover:
+        return made.cover(START + round(first * SECOND), START + round(last * SECOND))
+
+    assert Track(1.0, 1.0).cover(START, START) is Cover.NOT_YET
+    assert cover(0.0, 1.0) is Cover.YES
+    assert cover(0.2, 0.7) is Cover.YES
+    assert cover(2.5, 2.5) is Cover.YES
+    assert cover(-0.001, 0.7) is Cover.NEVER
+    assert cover(0.2, 1.5) is Cover.NEVER
+    assert cover(1.2, 1.5) is Cover.NEVER
+    assert cover(2.2, 2.501) is Cover.NOT_YET
+    assert cover(3.0, 3.1) is Cover.NOT_YET
+    made.add(START + round(2.6 * SECOND), (0.0,) * 3 + LEVEL)
+    assert cover(2.2, 2.501) is Cover.YES
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'pose', 'sentence'),
+    [
+        (1.0, (math.nan, 0, 0, *LEVEL), r'^a pose must be finite, got nan, 0, 0, 0, 0, 0, 1$'),
+        (1.0, (0, 0, 0, 0, 0, 0, 0), r'^the norm of a quaternion must be 1, got 0$'),
+        (1.0, (0, 0, 0, 0, 0, 0, 1.02), r'^the norm of a quaternion must be 1, got 1.02$'),
+        (
+            0.5,
+            (0, 0, 0, *LEVEL),
+            r'^the time of a pose must be after the one before, got 0 s before$',
+        ),
+        (0.4, (0, 0, 0, *LEVEL), r'^the time of a pose must be after .*, got 0.1 s before$'),
+    ],
+)
+def test_refused(seconds: float, pose: tuple[float, ...], sentence: str) -> None:
+    """What is no pose, or not later, is refused; the track is as before."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
+    with pytest.raises(PoseError, match=sentence):
+        made.add(START + round(seconds * SECOND), pose)
+    assert len(made) == 2
+
+
+def test_back_to_the_beginning() -> None:
+    """A clock that goes back by more than time_jump begins a new track."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
+    made.add(START - SECOND, (0.0,) * 3 + LEVEL)
+    assert len(made) == 1
+    assert made.cover(START, START) is Cover.NOT_YET
+
+
+def test_old_poses_are_forgotten() -> None:
+    """A drive of a day takes no more memory than one of two minutes; the last minute is there."""
+    made = Track(1.0, 1.0)
+    most = 0
+    for i in range(20_000):
+        made.add(START + i * SECOND // 10, (0.0,) * 3 + LEVEL)
+        most = max(most, len(made))
+    assert most <= 2 * (KEPT // SECOND * 10 + 2)
+    last = START + 19_999 * SECOND // 10
+    assert made.cover(last - KEPT, last) is Cover.YES
+
+
+@pytest.mark.parametrize('seconds', [-0.1, 0.6])
+def test_not_covered(seconds: float) -> None:
+    """Nothing is extrapolated."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
+    assert made.move(points((0.2, 1, 0, 0), (seconds, 1, 0, 0)), NOWHERE) is None
+    assert Track(1.0, 1.0).move(points((0.2, 1, 0, 0)), NOWHERE) is None
+
+
+def test_the_poses_around_make_no_difference() -> None:
+    """Bit for bit: at a pose itself too, with and without others before and behind it."""
+    rng = np.random.default_rng(1)
+    quaternions = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.1, (9, 3)), axis=0)).as_quat()
+    poses = [(i / 10, (*rng.normal(0, 9, 3), *q)) for i, q in enumerate(1.002 * quaternions)]
+    rows = [(t, *rng.normal(0, 9, 3)) for t in (0.2, 0.25, 0.3, 0.3, 0.47, 0.5)]
+    mounting = Mounting.at((1, 2, 3), (0.1, 0.2, 0.3))
+    together = move(track(*poses), points(*rows), mounting).xyz
+    for i, row in enumerate(rows):
+        needed = [pose for pose in poses if abs(pose[0] - row[0]) < 0.1 - 1e-9]
+        assert (move(track(*needed), points(row), mounting).xyz == together[i]).all()
