@@ -8,6 +8,7 @@ or ``namespace:=left,right input_topic:=points`` for a process each.
 
 import os
 from pathlib import Path
+from typing import Any
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
@@ -19,6 +20,7 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.node import NODE_NAME, remappings
 
 PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'  # of Fast DDS before 3: that of Jazzy
+CONFIG = Path(__file__).parents[1] / 'config'
 ARGUMENTS = [
     DeclareLaunchArgument(
         'input_topic',
@@ -51,6 +53,18 @@ ARGUMENTS = [
         'too; one that FASTRTPS_DEFAULT_PROFILES_FILE names already stays.',
     ),
     DeclareLaunchArgument(
+        'rviz',
+        default_value='false',
+        choices=['true', 'false'],
+        description='Open RViz, where rviz2 is installed, and set `scores`, by which outliers have '
+        'the colour of their detector; of several inputs the first is shown.',
+    ),
+    DeclareLaunchArgument(
+        'fixed_frame',
+        default_value='map',
+        description='Frame in which RViz shows the clouds: their own where there is no tf.',
+    ),
+    DeclareLaunchArgument(
         'log_level',
         default_value='info',
         choices=['debug', 'info', 'warn', 'error', 'fatal'],
@@ -71,22 +85,40 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
     topics = [topic.strip() for topic in argument['input_topic'].split(',')]
     if len(topics) > 1:
         parameters.append({'inputs': topics})
+    if argument['rviz'] == 'true':
+        parameters.append({'scores': True})
     use_profile = argument['large_clouds'] == 'true' and PROFILE not in os.environ
-    profile = Path(__file__).parents[1] / 'config' / 'fastdds_large_clouds.xml'
-    return [
-        Node(
-            package='lidar_outlier_filter',
-            executable='outlier_filter_node',
-            name=NODE_NAME,
-            namespace=namespace.strip(),
-            parameters=parameters,
-            remappings=remappings(topics[0]) if len(topics) == 1 else [],
-            ros_arguments=['--log-level', argument['log_level']],
-            additional_env={PROFILE: str(profile)} if use_profile else {},
-            output='screen',
+    environment = {PROFILE: str(CONFIG / 'fastdds_large_clouds.xml')} if use_profile else {}
+    nodes = []
+    for namespace in argument['namespace'].split(','):
+        common: dict[str, Any] = {'namespace': namespace.strip(), 'additional_env': environment}
+        if argument['rviz'] == 'true':
+            nodes.append(viewer(topics[0], argument['fixed_frame'], use_sim_time, common))
+        nodes.append(
+            Node(
+                package='lidar_outlier_filter',
+                executable='outlier_filter_node',
+                name=NODE_NAME,
+                parameters=parameters,
+                remappings=remappings(topics[0]) if len(topics) == 1 else [],
+                ros_arguments=['--log-level', argument['log_level']],
+                output='screen',
+                **common,
+            )
         )
-        for namespace in argument['namespace'].split(',')
-    ]
+    return nodes
+
+
+def viewer(topic: str, frame: str, use_sim_time: ParameterValue, common: dict[str, Any]) -> Node:
+    """Open RViz on the answers to a topic."""
+    return Node(
+        package='rviz2',
+        executable='rviz2',
+        arguments=['-d', str(CONFIG / 'filter.rviz'), '-f', frame],
+        parameters=[{'use_sim_time': use_sim_time}],
+        remappings=[(f'/{old}', new) for old, new in remappings(topic)],
+        **common,
+    )
 
 
 def generate_launch_description() -> LaunchDescription:

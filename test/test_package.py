@@ -194,6 +194,8 @@ def test_launch_arguments_are_described() -> None:
         'namespace',
         'use_sim_time',
         'large_clouds',
+        'rviz',
+        'fixed_frame',
         'log_level',
     }
     assert all({'default_value', 'description'} <= given for given in declared.values())
