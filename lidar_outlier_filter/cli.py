@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli_clean import add_clean
 from lidar_outlier_filter.errors import FilterError, ParameterError
+from lidar_outlier_filter.evaluation.simulate_command import add_simulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -275,7 +276,13 @@ def _bench(_options: argparse.Namespace) -> int:
 
 
 # A command is a function that adds its parser; `run` in the parser's defaults runs it.
-COMMANDS: tuple[Callable[[Commands], None], ...] = (add_replay, add_clean, add_demo, add_bench)
+COMMANDS: tuple[Callable[[Commands], None], ...] = (
+    add_replay,
+    add_clean,
+    add_simulate,
+    add_demo,
+    add_bench,
+)
 
 
 if __name__ == '__main__':

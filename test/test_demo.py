@@ -17,13 +17,13 @@ from rich.console import Console
 
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation import demo, picture, score
-from lidar_outlier_filter.evaluation.simulate import Trajectory
 from lidar_outlier_filter.evaluation.street import demo_drive
+from lidar_outlier_filter.evaluation.trajectory import Trajectory
 from lidar_outlier_filter.parameter_files import read_yaml
 from lidar_outlier_filter.replay import replay
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.evaluation.simulate import Drive
+    from lidar_outlier_filter.evaluation.drive import Drive
 
 OUTPUT = Path('demo_output')
 FILES = {'.lidar_outlier_filter_demo', 'drive', 'both', 'either', 'demo.yaml', 'before_after.png'}

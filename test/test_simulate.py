@@ -12,29 +12,20 @@ import pytest
 
 from lidar_outlier_filter.bags import Recording
 from lidar_outlier_filter.errors import FilterError, RecordingError
-from lidar_outlier_filter.evaluation.scene import (
+from lidar_outlier_filter.evaluation.air import Fall, Puff
+from lidar_outlier_filter.evaluation.drive import Disturbances, Drive, Returns, simulate
+from lidar_outlier_filter.evaluation.scene import Cause, Kind, Rays, Scene
+from lidar_outlier_filter.evaluation.sensors import ProfileScanner, _strongest
+from lidar_outlier_filter.evaluation.simulate import POINT, clouds, record
+from lidar_outlier_filter.evaluation.street import demo_drive
+from lidar_outlier_filter.evaluation.surfaces import (
     BarrierArm,
     Box,
     Building,
-    Cause,
     Ground,
-    Kind,
     Pole,
-    Puff,
-    Rays,
-    Scene,
 )
-from lidar_outlier_filter.evaluation.sensors import ProfileScanner
-from lidar_outlier_filter.evaluation.simulate import (
-    POINT,
-    Disturbances,
-    Drive,
-    Trajectory,
-    clouds,
-    record,
-    simulate,
-)
-from lidar_outlier_filter.evaluation.street import demo_drive
+from lidar_outlier_filter.evaluation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,7 +33,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.evaluation.scene import Surface
-    from lidar_outlier_filter.evaluation.simulate import Returns
 
 QUIET = Disturbances(reflection=0.0, near_surface=0.0)
 SMOOTH = Trajectory(speed_change=0.0, bump=0.0, sway=0.0)
@@ -60,7 +50,7 @@ def rays(origin: tuple[float, ...], *goals: tuple[float, ...]) -> Rays:
 def returns(drive: Drive) -> Returns:
     """Cast a whole drive."""
     blocks = [block for _, block in simulate(drive)]
-    joined = type(blocks[0])(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
+    joined = Returns(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
     assert len(joined.shot) == len(joined.points)
     return joined
 
@@ -140,21 +130,47 @@ def test_barrier_arm_moves() -> None:
     assert np.isfinite(Scene((arm,)).cast(at).distance[:, 0]).tolist() == [1, 0, 0, 1]
 
 
+def parallel(count: int, t: float = 0.0) -> Rays:
+    """Send single rays along x, all on the same line."""
+    direction = np.zeros((3, count, 1))
+    direction[0] = 1.0
+    return Rays(np.zeros((3, count, 1)), direction, np.full(count, t))
+
+
 def test_puff_follows_beer_lambert() -> None:
     """As many rays are sent back as the optical depth says, and none beyond a wall."""
     puff = Puff((10.0, 0.0, 0.0), (0.5, 0.5, 0.5), density=0.8)
     count = 100_000
-    aim = np.zeros((3, count))
-    step = np.tile([[1.0], [0.0], [0.0]], count)
     dice = np.random.default_rng(1).random(count)
-    far = puff.meet(aim, step, np.full(count, np.inf), dice)
+    far = puff.meet(parallel(count), np.full(count, np.inf), dice)
     met = np.isfinite(far)
     share = -np.expm1(-0.8 * 0.5 * np.sqrt(2 * np.pi))
     assert met.mean() == pytest.approx(share, abs=0.005)
     assert far[met].mean() < 10.0  # the near side is met more often
-    wall = puff.meet(aim, step, np.full(count, 9.8), dice)
+    wall = puff.meet(parallel(count), np.full(count, 9.8), dice)
     assert wall[np.isfinite(wall)].max() <= 9.8
     np.testing.assert_array_equal(far[far < 9.8], wall[np.isfinite(wall)])
+
+
+def test_puff_drifts() -> None:
+    """A puff that moves sends back where it has moved to."""
+    puff = Puff((10.0, 0.0, 0.0), (0.5, 0.5, 0.5), 0.8, velocity=(2.0, 0.0, 0.0))
+    dice = np.random.default_rng(1).random(10_000)
+    now, later = (puff.meet(parallel(10_000, t), np.full(10_000, 99.0), dice) for t in (0.0, 1.5))
+    met = np.isfinite(now)
+    np.testing.assert_array_equal(met, np.isfinite(later))
+    np.testing.assert_allclose(later[met], now[met] + 3.0)
+
+
+def test_rain_and_snow_fade_with_the_range() -> None:
+    """As many rays are sent back before any range as the stated density sums up to."""
+    snow, count = Fall(Cause.SNOW, density=0.05, fade=4.0), 100_000
+    far = snow.meet(parallel(count), np.full(count, 50.0), np.random.default_rng(2).random(count))
+    for reach in (1.0, 4.0, 12.0, 49.9):
+        depth = np.trapezoid(0.05 / (1 + (np.linspace(0, reach, 9999) / 4) ** 2), dx=reach / 9998)
+        share = -np.expm1(-depth)
+        assert (far < reach).mean() == pytest.approx(share, abs=float(4 * np.sqrt(share / count)))
+    assert far[np.isfinite(far)].max() < 50.0
 
 
 def test_noise_on_a_flat_road() -> None:
@@ -201,6 +217,21 @@ def test_shots_and_lines() -> None:
     assert np.polyfit(across, along, 1)[0] == pytest.approx(-1.0, abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ('lines', 'shots', 'interval'),
+    [(156.25, 1280, 5000), (200.0, 1250, 4000), (250.0, 800, 5000), (250.0, 2000, 2000)],
+)
+def test_rates_of_survey_scanners(lines: float, shots: int, interval: int) -> None:
+    """From 150 to 250 lines a second and from 200 to 500 thousand shots."""
+    sensor = ProfileScanner(lines_per_second=lines, shots_per_line=shots, numbers_lines=True)
+    assert sensor.interval == interval
+    drive = Drive(FLAT, lines=5, sensor=sensor, trajectory=SMOOTH, disturbances=QUIET)
+    shot, points = returns(drive)
+    np.testing.assert_array_equal(points['line'], shot // shots)
+    first, last = (np.median(points['x'][points['line'] == line]) for line in (0, 4))
+    assert last - first == pytest.approx(4 * 8.5 / lines, rel=0.05)
+
+
 def test_sky_gives_missing_shots() -> None:
     """No shot above the horizon comes back from a plain; nearly all steep ones come back."""
     drive = Drive(FLAT, lines=20, trajectory=SMOOTH, disturbances=QUIET)
@@ -243,15 +274,71 @@ def test_mixed_pixels_lie_between_surfaces() -> None:
         assert np.percentile(off, 99.9) < 0.06
 
 
+def test_scanner_that_tells_mixed_pulses() -> None:
+    """It gives no echo where another gives one between surfaces; elsewhere the same."""
+    front = Box((-500.0, 5.0, 0.0), (500.0, 5.01, 3.0), Kind.FACADE)
+    back = Box((-500.0, 5.5, 0.0), (500.0, 9.0, 9.0), Kind.FACADE)
+    drive = Drive(Scene((front, back)), lines=40, disturbances=QUIET)
+    shot, points = returns(drive)
+    teller = replace(drive, sensor=ProfileScanner(keeps_mixed=False))
+    fewer, clean = returns(teller)
+    np.testing.assert_array_equal(fewer, shot[points['label'] == Cause.GOOD])
+    assert (clean['label'] == Cause.GOOD).all()
+    assert len(fewer) < len(shot)
+
+
 def test_strongest_echo() -> None:
     """Of two groups of rays the larger one is measured, of equal ones the nearer."""
     inf = np.inf
     distance = np.array(
         [[9, 9, 9, 9, 9, 5, 5], [9, 9, 9, 5, 5, 5, inf], [inf] * 7, [7, 7.2, 7.6, 7.8, 7, 7, 7]]
     )
-    mean, share = ProfileScanner()._strongest(distance)
-    np.testing.assert_allclose(mean[[0, 1, 3]], [9.0, 5.0, 50.6 / 7])
+    mean, share = _strongest(distance, 0.8)
+    np.testing.assert_allclose(mean, [9.0, 5.0, inf, 50.6 / 7])
     np.testing.assert_allclose(share, [5 / 7, 3 / 7, 0.0, 1.0])
+    # Exactly a pulse apart is one echo still.
+    mean, share = _strongest(np.array([[5.0, 5.5, 6.0], [5.0, 5.5, 6.1]]), 0.5)
+    np.testing.assert_allclose(mean, [5.5, 5.25])
+
+
+def test_weak_echoes_are_not_seen() -> None:
+    """An echo counts within limits, up to where it is as weak as the scanner bears."""
+    sensor = ProfileScanner(nearest=2.0, farthest=100.0, weakest=1e-4)
+    at = np.array([1.9, 2.0, 10.0, 10.1, 100.0, 101.0, np.inf])
+    strength = np.array([1.0, 1.0, 0.01, 0.01, 1.0, 9.0, 9.0])
+    assert sensor.is_seen(at, strength).tolist() == [0, 1, 1, 0, 1, 0, 0]
+
+
+def test_mirrors_put_what_is_before_them_behind_them() -> None:
+    """A pane mirrors a wall, a wet road what stands on it: at the whole distance, straight on."""
+    pane = Box((-500.0, 6.0, 0.0), (500.0, 6.1, 9.0), Kind.GLASS)
+    wall = Box((-500.0, -4.1, 0.0), (500.0, -4.0, 9.0), Kind.FACADE)
+    how = replace(QUIET, glass=0.5, wet=1.0, mirrored=1.0)
+    drive = Drive(
+        Scene((Ground(-500.0, 500.0, 3.9), pane, wall)),
+        lines=60,
+        trajectory=Trajectory(start=(0.0, 0.0), bump=0.0, sway=0.0, speed_change=0.0),
+        disturbances=how,
+    )
+    shot, points = returns(drive)
+    _, y, z = position(points)
+    ghost, twice = (points['label'] == cause for cause in (Cause.GHOST, Cause.REFLECTION))
+    # The wall is 10 m before the pane, and appears 10 m behind it; of the road, as much.
+    wall_seen = ghost & (np.abs(y - 16.0) < 0.1)
+    assert wall_seen.sum() > 0.2 * ghost.sum()
+    assert (y[ghost] > 6.0).all()
+    shots = np.count_nonzero((points['surface'] == Kind.GLASS) & (points['label'] == Cause.GOOD))
+    assert 0.1 < ghost.sum() / (shots + ghost.sum()) < 0.5
+    # What stands on a road is mirrored upside down below it.
+    assert twice.sum() > 50
+    assert (z[twice] < 0.0).all()
+    assert (np.abs(np.abs(y[twice] - 1.0) - 5.0) < 0.2).mean() > 0.95
+    assert (points['surface'][ghost | twice] == Kind.AIR).all()
+    # The steeper, the rarer.
+    eye = origins(drive, shot)
+    fall = (eye[2] - z)[twice] / np.linalg.norm(position(points) - eye, axis=0)[twice]
+    assert np.median(fall) < 0.6
+    assert fall.max() < 0.95
 
 
 def test_demo_drive_has_every_cause() -> None:
@@ -259,9 +346,19 @@ def test_demo_drive_has_every_cause() -> None:
     drive = replace(demo_drive(), lines=240, trajectory=Trajectory(start=(15.0, -1.6)))
     _, points = returns(drive)
     labels, kinds = np.unique(points['label']), np.unique(points['surface'])
-    assert set(labels.tolist()) == set(Cause)
-    assert set(kinds.tolist()) == set(Kind)
+    assert labels.tolist() == [*range(Cause.MIXED + 1)]
+    assert kinds.tolist() == [*range(Kind.ARM + 1)]
     assert 0.005 < (points['label'] != Cause.GOOD).mean() < 0.05
+
+
+def test_demo_drive_is_as_it_was() -> None:
+    """The demo's figures in the documentation are those of these points."""
+    drive = demo_drive()
+    counts = np.zeros(len(Cause), np.int64)
+    for _, cloud in clouds(drive):
+        counts += np.bincount(cloud['label'], minlength=len(Cause))
+    assert counts[:6].tolist() == [562_476, 1156, 4796, 306, 292, 1140]
+    assert counts.sum() == 570_166
 
 
 def test_message_length_does_not_matter() -> None:
@@ -294,7 +391,6 @@ def test_recording(tmp_path: Path) -> None:
     drive = replace(demo_drive(), lines=25)
     done: list[float] = []
     truth = record(drive, tmp_path / 'bag', lines_per_message=10, progress=done.append)
-    assert truth.shots == 25_000
     assert truth.points == sum(truth.causes.values()) == sum(truth.kinds.values())
     assert done == [0.4, 0.8, 1.0]
     with Recording(tmp_path / 'bag') as recording:

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from lidar_outlier_filter.evaluation.drive import Drive
     from lidar_outlier_filter.evaluation.score import Confusion
-    from lidar_outlier_filter.evaluation.simulate import Drive, Truth
+    from lidar_outlier_filter.evaluation.simulate import Truth
 
 MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'

@@ -4,18 +4,15 @@
 
 from __future__ import annotations
 
-from lidar_outlier_filter.evaluation.scene import (
-    BarrierArm,
-    Box,
-    Building,
-    Ground,
-    Kind,
-    Pole,
-    Puff,
-    Scene,
-    Surface,
-)
-from lidar_outlier_filter.evaluation.simulate import Drive
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.evaluation.air import Puff
+from lidar_outlier_filter.evaluation.drive import Drive
+from lidar_outlier_filter.evaluation.scene import Kind, Scene
+from lidar_outlier_filter.evaluation.surfaces import BarrierArm, Box, Building, Ground, Pole
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.evaluation.scene import Surface
 
 HALF_ROAD = 5.0  # metres from the middle of the road to its kerbs
 KERB = 0.12  # height of kerbs and sidewalks, metres

@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Landscapes: what is seen from above, and where rays from the air end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.evaluation.landscape import Landscape, Plants, build, hills
+from lidar_outlier_filter.evaluation.scene import Kind
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+STEP = 0.002  # metres that the slow twin goes at a time
+
+
+def slope() -> Landscape:
+    """Lay a plain that rises by 0.1 a metre along x, and put a flat house and a tree on it."""
+    ground = np.repeat(0.05 * np.arange(81.0)[:, None], 81, axis=1)
+    top, owner = ground.copy(), np.zeros((81, 81), np.int64)
+    top[20:41, 20:41], owner[20:41, 20:41] = 8.0, 1
+    top[60:71, 60:71], owner[60:71, 60:71] = 9.0, -1
+    return Landscape(ground, top, owner, 0.5)
+
+
+def test_look() -> None:
+    """Between corners the ground is even; walls are upright, halfway between two corners."""
+    x, y = np.array([5.25, 15.0, 9.76, 9.74, 32.0]), np.array([30.0, 15.0, 15.0, 15.0, 32.0])
+    height, kind = slope().look(x, y)
+    np.testing.assert_allclose(height, [0.525, 8.0, 8.0, 0.95, 9.0])
+    assert kind.tolist() == [Kind.TERRAIN, Kind.ROOF, Kind.ROOF, Kind.TERRAIN, Kind.FOLIAGE]
+
+
+def slow(land: Landscape, origin: Floats, direction: Floats) -> float:
+    """Follow a ray in tiny steps until it is below what is seen from above there."""
+    distance = np.arange(0.0, 60.0, STEP)
+    x, y, z = origin[:, None] + distance * direction[:, None]
+    below = z <= land.look(x, y).height
+    return float(distance[np.argmax(below)])
+
+
+@pytest.mark.parametrize('is_built', [False, True])
+def test_rays_end_where_small_steps_do(*, is_built: bool) -> None:
+    """Leading rays over squares, and halving the last step, finds what tiny steps find."""
+    dice = np.random.default_rng(4)
+    land = slope()
+    if is_built:
+        ground = hills((40.0, 40.0), 0.5, 0.2, dice)
+        land = build(ground, 0.5, Plants(3, 12, tall=(4.0, 9.0)), dice)
+    rays = 60
+    origin = np.stack([*dice.uniform(5.0, 35.0, (2, rays)), np.full(rays, 30.0)])
+    direction = np.stack([*dice.uniform(-0.25, 0.25, (2, rays)), np.full(rays, -1.0)])
+    direction /= np.linalg.norm(direction, axis=0)
+    distance, kind = land.cast(origin, direction, np.zeros(rays))
+    expected = [slow(land, origin[:, n], direction[:, n]) for n in range(rays)]
+    off = np.abs(distance - expected)
+    # The edge of a wall that is met within a single long step may be jumped over.
+    assert np.count_nonzero(off > 2 * STEP) <= 2
+    assert {Kind.TERRAIN, Kind.ROOF, Kind.FOLIAGE} == set(kind.tolist())
+
+
+def test_leaves_are_gone_through() -> None:
+    """A ray goes as deep into a tree as told, or down to the ground; a roof it never enters."""
+    land = slope()
+    for place, depth, height, kind in (
+        ((32.0, 32.0), 0.0, 9.0, Kind.FOLIAGE),
+        ((32.0, 32.0), 2.0, 7.0, Kind.FOLIAGE),
+        ((32.0, 32.0), 99.0, 3.2, Kind.TERRAIN),
+        ((15.0, 15.0), 2.0, 8.0, Kind.ROOF),
+        ((5.0, 30.0), 2.0, 0.5, Kind.TERRAIN),
+    ):
+        origin, direction = np.array([[*place, 30.0]]).T, np.array([[0.0, 0.0, -1.0]]).T
+        distance, kinds = land.cast(origin, direction, np.array([depth]))
+        slack = 0.45 if kind == Kind.FOLIAGE and depth else 1e-6
+        assert 30.0 - distance[0] == pytest.approx(height, abs=slack)
+        assert kinds[0] == kind
+
+
+def test_build() -> None:
+    """Houses stand apart, trees not on houses; nothing is below the ground."""
+    dice = np.random.default_rng(2)
+    land = build(hills((150.0, 120.0), 0.5, 0.3, dice), 0.5, Plants(40, 300, clearing=20.0), dice)
+    assert land.size == (150.0, 120.0)
+    assert (land.top >= land.ground).all()
+    assert (land.top[land.owner == 0] == land.ground[land.owner == 0]).all()
+    assert 10 < len(np.unique(land.owner[land.owner > 0])) <= 40
+    assert 100 < len(np.unique(land.owner[land.owner < 0])) <= 300
+    for house in np.unique(land.owner[land.owner > 0]):
+        columns, rows = np.nonzero(land.owner == house)
+        area = (np.ptp(columns) + 1) * (np.ptp(rows) + 1)
+        assert len(columns) == area  # whole: no other house and no tree took a part
+    x, y = 0.5 * np.arange(301)[:, None] - 75.0, 0.5 * np.arange(241)[None, :] - 60.0
+    assert (land.owner[np.hypot(x, y) < 20.0 - 3.5] >= 0).all()
+
+
+def test_hills_are_smooth_and_as_steep_as_told() -> None:
+    """Slopes grow with the figure, and neighbouring corners are near."""
+    gentle, steep = (
+        hills((400.0, 400.0), 1.0, how, np.random.default_rng(3)) for how in (0.1, 0.3)
+    )
+    np.testing.assert_allclose(steep, 3.0 * gentle)
+    rise = np.gradient(steep, axis=0)
+    assert 0.1 < rise.std() < 1.5
+    assert np.abs(np.diff(steep, axis=0)).max() < 4.0

@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Spinning scanners: rings, times, the frame, what they see; each figure measured in the points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.drive import Disturbances, Drive, Returns, simulate
+from lidar_outlier_filter.evaluation.scene import Cause, Kind, Scene
+from lidar_outlier_filter.evaluation.sensors import SpinningScanner
+from lidar_outlier_filter.evaluation.simulate import messages
+from lidar_outlier_filter.evaluation.streets import SENSORS, rings
+from lidar_outlier_filter.evaluation.surfaces import Box, Ground, Pole
+from lidar_outlier_filter.evaluation.trajectory import Route
+
+QUIET = Disturbances(reflection=0.0, near_surface=0.0)
+FLAT = Scene((Ground(-500.0, 500.0, 500.0),))
+STANDING = Route(((0.0, 0.0, 0.0),), (0.0, 0.0, 0.0), bump=0.0, tremble=0.0, mount=(0.0, 0.0, 1.9))
+SMALL = SpinningScanner(elevation=rings(-20.0, 4.0, 4), columns=500, column_time=200_000)
+
+
+def drive(scene: Scene = FLAT, sensor: SpinningScanner = SMALL, turns: int = 2) -> Drive:
+    """Stand in a scene."""
+    return Drive(scene, turns, sensor, STANDING, QUIET, in_own_frame=True)
+
+
+def returns(some: Drive) -> Returns:
+    """Cast a whole drive."""
+    blocks = [block for _, block in simulate(some)]
+    return Returns(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
+
+
+@pytest.mark.parametrize('count', SENSORS)
+def test_sensors_have_their_rings(count: int) -> None:
+    """Each sensor has as many rings as its name says, and turns ten times a second."""
+    sensor = SENSORS[count]
+    assert sensor.rings == count
+    assert sensor.lines_per_second == pytest.approx(10.0, rel=0.01)
+    assert sensor.shots_per_line == count * sensor.columns
+    # Above and below a plain all lasers that look down see it, and no other.
+    points = returns(replace(drive(sensor=replace(sensor, farthest=1e6, weakest=0.0)), lines=1))
+    below = np.flatnonzero(np.array(sensor.elevation) < 0.0)
+    np.testing.assert_array_equal(np.unique(points.points['ring']), below)
+
+
+def test_points_lie_in_their_rings() -> None:
+    """A ring's points have its elevation, and come in the order in which the head turns."""
+    box = Box((-9.0, -9.0, -9.0), (9.0, 9.0, 9.0), Kind.FACADE)
+    walls = tuple(
+        replace(box, low=low, high=high)
+        for low, high in (
+            ((8.0, -9.0, -9.0), (9.0, 9.0, 9.0)),
+            ((-9.0, -9.0, -9.0), (-8.0, 9.0, 9.0)),
+            ((-9.0, 8.0, -9.0), (9.0, 9.0, 9.0)),
+            ((-9.0, -9.0, -9.0), (9.0, -8.0, 9.0)),
+        )
+    )
+    shot, points = returns(drive(Scene(walls), turns=1))
+    assert len(shot) == SMALL.shots_per_line
+    x, y, z = (points[axis].astype(np.float64) for axis in 'xyz')
+    for ring, elevation in enumerate(SMALL.elevation):
+        some = points['ring'] == ring
+        up = np.arctan2(z, np.hypot(x, y))[some]
+        np.testing.assert_allclose(up, elevation, atol=1e-6)
+        azimuth = np.unwrap(np.arctan2(y, x)[some])
+        assert (np.diff(azimuth) < 0.0).all()  # clockwise
+        steps = np.diff(azimuth) / (2.0 * np.pi / SMALL.columns)
+        np.testing.assert_allclose(steps, -1.0, atol=1e-3)
+    # The first laser of the first column looks straight back.
+    assert (x[0], y[0]) == pytest.approx((-8.0, 0.0), abs=0.06)
+    np.testing.assert_array_equal(points['ring'], shot % 4)
+
+
+def test_time_of_each_point() -> None:
+    """Every point has its own time; along a ring they are a column apart."""
+    some = drive(turns=3)
+    shot, _ = returns(some)
+    clouds = list(messages(some, simulate(some), 1))
+    assert [cloud.frame for cloud in clouds] == ['lidar'] * 3
+    turn = SMALL.columns * SMALL.column_time
+    assert np.diff([cloud.stamp for cloud in clouds]).tolist() == [turn] * 2
+    assert [cloud.sent - cloud.stamp for cloud in clouds] == [turn] * 3
+    times = np.concatenate([cloud.stamp + cloud.points['t'].astype(np.int64) for cloud in clouds])
+    ring = np.concatenate([cloud.points['ring'] for cloud in clouds])
+    assert (np.diff(times) > 0).all()
+    np.testing.assert_array_equal(times - clouds[0].stamp, shot * 50_000)
+    for number in np.unique(ring):
+        assert set(np.diff(times[ring == number])) == {SMALL.column_time}
+
+
+def test_own_frame_moves_with_the_sensor() -> None:
+    """A pole passed by wanders backwards in the sensor's frame, and stands in the scene's."""
+    moving = Route(((0.0, 10.0, 0.5),), (0.0, 0.0, 0.3), mount=(0.0, 0.0, 1.0))
+    own = replace(drive(Scene((Pole(8.0, 3.0, 0.1, 9.0),)), turns=6), trajectory=moving)
+    fixed = replace(own, in_own_frame=False)
+    (shot, seen), (also, true) = returns(own), returns(fixed)
+    np.testing.assert_array_equal(shot, also)
+    assert np.hypot(true['x'] - 8.0, true['y'] - 3.0).max() < 0.2
+    distance = np.linalg.norm([seen[axis] for axis in 'xyz'], axis=0)
+    eye = own.rays(shot).origin[:, :, 0]
+    place = np.stack([true[axis] for axis in 'xyz'])
+    np.testing.assert_allclose(np.linalg.norm(place - eye, axis=0), distance, atol=1e-5)
+    # Turning the sensor's points by its pose gives the scene's.
+    pose = own.trajectory.rotation(own.sensor.seconds(shot))
+    turned = np.einsum('ijn,jn->in', pose, np.stack([seen[axis] for axis in 'xyz']))
+    np.testing.assert_allclose(turned + eye, place, atol=1e-5)
+    assert distance[0] != pytest.approx(distance[-1], abs=0.5)
+
+
+def test_noise_and_resolution() -> None:
+    """Ranges are multiples of the resolution; their noise is the stated one, at every range."""
+    sensor = replace(SMALL, elevation=rings(-60.0, -4.0, 16), column_time=160_000, resolution=0.001)
+    shot, points = returns(drive(sensor=sensor))
+    distance = np.linalg.norm([points[axis].astype(np.float64) for axis in 'xyz'], axis=0)
+    parts = distance / sensor.resolution
+    np.testing.assert_allclose(parts, np.rint(parts), atol=0.01)
+    fall = -np.sin(np.array(sensor.elevation))[points['ring']]
+    true = 1.9 / fall
+    residual = (distance - true) / sensor.range_sigma(true, fall)
+    for ring in np.unique(points['ring']):
+        some = residual[points['ring'] == ring]
+        assert len(some) == 2 * sensor.columns
+        # Far off, a wide footprint on the road is longer beyond its middle than before it.
+        assert some.std() == pytest.approx(1.0, abs=0.12)
+    grazing = sensor.range_sigma(np.array([20.0, 20.0]), np.array([1.0, 0.1]))
+    assert grazing[1] > 4.0 * grazing[0]
+    assert len(shot) == len(points)
+
+
+def test_mixed_pixels_lie_on_their_beam() -> None:
+    """At a silhouette points lie between what is before and behind, straight along the beam."""
+    front = Box((-0.6, 6.0, -9.0), (0.6, 6.1, 9.0), Kind.SIGN)
+    back = Box((-50.0, 6.6, -9.0), (50.0, 7.0, 9.0), Kind.FACADE)
+    sensor = replace(SMALL, columns=2000, column_time=40_000)
+    shot, points = returns(drive(Scene((front, back)), sensor, turns=6))
+    mixed = points['label'] == Cause.MIXED
+    assert mixed.sum() > 20
+    xyz = np.stack([points[axis].astype(np.float64) for axis in 'xyz'])
+    x, y, _ = xyz[:, mixed]
+    assert ((y > 6.0) & (y < 6.6)).all()
+    assert (np.abs(np.abs(x) - 0.6) < 0.1).all()
+    _, beam = sensor.bundle(shot[mixed])
+    along = (xyz[:, mixed] * beam[:, :, 0]).sum(axis=0)
+    np.testing.assert_allclose(xyz[:, mixed], along * beam[:, :, 0], atol=1e-5)
+    # Good points are on one of the two.
+    off = np.minimum(np.abs(xyz[1] - 6.0), np.abs(xyz[1] - 6.6))[~mixed]
+    assert off.max() < 0.3
+    assert np.percentile(off, 99) < 0.08
+
+
+def test_refusals() -> None:
+    """No rings, and lasers that would fire between nanoseconds, are refused."""
+    with pytest.raises(FilterError, match='at least one, got none'):
+        SpinningScanner(elevation=())
+    with pytest.raises(FilterError, match='column_time must be a multiple of the number of rings'):
+        SpinningScanner(elevation=rings(-9.0, 9.0, 3), column_time=100)
