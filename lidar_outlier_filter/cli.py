@@ -8,30 +8,34 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli_clean import add_clean
-from lidar_outlier_filter.errors import FilterError, ParameterError
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.evaluate import add_evaluate
 from lidar_outlier_filter.evaluation.simulate_command import add_simulate
+from lidar_outlier_filter.terminal import (
+    DONE,
+    INCOMPLETE,
+    INTERRUPTED,
+    REFUSED,
+    progress_bar,
+    read_parameters,
+    say,
+    stopping,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from types import FrameType
+    from collections.abc import Callable, Sequence
 
     from rich.table import Table
 
     from lidar_outlier_filter.replay import ReplayReport
 
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
-    Advance = Callable[[int, int], object]
-
-# Exit statuses; argparse itself exits with 2.
-DONE, REFUSED, INCOMPLETE, INTERRUPTED = 0, 1, 3, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -52,39 +56,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     return status
-
-
-@contextmanager
-def _stopping() -> Iterator[Callable[[], None]]:
-    """Give a function to call where work may stop; it leaves if SIGINT or SIGTERM has come.
-
-    An exception out of the signal's handler would come up anywhere: inside a compiled kernel or the
-    middleware, which swallow it or turn it into another.
-    """
-    received: list[int] = []
-
-    def note(number: int, _frame: FrameType | None) -> None:
-        received.append(number)
-
-    def leave_if_asked() -> None:
-        if signal.SIGINT in received:
-            raise KeyboardInterrupt
-        if received:
-            sys.exit(128 + received[0])
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield leave_if_asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def say(sentence: str) -> None:
-    """Write a sentence to stderr, on one line."""
-    from rich.console import Console
-
-    Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
 
 
 def add_replay(commands: Commands) -> None:
@@ -134,7 +105,7 @@ def _replay(options: argparse.Namespace) -> int:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     from lidar_outlier_filter.replay import replay
 
-    with _stopping() as leave_if_asked, _progress_bar(options.recording.name) as show:
+    with stopping() as leave_if_asked, progress_bar(options.recording.name) as show:
 
         def progress(done: int, total: int) -> None:
             leave_if_asked()
@@ -144,7 +115,7 @@ def _replay(options: argparse.Namespace) -> int:
             options.recording,
             options.output or _default_output(options.recording),
             options.topics,
-            _parameters(options.params, options.settings),
+            read_parameters(options.params, options.settings),
             drop_input=options.drop_input,
             progress=progress,
         )
@@ -157,39 +128,6 @@ def _default_output(recording: Path) -> Path:
     path = recording.resolve()
     name = path.name if path.is_dir() else path.stem
     return path.with_name(f'{name}_cleaned')
-
-
-def _parameters(file: Path | None, settings: Iterable[str]) -> dict[str, object]:
-    """Take parameters from a file, then single ones from NAME=VALUE."""
-    import yaml
-
-    from lidar_outlier_filter.parameter_files import parse, read_yaml
-
-    values = {} if file is None else read_yaml(file)
-    for setting in settings:
-        name, equals, text = setting.partition('=')
-        if not equals:
-            raise ParameterError('--set', 'NAME=VALUE', repr(setting))
-        try:
-            values[name] = parse(text)
-        except yaml.YAMLError as err:
-            raise ParameterError(f'the value of {name}', 'YAML', repr(text)) from err
-    return values
-
-
-@contextmanager
-def _progress_bar(text: str) -> Iterator[Advance]:
-    """Show a bar on stderr if that is a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda _done, _total: None
-        return
-    with Progress(console=console, transient=True) as bar:
-        task = bar.add_task(text, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def _show(report: ReplayReport) -> None:
@@ -280,6 +218,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_replay,
     add_clean,
     add_simulate,
+    add_evaluate,
     add_demo,
     add_bench,
 )

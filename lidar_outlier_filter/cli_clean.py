@@ -11,6 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.errors import FilterError, ParameterError
+from lidar_outlier_filter.terminal import (
+    DONE,
+    INCOMPLETE,
+    REFUSED,
+    progress_bar,
+    read_parameters,
+    say,
+    stopping,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -19,7 +28,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.clean import CleanReport, Wanted
-    from lidar_outlier_filter.cli import Advance, Commands
+    from lidar_outlier_filter.cli import Commands
+    from lidar_outlier_filter.terminal import Advance
 
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # behind the name of a file
 
@@ -87,8 +97,6 @@ def add_clean(commands: Commands) -> None:
 
 
 def _clean(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.cli import DONE, INCOMPLETE, REFUSED, say
-
     wanted = _wanted(options)
     reports = []
     if options.output and len(options.files) > 1 and not options.output.is_dir():
@@ -115,9 +123,8 @@ def _clean(options: argparse.Namespace) -> int:
 def _wanted(options: argparse.Namespace) -> Wanted:
     """Take from the options what is wanted."""
     from lidar_outlier_filter.clean import MARK, SEPARATE, Wanted
-    from lidar_outlier_filter.cli import _parameters
 
-    values = _parameters(options.params, options.settings)
+    values = read_parameters(options.params, options.settings)
     if options.chain is not None:
         values['chain'] = _names(options.chain)
     return Wanted(
@@ -149,16 +156,15 @@ def _outputs(path: Path, options: argparse.Namespace) -> tuple[Path, Path | None
 def _run(path: Path, output: Path, outliers: Path | None, wanted: Wanted) -> CleanReport:
     """Clean one file, with a bar for each of its steps."""
     from lidar_outlier_filter.clean import clean
-    from lidar_outlier_filter.cli import _progress_bar, _stopping
 
-    with _stopping() as leave_if_asked, ExitStack() as bars:
+    with stopping() as leave_if_asked, ExitStack() as bars:
         steps: dict[str, Advance] = {}
 
         def progress(step: str, done: int, total: int) -> None:
             leave_if_asked()
             if step not in steps:
                 bars.close()
-                steps[step] = bars.enter_context(_progress_bar(f'{path.name}: {step}'))
+                steps[step] = bars.enter_context(progress_bar(f'{path.name}: {step}'))
             steps[step](done, total)
 
         return clean(path, output, wanted, outliers, progress)

@@ -16,7 +16,9 @@ from PIL import Image
 from rich.console import Console
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation import demo, picture, score
+from lidar_outlier_filter.evaluation import demo, picture
+from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
+from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.evaluation.street import demo_drive
 from lidar_outlier_filter.evaluation.trajectory import Trajectory
 from lidar_outlier_filter.parameter_files import read_yaml
@@ -32,6 +34,12 @@ FILES = {'.lidar_outlier_filter_demo', 'drive', 'both', 'either', 'demo.yaml', '
 def short_drive() -> Drive:
     """Take the stretch of the demo's street where the second cloud of exhaust is."""
     return replace(demo_drive(), lines=120, trajectory=Trajectory(start=(15.0, -1.6)))
+
+
+def score(recording: Path) -> Confusion:
+    """Count what a run found and lost."""
+    points = read_recording(recording)
+    return confusion(points.bad, points.rejected)
 
 
 @pytest.fixture(scope='module')
@@ -55,21 +63,21 @@ def test_everything_is_there(made: tuple[Path, str]) -> None:
 def test_printed_scores_are_those_of_the_bags(made: tuple[Path, str]) -> None:
     """Precision and recall of both forms are printed as the bags hold them."""
     output, printed = made
-    both, either = (score.score(output / form) for form in ('both', 'either'))
+    both, either = (score(output / form) for form in ('both', 'either'))
     for figure in ('precision', 'recall'):
         row = re.search(rf'^{figure} +([\d.]+) % +([\d.]+) %', printed, re.MULTILINE)
         assert row is not None
-        expected = [100 * getattr(run, figure) for run in (both, either)]
+        expected = [100 * getattr(run, figure).ratio for run in (both, either)]
         assert [float(text) for text in row.groups()] == pytest.approx(expected, abs=0.005)
 
 
 def test_the_filter_finds_outliers(made: tuple[Path, str]) -> None:
     """Both forms find most outliers; the one that spares edges loses far fewer good points."""
     output, _ = made
-    both, either = (score.score(output / form) for form in ('both', 'either'))
-    assert min(both.recall, either.recall) > 0.8
+    both, either = (score(output / form) for form in ('both', 'either'))
+    assert min(both.recall.ratio, either.recall.ratio) > 0.8
     assert either.lost < 0.4 * both.lost
-    assert either.precision > 2 * both.precision
+    assert either.precision.ratio > 2 * both.precision.ratio
 
 
 def test_parameters_repeat_the_run(made: tuple[Path, str], tmp_path: Path) -> None:
@@ -77,7 +85,7 @@ def test_parameters_repeat_the_run(made: tuple[Path, str], tmp_path: Path) -> No
     output, _ = made
     again = tmp_path / 'again'
     replay(output / 'drive', again, parameters=read_yaml(output / 'demo.yaml'))
-    assert score.score(again) == score.score(output / 'either')
+    assert score(again) == score(output / 'either')
 
 
 def test_picture(made: tuple[Path, str]) -> None:

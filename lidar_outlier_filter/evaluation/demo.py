@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation import picture, score
+from lidar_outlier_filter.evaluation import picture
+from lidar_outlier_filter.evaluation.judged import CAUSES, read_points, read_recording
+from lidar_outlier_filter.evaluation.report import evaluate, summary
 from lidar_outlier_filter.evaluation.simulate import record
 from lidar_outlier_filter.evaluation.street import SENSOR, demo_drive
 from lidar_outlier_filter.parameter_files import write_yaml
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from lidar_outlier_filter.evaluation.drive import Drive
-    from lidar_outlier_filter.evaluation.score import Confusion
+    from lidar_outlier_filter.evaluation.report import Evaluation
     from lidar_outlier_filter.evaluation.simulate import Truth
 
 MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
@@ -58,7 +60,7 @@ def run(output: Path, console: Console, drive: Drive | None = None) -> int:
     return 0
 
 
-def _work(folder: Path, drive: Drive, console: Console) -> tuple[Truth, dict[str, Confusion]]:
+def _work(folder: Path, drive: Drive, console: Console) -> tuple[Truth, dict[str, Evaluation]]:
     """Make everything that the demo leaves."""
     with _progress(console) as progress:
         task = progress.add_task('simulating', total=1.0)
@@ -68,9 +70,11 @@ def _work(folder: Path, drive: Drive, console: Console) -> tuple[Truth, dict[str
         for form in FORMS:
             _filter(folder, form, progress)
         task = progress.add_task('scoring and drawing', total=None)
-        results = {f'sides: {form}': score.score(folder / form) for form in FORMS}
+        results = {
+            f'sides: {form}': evaluate(read_recording(folder / form), CAUSES) for form in FORMS
+        }
         form = list(FORMS)[-1]
-        picture.draw(*score.read(folder / form), folder / PICTURE, f'sides: {form}')
+        picture.draw(*read_points(folder / form), folder / PICTURE, f'sides: {form}')
         progress.update(task, total=1.0, completed=1.0)
     (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
     return truth, results
@@ -122,10 +126,9 @@ def _check(output: Path) -> None:
 
 
 def _report(
-    console: Console, output: Path, drive: Drive, truth: Truth, results: dict[str, Confusion]
+    console: Console, output: Path, drive: Drive, truth: Truth, results: dict[str, Evaluation]
 ) -> None:
-    first = next(iter(results.values()))
-    outliers = first.found + first.missed
+    outliers = next(iter(results.values())).whole.outliers
     seconds = drive.lines / drive.sensor.lines_per_second
     for text in (
         '',
@@ -137,7 +140,7 @@ def _report(
         '',
     ):
         console.print(text, soft_wrap=True, highlight=False)
-    console.print(score.table(results))
+    console.print(summary(results))
     console.print()
     left = {
         PICTURE: 'before and after',

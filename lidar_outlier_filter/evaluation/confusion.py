@@ -1,0 +1,232 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Truth against verdict: four counts, the figures that the papers make of them, and their errors.
+
+Positive is what is to be found: the outlier. Two habits of naming errors live side by side. Leslar,
+Wang and Hu (2010, tables 2-5) and Sotoodeh (2006, table 3; 2007, table 1) divide by all points of
+the cloud; Pirotti et al. (2018) divide false rejections by the good points and misses by the
+outliers, as ROC curves do. Both are here, each under a name of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Mask = NDArray[np.bool_]
+    Integers = NDArray[np.int64]
+
+CONFIDENCE = 0.95
+DRAWS = 2000  # of the bootstrap
+FEWEST_STRETCHES = 2  # one stretch alone says nothing of how stretches differ
+FOUND, MISSED, LOST, KEPT = range(4)  # columns of a tally
+
+
+class Interval(NamedTuple):
+    """Between which limits a figure is believed to lie; both NaN where nothing can be said."""
+
+    low: float
+    high: float
+
+
+UNKNOWN = Interval(math.nan, math.nan)
+
+
+class Share(NamedTuple):
+    """How many of how many."""
+
+    part: int
+    total: int
+
+    @property
+    def ratio(self) -> float:
+        """Part ÷ total; NaN of nothing."""
+        return self.part / self.total if self.total else math.nan
+
+    def interval(self, confidence: float = CONFIDENCE) -> Interval:
+        """Return Wilson's score interval, which holds for points that are independent.
+
+        Wilson (1927): the shares p whose own standard deviation √(p (1 - p) / n) does not make the
+        observed one improbable. Unlike p ± z·√(…) it never leaves [0, 1], and says something at 0
+        and at n. Outliers come in clouds: for whole drives the truth is wider.
+        """
+        check_confidence(confidence)
+        n = self.total
+        if n == 0:
+            return UNKNOWN
+        z2 = float(ndtri(0.5 + confidence / 2)) ** 2
+        middle = self.part + z2 / 2
+        half = math.sqrt(z2 * (self.part * (n - self.part) / n + z2 / 4))
+        # At the ends rounding must not leave a trace of either sign.
+        low = 0.0 if self.part == 0 else (middle - half) / (n + z2)
+        high = 1.0 if self.part == n else (middle + half) / (n + z2)
+        return Interval(low, high)
+
+
+def check_confidence(confidence: float) -> None:
+    """Refuse a confidence that is none."""
+    if not 0 < confidence < 1:
+        raise FilterError('the confidence', 'between 0 and 1', confidence)
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """The four counts of a verdict on points whose truth is known.
+
+    Attributes
+    ----------
+    found : outliers rejected ("outliers identified", true positives)
+    missed : outliers kept (false negatives)
+    lost : good points rejected ("non-outliers identified", false positives)
+    kept : good points kept (true negatives)
+
+    """
+
+    found: int
+    missed: int
+    lost: int
+    kept: int
+
+    def __add__(self, other: object) -> Confusion:
+        """Count both together."""
+        if not isinstance(other, Confusion):
+            return NotImplemented
+        pairs = zip(astuple(self), astuple(other), strict=True)
+        return Confusion(*(mine + its for mine, its in pairs))
+
+    @property
+    def outliers(self) -> int:
+        """Outliers in truth."""
+        return self.found + self.missed
+
+    @property
+    def good(self) -> int:
+        """Good points in truth."""
+        return self.lost + self.kept
+
+    @property
+    def rejected(self) -> int:
+        """Points rejected."""
+        return self.found + self.lost
+
+    @property
+    def total(self) -> int:
+        """All points."""
+        return self.outliers + self.good
+
+    @property
+    def precision(self) -> Share:
+        """Of the rejected points those that are outliers."""
+        return Share(self.found, self.rejected)
+
+    @property
+    def recall(self) -> Share:
+        """Of the outliers those rejected: "% of outliers identified", true positive rate."""
+        return Share(self.found, self.outliers)
+
+    @property
+    def false_rejections(self) -> Share:
+        """Of the good points those rejected: false positive rate."""
+        return Share(self.lost, self.good)
+
+    @property
+    def misses(self) -> Share:
+        """Of the outliers those kept: false negative rate."""
+        return Share(self.missed, self.outliers)
+
+    @property
+    def prevalence(self) -> Share:
+        """Of the cloud the outliers."""
+        return Share(self.outliers, self.total)
+
+    @property
+    def identified(self) -> Share:
+        """Of the cloud the rejected points: "% of point cloud identified", "elimination"."""
+        return Share(self.rejected, self.total)
+
+    @property
+    def alpha_error(self) -> Share:
+        """Of the cloud the good points rejected: "identified incorrectly", Sotoodeh's α-error."""
+        return Share(self.lost, self.total)
+
+    @property
+    def beta_error(self) -> Share:
+        """Of the cloud the outliers kept: Sotoodeh's β-error."""
+        return Share(self.missed, self.total)
+
+    @property
+    def f1(self) -> float:
+        """Harmonic mean of precision and recall; NaN with nothing to find and nothing rejected."""
+        return Share(2 * self.found, 2 * self.found + self.lost + self.missed).ratio
+
+
+def confusion(bad: Mask, rejected: Mask) -> Confusion:
+    """Compare a verdict with the truth, (N,) bool each."""
+    (counts,) = tally(bad, rejected)
+    return Confusion(*counts.tolist())
+
+
+def tally(bad: Mask, rejected: Mask, group: Integers | None = None, groups: int = 1) -> Integers:
+    """Count found, missed, lost and kept points in each group: (groups, 4).
+
+    Parameters
+    ----------
+    bad, rejected : (N,) bool
+        Truth and verdict.
+    group : (N,) int64 or None
+        The group of each point, from 0 to ``groups`` - 1; None: all are of one group.
+    groups : int
+
+    """
+    code = np.where(bad, FOUND, LOST) + ~rejected
+    if group is not None:
+        code = code + 4 * group
+    return np.bincount(code, minlength=4 * groups).reshape(groups, 4)
+
+
+def f1(counts: Integers) -> NDArray[np.float64]:
+    """Return the F1 of tallies, (..., 4) to (...); NaN of nothing to find and nothing rejected."""
+    twice = 2.0 * counts[..., FOUND]
+    below = twice + counts[..., LOST] + counts[..., MISSED]
+    result = np.full(below.shape, np.nan)
+    np.divide(twice, below, out=result, where=below > 0)
+    return result
+
+
+def f1_interval(counts: Integers, confidence: float = CONFIDENCE, seed: int = 1) -> Interval:
+    """Say how far the F1 would vary between recordings like this one.
+
+    Percentile bootstrap: as many stretches as there are, drawn with replacement 2000 times; what
+    lies together in a recording stays together, as clouds of outliers do. Draws without any F1 are
+    left out.
+
+    Parameters
+    ----------
+    counts : (S, 4) int64
+        Tally of each stretch. Fewer than two give no interval.
+    confidence : float
+    seed : int
+        The same seed gives the same interval.
+
+    """
+    check_confidence(confidence)
+    count = len(counts)
+    if count < FEWEST_STRETCHES:
+        return UNKNOWN
+    times = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), DRAWS)
+    drawn = f1(times @ counts)
+    known = drawn[~np.isnan(drawn)]
+    if len(known) == 0:
+        return UNKNOWN
+    tail = (1 - confidence) / 2
+    low, high = np.quantile(known, [tail, 1 - tail])
+    return Interval(float(low), float(high))

@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Truth from elsewhere: label files, LAS classes, columns; and which codes are outliers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.files.cloud_file import open_cloud, read, readable
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+MOST_CODE = 65_535  # of SemanticKITTI's; LAS has 255, and our own labels, too
+CLASSIFICATION, LABEL = 'classification', 'label'
+LAS_NOISE = (7, 18)  # low and high noise, ASPRS LAS 1.4, table 17
+KITTI_OUTLIER, KITTI_UNLABELED = 1, 0  # SemanticKITTI's own configuration
+
+
+@dataclass(frozen=True)
+class Codes:
+    """What the codes of a truth mean.
+
+    Attributes
+    ----------
+    outliers : codes of outliers; empty: all but 0
+    ignored : codes of points that count neither way, such as unlabelled ones
+    names : what some of the codes are called
+
+    """
+
+    outliers: frozenset[int] = frozenset()
+    ignored: frozenset[int] = frozenset()
+    names: Mapping[int, str] = field(default_factory=dict)
+
+    def bad(self, code: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Tell which points (N,) are outliers."""
+        return np.isin(code, list(self.outliers)) if self.outliers else code != 0
+
+    def counted(self, code: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Tell which points (N,) count."""
+        return np.isin(code, list(self.ignored), invert=True)
+
+    def name(self, code: int) -> str:
+        """Name a code."""
+        return self.names.get(code, f'code {code}')
+
+
+ALL_BUT_0 = Codes()
+# By the suffix of the file that the truth comes from.
+USUAL_CODES = {
+    '.label': Codes(
+        frozenset({KITTI_OUTLIER}), frozenset({KITTI_UNLABELED}), {KITTI_OUTLIER: 'outlier'}
+    ),
+    '.las': Codes(frozenset(LAS_NOISE), names={7: 'low noise', 18: 'high noise'}),
+}
+USUAL_CODES['.laz'] = USUAL_CODES['.las']
+
+
+def parse_codes(text: str) -> frozenset[int]:
+    """Read codes as in '7,18' or '1-5,110'; both ends of a range belong to it."""
+    codes: set[int] = set()
+    for part in text.split(','):
+        low, dash, high = part.strip().partition('-')
+        first, last = low.strip(), high.strip() if dash else low.strip()
+        fine = all(end.isascii() and end.isdigit() for end in (first, last))
+        if not fine or not int(first) <= int(last) <= MOST_CODE:
+            must_be = f"numbers up to {MOST_CODE} as in '7,18' or '1-5'"
+            raise RecordingError('the codes', must_be, repr(text))
+        codes.update(range(int(first), int(last) + 1))
+    return frozenset(codes)
+
+
+def is_recording(path: Path) -> bool:
+    """Tell by its name whether a path is a recording, and no file with values for each point."""
+    return path.is_dir() or path.suffix.lower() in {'', '.mcap', '.db3', '.bag'}
+
+
+def column_names(path: Path) -> Collection[str]:
+    """List the columns of a file; none where it holds a single one without a name."""
+    return () if path.suffix.lower() in _PLAIN else tuple(open_cloud(path).columns)
+
+
+def usual_column(path: Path, usual: Sequence[str]) -> str:
+    """Choose the first of the usual columns that a file has; empty where columns have no names."""
+    names = column_names(path)
+    for name in usual:
+        if name in names:
+            return name
+    if not names:
+        return ''
+    raise RecordingError(f'the columns of {path}', f'with {" or ".join(usual)}', ', '.join(names))
+
+
+def read_codes(path: Path, name: str = '') -> NDArray[np.int64]:
+    """Read a column of whole numbers, (N,); see :func:`read_column`.
+
+    Without a name it is ``classification`` or ``label``, whichever is there.
+    """
+    values = read_column(path, name or usual_column(path, (CLASSIFICATION, LABEL)))
+    # Tables that are text hold whole numbers as floats.
+    if not bool((np.abs(values) <= MOST_CODE).all() and (values == np.floor(values)).all()):
+        got = values[~(values == np.floor(values)) | (np.abs(values) > MOST_CODE)][0]
+        raise RecordingError(f'the labels in {path}', f'whole numbers up to {MOST_CODE}', got)
+    return values.astype(np.int64)
+
+
+def read_column(path: Path, name: str) -> NDArray[Any]:
+    """Read one number for each point, (N,).
+
+    Parameters
+    ----------
+    path : any file that ``clean`` reads, ``.label`` (SemanticKITTI: uint32, the class in the low 16
+        bits) or ``.npy``
+    name : of the column; files with a single one do not look at it
+
+    Raises
+    ------
+    FilterError
+        If the file cannot be read, or has no such column.
+
+    """
+    plain = _PLAIN.get(path.suffix.lower())
+    if plain is None:
+        return np.concatenate([values for (values,) in read(open_cloud(path), [name])])
+    with readable(path):
+        values = plain(path)
+        if values.ndim != 1 or values.dtype.kind not in 'iufb':
+            got = f'{values.dtype} {values.shape}'
+            raise RecordingError(f'the array in {path}', 'one number for each point', got)
+        return values
+
+
+def _read_label(path: Path) -> NDArray[Any]:
+    data = path.read_bytes()
+    if len(data) % 4:
+        raise RecordingError(f'the size of {path}', 'a multiple of 4 bytes', len(data))
+    return np.frombuffer(data, '<u4') & MOST_CODE
+
+
+def _read_npy(path: Path) -> NDArray[Any]:
+    return np.asarray(np.load(path, allow_pickle=False))
+
+
+_PLAIN = {'.label': _read_label, '.npy': _read_npy}

@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of curves, as PNG and SVG: the same curves give the same bytes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from lidar_outlier_filter.errors import FilterError, RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+
+    from lidar_outlier_filter.evaluation.confusion import Confusion
+    from lidar_outlier_filter.evaluation.curves import Curve
+
+INK, FRAME, GRID = '#30343a', '#9aa0a6', '#e4e6e9'
+# Okabe and Ito: told apart by everybody, and in grey.
+COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
+DASHES = ('-', '--', '-.', ':')
+SUFFIXES = ('.png', '.svg')
+DPI = 130
+MOST_DECADES = 6
+MOST_INSIDE = 5  # curves that a legend can name without hiding them
+BESIDE = 2.2  # inches for the legend of more
+
+
+def draw_roc(
+    curves: Mapping[str, Curve], path: Path, settings: Mapping[str, Confusion] | None = None
+) -> list[Path]:
+    """Draw ROC curves twice: as everybody does, and with few false rejections in the open.
+
+    Parameters
+    ----------
+    curves : by the name that the legend gives them
+    path : without suffix; what is written is ``.png`` and ``.svg``
+    settings : what the threshold in use gave, for some of the curves: a dot on each
+
+    """
+    _check(curves)
+    figure = Figure((10.5, 4.8), facecolor='white', layout='constrained')
+    plain, close = figure.subplots(1, 2)
+    fewest = min(1 / curve.lost[-1] for curve in curves.values())
+    left = max(10.0 ** np.floor(np.log10(fewest)), 10.0**-MOST_DECADES)
+    for number, (name, whole) in enumerate(curves.items()):
+        curve, look = whole.thinned(), _look(number)
+        text = f'{name}  AUC {whole.auc:.4f}' + _about(name, settings)
+        plain.plot(curve.false_rejections, curve.recall, label=text, **look)
+        # A logarithm has no 0: the curve enters at the left edge with what it had there.
+        shown = np.maximum(curve.false_rejections, left)
+        close.plot(shown, curve.recall, label=text, drawstyle='steps-post', **look)
+        if settings and name in settings:
+            dot = settings[name]
+            for axes in (plain, close):
+                where = max(dot.false_rejections.ratio, left)
+                _mark(axes, where, dot.recall.ratio, look['color'])
+    plain.plot([0, 1], [0, 1], color=FRAME, linewidth=0.8, linestyle=':')
+    close.set_xscale('log')
+    close.set_xlim(left, 1)
+    plain.set_xlim(-0.01, 1)
+    for axes in (plain, close):
+        _dress(axes, 'share of the good points rejected', 'share of the outliers rejected')
+        axes.set_ylim(0, 1.01)
+    _legend(figure, plain, 'lower right')
+    return _save(figure, path)
+
+
+def draw_precision_recall(
+    curves: Mapping[str, Curve], path: Path, settings: Mapping[str, Confusion] | None = None
+) -> list[Path]:
+    """Draw precision–recall curves; see :func:`draw_roc`."""
+    _check(curves)
+    figure = Figure((6.4, 4.8), facecolor='white', layout='constrained')
+    axes = figure.subplots()
+    for number, (name, whole) in enumerate(curves.items()):
+        curve, look = whole.thinned(), _look(number)
+        text = f'{name}  average {whole.average_precision:.4f}' + _about(name, settings)
+        axes.plot(curve.recall, curve.precision, label=text, drawstyle='steps-pre', **look)
+        if settings and name in settings:
+            dot = settings[name]
+            _mark(axes, dot.recall.ratio, dot.precision.ratio, look['color'])
+    _dress(axes, 'recall: share of the outliers rejected', 'precision: outliers among the rejected')
+    axes.set_xlim(0, 1.01)
+    axes.set_ylim(0, 1.01)
+    _legend(figure, axes, 'best')
+    return _save(figure, path)
+
+
+def draw_lines(  # noqa: PLR0913  all that a plain picture needs
+    series: Mapping[str, Sequence[float]],
+    x: Sequence[float],
+    path: Path,
+    *,
+    x_label: str,
+    y_label: str,
+    from_zero: bool = False,
+) -> list[Path]:
+    """Draw figures against a parameter: area under the curve against k, time against points.
+
+    Parameters
+    ----------
+    series : values at each x, by the name that the legend gives them; NaN leaves a gap
+    x : ascending
+    path : without suffix
+    x_label, y_label : with units
+    from_zero : let both axes begin at 0, as where a straight line through it is claimed
+
+    """
+    _check(series)
+    figure = Figure((6.4, 4.4), facecolor='white', layout='constrained')
+    axes = figure.subplots()
+    for number, (name, values) in enumerate(series.items()):
+        axes.plot(x, values, label=name, marker='o', markersize=4, **_look(number))
+    _dress(axes, x_label, y_label)
+    if from_zero:
+        axes.set_xlim(left=0)
+        axes.set_ylim(bottom=0)
+    _legend(figure, axes, 'best')
+    return _save(figure, path)
+
+
+def _check(series: Mapping[str, Any]) -> None:
+    if not series:
+        raise FilterError('what is to be drawn', 'at least one curve', 'none')
+
+
+def _look(number: int) -> dict[str, Any]:
+    return {
+        'color': COLOURS[number % len(COLOURS)],
+        'linestyle': DASHES[number // len(COLOURS) % len(DASHES)],
+        'linewidth': 1.7,
+    }
+
+
+def _about(name: str, settings: Mapping[str, Confusion] | None) -> str:
+    return ', dot: as it was run' if settings and name in settings else ''
+
+
+def _mark(axes: Axes, x: float, y: float, colour: str) -> None:
+    """Mark what the threshold in use gave; without anything rejected there is no precision."""
+    if np.isfinite([x, y]).all():
+        axes.plot([x], [y], 'o', markersize=7, color=colour, markeredgecolor='white', clip_on=False)
+
+
+def _dress(axes: Axes, x_label: str, y_label: str) -> None:
+    axes.set_xlabel(x_label, fontsize=11, color=INK)
+    axes.set_ylabel(y_label, fontsize=11, color=INK)
+    axes.tick_params(labelsize=10, colors=INK, length=3)
+    axes.grid(color=GRID, linewidth=0.8)
+    axes.set_axisbelow(True)
+    for side in ('top', 'right'):
+        axes.spines[side].set_visible(False)
+    for side in ('left', 'bottom'):
+        axes.spines[side].set_color(FRAME)
+
+
+def _legend(figure: Figure, axes: Axes, where: str) -> None:
+    """Name the curves within the picture, or, if they are many, beside it."""
+    handles, labels = axes.get_legend_handles_labels()
+    look: dict[str, Any] = {'fontsize': 9, 'labelcolor': INK, 'framealpha': 0.9}
+    if len(handles) > MOST_INSIDE:
+        figure.set_figwidth(figure.get_figwidth() + BESIDE)
+        legend = figure.legend(handles, labels, loc='outside right upper', **look)
+    else:
+        place: Any = where
+        legend = axes.legend(handles, labels, loc=place, **look)
+    legend.get_frame().set_edgecolor(GRID)
+
+
+def _save(figure: Figure, path: Path) -> list[Path]:
+    """Write the picture in all forms; without a date and with fixed names inside."""
+    FigureCanvasAgg(figure)
+    files = [path.with_name(path.name + suffix) for suffix in SUFFIXES]
+    try:
+        with rc_context({'svg.hashsalt': path.name}):
+            for file in files:
+                extra: dict[str, Any] = {'Date': None} if file.suffix == '.svg' else {}
+                figure.savefig(file, dpi=DPI, metadata=extra)
+    except OSError as err:
+        raise RecordingError(f'the picture {path}', 'written', err.strerror or err) from err
+    return files

@@ -1,0 +1,340 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is found out about a verdict whose truth is known, and how it is laid out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+from lidar_outlier_filter.core.verdict import BITS
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.confusion import (
+    CONFIDENCE,
+    Confusion,
+    Interval,
+    Share,
+    confusion,
+    f1_interval,
+    tally,
+)
+from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.evaluation.scene import Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.evaluation.curves import Curve
+    from lidar_outlier_filter.evaluation.judged import Judged
+    from lidar_outlier_filter.evaluation.labels import Codes
+
+STRETCHES = 20  # that a recording is cut into
+RANGES = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)  # metres; the last has no end
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How well the outliers were found.
+
+    Attributes
+    ----------
+    whole : counts of all points
+    stretches : (S, 4) int64, the same of each stretch of the recording
+    causes : rejected of all outliers, by their cause or class
+    surfaces : rejected of all good points, by what they lie on, where that is known
+    ranges : counts by range, where that is known
+    detectors : counts of what each detector rejected, where that is known
+    untested : points without a score, and how many of them are outliers, where scores are known
+    curve : what other thresholds would have given, where scores are known
+
+    """
+
+    whole: Confusion
+    stretches: NDArray[np.int64]
+    causes: Mapping[str, Share]
+    surfaces: Mapping[str, Share]
+    ranges: Mapping[str, Confusion]
+    detectors: Mapping[str, Confusion]
+    untested: Share | None
+    curve: Curve | None
+
+    def f1_interval(self, confidence: float = CONFIDENCE, seed: int = 1) -> Interval:
+        """Say how far the F1 would vary between recordings like this one."""
+        return f1_interval(self.stretches, confidence, seed)
+
+
+def evaluate(points: Judged, codes: Codes, edges: Sequence[float] = RANGES) -> Evaluation:
+    """Compare verdicts with the truth.
+
+    Parameters
+    ----------
+    points : what was judged
+    codes : what the codes of its truth are called
+    edges : where ranges begin, metres, ascending; the last one has no end
+
+    """
+    if len(edges) == 0 or not all(low < high for low, high in pairwise(edges)):
+        raise FilterError('the edges of the ranges', 'ascending', list(edges))
+    stretch, count = points.stretch(STRETCHES)
+    bad, score = points.bad, points.score
+    both = 0 < np.count_nonzero(bad) < len(bad)
+    untested = None
+    if score is not None:
+        unknown = np.isnan(score)
+        untested = Share(int(np.count_nonzero(unknown & bad)), int(np.count_nonzero(unknown)))
+    return Evaluation(
+        confusion(bad, points.rejected),
+        tally(bad, points.rejected, stretch, count),
+        _causes(points, codes),
+        _surfaces(points),
+        _ranges(points, edges),
+        _detectors(points),
+        untested,
+        curve(bad, score) if score is not None and both else None,
+    )
+
+
+def _causes(points: Judged, codes: Codes) -> dict[str, Share]:
+    code, rejected = points.code[points.bad], points.rejected[points.bad]
+    there, which = np.unique(code, return_inverse=True)
+    total = np.bincount(which, minlength=len(there)).tolist()
+    found = np.bincount(which[rejected], minlength=len(there)).tolist()
+    names = (codes.name(one) for one in there.tolist())
+    return {name: Share(*pair) for name, *pair in zip(names, found, total, strict=True)}
+
+
+def _surfaces(points: Judged) -> dict[str, Share]:
+    if points.surface is None:
+        return {}
+    surface, rejected = points.surface[~points.bad], points.rejected[~points.bad]
+    total = np.bincount(surface, minlength=256)
+    lost = np.bincount(surface[rejected], minlength=256)
+    known = {int(kind): _words(kind.name) for kind in Kind}
+    return {
+        known.get(one, f'surface {one}'): Share(int(lost[one]), int(total[one]))
+        for one in np.flatnonzero(total).tolist()
+    }
+
+
+def _ranges(points: Judged, edges: Sequence[float]) -> dict[str, Confusion]:
+    """Count by range; nothing where all points are in one of them, as in a georeferenced cloud."""
+    if points.range is None:
+        return {}
+    place = np.searchsorted(edges, points.range, side='right')
+    counts = tally(points.bad, points.rejected, place, len(edges) + 1)
+    names = [
+        f'below {edges[0]:g} m',
+        *(f'{low:g} to {high:g} m' for low, high in pairwise(edges)),
+        f'{edges[-1]:g} m and more',
+    ]
+    found = {
+        name: Confusion(*row) for name, row in zip(names, counts.tolist(), strict=True) if any(row)
+    }
+    return found if len(found) > 1 else {}
+
+
+def _detectors(points: Judged) -> dict[str, Confusion]:
+    bits = points.detectors
+    if bits is None:
+        return {}
+    found = {name: confusion(points.bad, (bits & bit) != 0) for name, bit in BITS.items()}
+    return {name: counts for name, counts in found.items() if counts.rejected}
+
+
+def to_json(result: Evaluation, confidence: float = CONFIDENCE, seed: int = 1) -> dict[str, Any]:
+    """Put all of it into what JSON knows; what is not a number is null."""
+    answer = _confusion_to_json(result.whole, confidence)
+    answer['f1_interval'] = _numbers(result.f1_interval(confidence, seed))
+    answer['confidence'] = confidence
+    answer['stretches'] = result.stretches.tolist()
+    for name in ('causes', 'surfaces'):
+        shares: Mapping[str, Share] = getattr(result, name)
+        answer[name] = {key: _share_to_json(one, confidence) for key, one in shares.items()}
+    for name in ('ranges', 'detectors'):
+        groups: Mapping[str, Confusion] = getattr(result, name)
+        answer[name] = {key: _confusion_to_json(one, confidence) for key, one in groups.items()}
+    if result.untested is not None:
+        answer['untested'] = {'points': result.untested.total, 'outliers': result.untested.part}
+    if result.curve is not None:
+        answer |= _curve_to_json(result.curve)
+    return answer
+
+
+def _confusion_to_json(counts: Confusion, confidence: float) -> dict[str, Any]:
+    shares = (
+        'precision',
+        'recall',
+        'false_rejections',
+        'misses',
+        'prevalence',
+        'identified',
+        'alpha_error',
+        'beta_error',
+    )
+    return {
+        'found': counts.found,
+        'missed': counts.missed,
+        'lost': counts.lost,
+        'kept': counts.kept,
+        'f1': _number(counts.f1),
+        **{name: _share_to_json(getattr(counts, name), confidence) for name in shares},
+    }
+
+
+def _share_to_json(share: Share, confidence: float) -> dict[str, Any]:
+    return {
+        'part': share.part,
+        'total': share.total,
+        'share': _number(share.ratio),
+        'interval': _numbers(share.interval(confidence)),
+    }
+
+
+def _curve_to_json(whole: Curve) -> dict[str, Any]:
+    """Give areas under the whole curve, and the curve itself in points enough for any picture."""
+    some = whole.thinned()
+    return {
+        'auc': whole.auc,
+        'average_precision': whole.average_precision,
+        'curve': {
+            'threshold': _numbers(some.threshold),
+            'found': some.found.astype(np.int64).tolist(),
+            'lost': some.lost.astype(np.int64).tolist(),
+            'recall': some.recall.tolist(),
+            'false_rejections': some.false_rejections.tolist(),
+            'precision': some.precision.tolist(),
+        },
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [_number(float(value)) for value in values]
+
+
+def summary(results: Mapping[str, Evaluation]) -> Table:
+    """Lay out several runs on the same recording beside each other, one column each."""
+    answer = Table(title_justify='left', box=None, pad_edge=False, header_style='bold')
+    answer.add_column('')
+    for name in results:
+        answer.add_column(name, justify='right')
+    runs = list(results.values())
+
+    def row(name: str, texts: list[str], style: str = '') -> None:
+        answer.add_row(name, *texts, style=style)
+
+    row('precision', [percent(run.whole.precision.ratio) for run in runs], 'bold')
+    row('recall', [percent(run.whole.recall.ratio) for run in runs], 'bold')
+    row('F1', [percent(run.whole.f1) for run in runs], 'bold')
+    row('outliers found', [_of(run.whole.recall) for run in runs])
+    for name in dict.fromkeys(name for run in runs for name in run.causes):
+        row(f'  {name}', [_of(run.causes.get(name, Share(0, 0))) for run in runs], 'dim')
+    row('good points lost', [_of(run.whole.false_rejections) for run in runs])
+    for name in dict.fromkeys(name for run in runs for name in run.surfaces):
+        row(f'  {name}', [_of(run.surfaces.get(name, Share(0, 0))) for run in runs], 'dim')
+    return answer
+
+
+def tables(result: Evaluation, confidence: float = CONFIDENCE, seed: int = 1) -> list[Table]:
+    """Lay out one run: the papers' figures, then causes, surfaces, ranges and detectors."""
+    answer = [_figures(result, confidence, seed)]
+    for title, shares in (
+        ('outliers', result.causes),
+        ('good points', result.surfaces),
+    ):
+        if shares:
+            answer.append(_shares(title, shares, confidence))
+    for title, groups in (('range', result.ranges), ('detector', result.detectors)):
+        if groups:
+            answer.append(_groups(title, groups))
+    return answer
+
+
+def _table(*columns: str) -> Table:
+    """Make a table whose first column is a text and all others are numbers."""
+    answer = Table(*columns, box=None, pad_edge=False)
+    for column in answer.columns:
+        column.no_wrap = True
+    for column in answer.columns[1:]:
+        column.justify = 'right'
+    return answer
+
+
+def _figures(result: Evaluation, confidence: float, seed: int) -> Table:
+    answer = _table('', 'points', 'share', 'of', f'{100 * confidence:g} % interval')
+    whole = result.whole
+    answer.add_row('points', f'{whole.total:,}')
+    for name, share, of in (
+        ('outliers', whole.prevalence, 'cloud'),
+        ('outliers identified, recall', whole.recall, 'outliers'),
+        ('outliers missed', whole.misses, 'outliers'),
+        ('non-outliers identified', whole.false_rejections, 'good'),
+        ('identified', whole.identified, 'cloud'),
+        ('wrongly identified, α-error', whole.alpha_error, 'cloud'),
+        ('missed, β-error', whole.beta_error, 'cloud'),
+        ('rightly identified, precision', whole.precision, 'rejected'),
+    ):
+        limits = _limits(share.interval(confidence))
+        answer.add_row(name, f'{share.part:,}', percent(share.ratio), of, limits)
+    answer.add_row('F1', '', percent(whole.f1), '', _limits(result.f1_interval(confidence, seed)))
+    if result.untested is not None:
+        unknown = result.untested
+        answer.add_row('untested, and so kept', f'{unknown.total:,}')
+        answer.add_row('  outliers among them', f'{unknown.part:,}', percent(unknown.ratio))
+    if result.curve is not None:
+        answer.add_row('area under the ROC curve', '', f'{result.curve.auc:.4f}')
+        answer.add_row('average precision', '', f'{result.curve.average_precision:.4f}')
+    return answer
+
+
+def _shares(title: str, shares: Mapping[str, Share], confidence: float) -> Table:
+    answer = _table(title, 'points', 'identified', 'share', f'{100 * confidence:g} % interval')
+    for name, share in shares.items():
+        limits = _limits(share.interval(confidence))
+        counts = (f'{share.total:,}', f'{share.part:,}')
+        answer.add_row(name, *counts, percent(share.ratio), limits)
+    return answer
+
+
+def _groups(title: str, groups: Mapping[str, Confusion]) -> Table:
+    answer = _table(title, 'outliers', 'found', 'recall', 'precision', 'F1', 'good lost', '')
+    answer.padding = (0, 1, 0, 0)  # in 80 columns, with the longest name
+    for name, one in groups.items():
+        ratios = (one.recall.ratio, one.precision.ratio, one.f1)
+        lost = (f'{one.lost:,}', percent(one.false_rejections.ratio))
+        counts = (f'{one.outliers:,}', f'{one.found:,}')
+        answer.add_row(name, *counts, *(percent(ratio) for ratio in ratios), *lost)
+    return answer
+
+
+def percent(ratio: float) -> str:
+    """Write a share in percent: two decimals, and below one percent two digits that count."""
+    if math.isnan(ratio):
+        return '–'
+    value = 100 * ratio
+    decimals = 2 if value == 0 or value >= 1 else min(6, 1 - math.floor(math.log10(value)))
+    return f'{value:.{max(decimals, 2)}f} %'
+
+
+def _limits(interval: Interval) -> str:
+    if math.isnan(interval.low):
+        return '–'
+    return f'{percent(interval.low)} – {percent(interval.high)}'
+
+
+def _of(share: Share) -> str:
+    return f'{share.part} of {share.total}  {percent(share.ratio):>8}'
+
+
+def _words(name: str) -> str:
+    return name.lower().replace('_', ' ')
