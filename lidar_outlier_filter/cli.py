@@ -17,6 +17,7 @@ from lidar_outlier_filter.cli_clean import add_clean
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.evaluate import add_evaluate
 from lidar_outlier_filter.evaluation.simulate_command import add_simulate
+from lidar_outlier_filter.evaluation.tune import add_tune
 from lidar_outlier_filter.terminal import (
     DONE,
     INCOMPLETE,
@@ -219,6 +220,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_clean,
     add_simulate,
     add_evaluate,
+    add_tune,
     add_demo,
     add_bench,
 )

@@ -174,7 +174,7 @@ def test_folders_of_labels(tmp_path: Path) -> None:
 def test_help_imports_nothing_heavy() -> None:
     """Help is instant: no numpy, no matplotlib, no rosbags, no rich."""
     heavy = "{'numpy', 'numba', 'matplotlib', 'rosbags', 'rich', 'yaml', 'scipy', 'laspy'}"
-    for command in ('evaluate',):
+    for command in ('evaluate', 'tune'):
         program = (
             'import argparse, sys\n'
             f'from lidar_outlier_filter.evaluation.{command} import add_{command}\n'

@@ -1,0 +1,195 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The table of what can be tuned: complete, consistent, and true of the detectors themselves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.evaluation.dials import TABLE, decades, searches
+from lidar_outlier_filter.evaluation.model import levels
+from lidar_outlier_filter.parameters import FilterParameters, describe
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+PARAMETERS = {item.name: item for item in describe()}
+DETECTORS = PARAMETERS['chain'].choices
+FORMS: list[dict[str, object]] = [
+    {'chain': ['alpha_beta_gamma'], 'alpha_beta_gamma.passes': 1},
+    {
+        'chain': ['alpha_beta_gamma'],
+        'alpha_beta_gamma.passes': 1,
+        'alpha_beta_gamma.sigma': 0.01,
+    },
+    {'chain': ['lof']},
+    {'chain': ['lof'], 'lof.statistic': 'lof2'},
+    {'chain': ['sor']},
+    {'chain': ['sor'], 'sor.range_scaled': True},
+    {'chain': ['sor'], 'sor.statistic': 'sor2'},
+    {'chain': ['sor'], 'sor.statistic': 'sor2', 'sor.range_scaled': True},
+    {'chain': ['sor'], 'sor.statistic': 'radius'},
+    {
+        'chain': ['sor'],
+        'sor.statistic': 'radius',
+        'sor.range_scaled': True,
+        'sor.range_factor': 0.005,
+    },
+]
+
+
+def street(count: int = 3000, seed: int = 5) -> Points:
+    """Make a few scan lines of a road with outliers above it, at 5 to 25 m from the sensor."""
+    dice = np.random.default_rng(seed)
+    line = np.arange(count) // 300
+    y = np.tile(np.linspace(-3, 3, 300), count // 300)
+    xyz = np.stack([10 + 0.1 * line, y, dice.normal(0, 0.01, count)], axis=1)
+    bad = dice.random(count) < 0.03
+    xyz[bad, 2] += dice.uniform(0.05, 2, np.count_nonzero(bad))
+    t = np.arange(count) * 10_000
+    return Points(xyz, t, line, np.ones(count, np.bool_))
+
+
+def test_every_detector_has_its_row() -> None:
+    """Whatever a chain can hold, the tuner can tune; what a row names is a parameter of its own."""
+    assert set(TABLE) >= set(DETECTORS)
+    for form in [{'chain': [name]} for name in DETECTORS] + FORMS:
+        parameters = FilterParameters().changed(form)
+        (search,) = searches(parameters)
+        names = {search.threshold.name, *(name for one in search.settings for name in one)}
+        assert all(name.startswith(f'{search.detector}.') for name in names)
+        assert not any(PARAMETERS[name].fixed for name in names)
+        assert search.threshold.name not in {name for one in search.settings for name in one}
+
+
+@pytest.mark.parametrize('form', FORMS, ids=str)
+def test_thresholds_ascend_and_are_allowed(form: Mapping[str, object]) -> None:
+    """Values go from the one that rejects most to the one that rejects least, all of them legal."""
+    parameters = FilterParameters().changed(form)
+    (search,) = searches(parameters)
+    assert (np.diff(search.threshold.criticals()) > 0).all()
+    assert len(search.threshold.values) < 2**16
+    for value in search.threshold.values:
+        parameters.changed({search.threshold.name: value})
+    for setting in search.settings:
+        parameters.changed(setting)
+
+
+@pytest.mark.parametrize('form', FORMS, ids=str)
+def test_one_run_tells_what_every_threshold_rejects(form: Mapping[str, object]) -> None:
+    """The sweep rejects exactly what the detector rejects, at every tenth of the values."""
+    points = street()
+    parameters = FilterParameters().changed(form)
+    (search,) = searches(parameters)
+    threshold = search.threshold
+
+    def score_of(changes: Mapping[str, object]) -> NDArray[np.float32]:
+        return Chain(parameters.changed(changes)).judge(points).score
+
+    default = PARAMETERS[threshold.name].default
+    level = levels(threshold, threshold.statistic(score_of, default))
+    seen = set()
+    for number in range(0, len(threshold.values), 10):
+        value = threshold.values[number]
+        rejected = Chain(parameters.changed({threshold.name: value})).judge(points).rejected
+        differing = np.flatnonzero(rejected != (level > number))
+        # Scores are rounded to float32: a point at its limit may fall on either side.
+        assert len(differing) <= 1
+        seen.add(int(np.count_nonzero(rejected)))
+    assert len(seen) > 3
+
+
+@pytest.mark.parametrize('name', DETECTORS)
+@pytest.mark.parametrize('share', [0.2, 0.5])
+def test_a_sweep_is_exact_where_it_was_run(name: str, share: float) -> None:
+    """Also a detector that looks again without what it rejected: at the value it ran with."""
+    points = street()
+    parameters = FilterParameters().changed({'chain': [name]})
+    (search,) = searches(parameters)
+    threshold = search.threshold
+    value = threshold.values[int(share * len(threshold.values))]
+    parameters = parameters.changed({threshold.name: value})
+
+    def score_of(changes: Mapping[str, object]) -> NDArray[np.float32]:
+        return Chain(parameters.changed(changes)).judge(points).score
+
+    level = levels(threshold, threshold.statistic(score_of, value))
+    rejected = Chain(parameters).judge(points).rejected
+    assert np.count_nonzero(rejected != (level > threshold.values.index(value))) <= 1
+
+
+def test_settings_are_all_that_are_possible() -> None:
+    """Windows that are too short for their order are left out, the others are complete."""
+    (search,) = searches(FilterParameters())
+    found = {tuple(setting.values()) for setting in search.settings}
+    assert len(found) == 6 * 2 * 2 - 1
+    assert (3, 3, 1, 3, 'either') in found
+    assert (3, 3, 2, 4, 'either') not in found
+    assert (3, 3, 2, 4, 'both') in found
+
+
+def test_wanted_values_replace_the_usual_ones() -> None:
+    """Values for a dial, for a threshold, and for what no dial has."""
+    parameters = FilterParameters().changed({'chain': ['lof']})
+    wanted: dict[str, list[object]] = {'lof.min_pts': [4, 9], 'lof.threshold': [3.0, 1.5, 2]}
+    (search,) = searches(parameters, wanted)
+    assert search.settings == ({'lof.min_pts': 4}, {'lof.min_pts': 9})
+    assert search.threshold.values == (1.5, 2.0, 3.0)
+    wanted = {'alpha_beta_gamma.sigma_floor': [0.01, 0.02], 'alpha_beta_gamma.before': [6]}
+    (search,) = searches(FilterParameters(), wanted)
+    assert {setting['alpha_beta_gamma.sigma_floor'] for setting in search.settings} == {0.01, 0.02}
+    # The window's dial is gone as a whole: `after` stays as it is.
+    assert {setting['alpha_beta_gamma.before'] for setting in search.settings} == {6}
+    assert not any('alpha_beta_gamma.after' in setting for setting in search.settings)
+
+
+def test_kept_parameters_stay() -> None:
+    """A dial, and a threshold, may be left as they are."""
+    parameters = FilterParameters().changed({'chain': ['lof'], 'lof.threshold': 1.7})
+    (search,) = searches(parameters, kept=['lof.min_pts', 'lof.threshold'])
+    assert search.settings == ({'lof.min_pts': 20},)
+    assert search.threshold.values == (1.7,)
+
+
+@pytest.mark.parametrize(
+    ('wanted', 'kept', 'sentence'),
+    [
+        ({'lof.k': [1]}, (), "must be those of alpha_beta_gamma, got 'lof.k'"),
+        ({'lof.min_pts': [1]}, (), "must be those of alpha_beta_gamma, got 'lof.min_pts'"),
+        ({}, ['chain'], "must be those of alpha_beta_gamma, got 'chain'"),
+        ({'alpha_beta_gamma.order': ['x']}, (), "order must be a whole number, got 'x'"),
+        ({'alpha_beta_gamma.significance': [2.0]}, (), 'significance must be from 1e-15 to 0.5'),
+        ({'alpha_beta_gamma.min_window': [99]}, (), 'alpha_beta_gamma must be possible together'),
+    ],
+)
+def test_refused_searches(wanted: dict[str, list[object]], kept: list[str], sentence: str) -> None:
+    """Parameters of other detectors, and values that cannot be."""
+    with pytest.raises(ParameterError) as caught:
+        searches(FilterParameters(), wanted, kept)
+    assert sentence in str(caught.value)
+
+
+def test_a_factor_of_one_is_that_of_good_points() -> None:
+    """Thresholds of LOF begin above 1, close to each other there; those of LOF2 above 0."""
+    parameters = FilterParameters().changed({'chain': ['lof']})
+    (search,) = searches(parameters)
+    assert search.threshold.values[:3] == (1.01, 1.011, 1.012)
+    (search,) = searches(parameters.changed({'lof.statistic': 'lof2'}))
+    assert search.threshold.values[:3] == (0.001, 0.0011, 0.0012)
+
+
+def test_decades() -> None:
+    """Preferred numbers, both ends included, written as short as they are meant."""
+    numbers = decades(-1, 1)
+    assert (numbers[0], numbers[-1], len(numbers)) == (0.1, 10.0, 49)
+    assert 0.33 in numbers
+    ratios = np.array(numbers[1:]) / numbers[:-1]
+    assert ratios.max() < 1.16

@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Injected outliers: as many and as far as said, of both classes, seeded, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.inject import Injection, inject
+from lidar_outlier_filter.evaluation.scene import Cause
+
+SECOND = 1_000_000_000
+
+
+def road(clouds: int = 20, count: int = 2000, seed: int = 3) -> list[Points]:
+    """Make clouds of a flat road, 0.1 s each, 1 m of driving."""
+    dice = np.random.default_rng(seed)
+    made = []
+    for i in range(clouds):
+        xyz = dice.uniform((i, -10, 0), (i + 1, 10, 0.01), (count, 3))
+        t = i * SECOND // 10 + np.arange(count) * (SECOND // 10 // count)
+        line = np.arange(count) // 100
+        made.append(Points(xyz, t, line, np.ones(count, np.bool_)))
+    return made
+
+
+def test_shares_of_both_classes() -> None:
+    """As many outliers as asked for, half of them in clusters of 2 to 30 neighbours."""
+    how = Injection(share=0.01)
+    _, code = inject(road(), how)
+    assert np.count_nonzero(code != Cause.GOOD) == 400
+    clustered = np.flatnonzero(code == Cause.CLUSTER)
+    assert 200 - 1 <= len(clustered) <= 200
+    runs = np.split(clustered, np.flatnonzero(np.diff(clustered) > 1) + 1)
+    sizes = [len(run) for run in runs]
+    assert min(sizes) >= 2
+    # Two clusters may begin where another ends.
+    assert np.median(sizes) <= 30
+    assert len({run[0] // 2000 for run in runs}) > 3
+    for run in runs:
+        assert run[0] // 2000 == run[-1] // 2000
+
+
+def test_distances() -> None:
+    """A single point is as far from its place as said, and as far from every good point at least.
+
+    A cluster is together, and twice as far.
+    """
+    how = Injection(share=0.01, distance=(2.0, 50.0), spread=0.1)
+    before = road()
+    after, code = inject(before, how)
+    old = np.concatenate([cloud.xyz for cloud in before])
+    new = np.concatenate([cloud.xyz for cloud in after])
+    moved = np.linalg.norm(new - old, axis=1)
+    single = code == Cause.SINGLE
+    assert moved[single].min() >= 2
+    assert moved[single].max() <= 50
+    # Uniform between the limits, but for places that are too near to others.
+    assert 20 < moved[single].mean() < 32
+    for i in range(20):
+        here = slice(2000 * i, 2000 * (i + 1))
+        tree = cKDTree(new[here][code[here] == Cause.GOOD])
+        assert tree.query(new[here][code[here] != Cause.GOOD])[0].min() >= 2
+    clustered = np.flatnonzero(code == Cause.CLUSTER)
+    starts = np.flatnonzero(np.diff(clustered, prepend=-9) > 1)
+    assert moved[clustered[starts]].min() > 3.5
+    for run in np.split(clustered, starts[1:]):
+        sizes = np.linalg.norm(new[run] - new[run].mean(axis=0), axis=1)
+        if len(run) <= 30:
+            assert sizes.max() < 0.7
+
+
+def test_clusters_are_twice_as_far() -> None:
+    """The middle of a cluster is at least twice as far as a single point must be."""
+    before = road()
+    after, code = inject(before, Injection(share=0.02, distance=(1.0, 2.5), spread=0.01))
+    old = np.concatenate([cloud.xyz for cloud in before])
+    new = np.concatenate([cloud.xyz for cloud in after])
+    moved = np.linalg.norm(new - old, axis=1)
+    assert moved[code == Cause.SINGLE].min() < 1.5
+    clustered = np.flatnonzero(code == Cause.CLUSTER)
+    starts = clustered[np.diff(clustered, prepend=-9) > 1]
+    assert len(starts) > 10
+    assert 1.95 < moved[starts].min() < 2.2
+
+
+def test_clusters_do_not_share_points() -> None:
+    """However many there are: half of the outliers are in clusters."""
+    _, code = inject(road(), Injection(share=0.4, distance=(1.0, 50.0)))
+    assert np.count_nonzero(code != Cause.GOOD) == 16_000
+    assert np.count_nonzero(code == Cause.CLUSTER) == pytest.approx(8_000, abs=1)
+
+
+def test_nothing_else_changes() -> None:
+    """Good points, times, lines and the order stay; what was given is not touched."""
+    before = road()
+    copies = [cloud.xyz.copy() for cloud in before]
+    after, code = inject(before, Injection(share=0.01))
+    assert [len(cloud) for cloud in after] == [2000] * 20
+    good = np.split(code == Cause.GOOD, 20)
+    for old, copy, new, mask in zip(before, copies, after, good, strict=True):
+        np.testing.assert_array_equal(old.xyz, copy)
+        np.testing.assert_array_equal(new.xyz[mask], copy[mask])
+        assert (new.xyz[~mask] != copy[~mask]).all()
+        for name in ('t', 'line', 'valid'):
+            np.testing.assert_array_equal(getattr(new, name), getattr(old, name))
+
+
+def test_seeded() -> None:
+    """The same seed gives the same outliers, another one others."""
+    made = [inject(road(), Injection(seed=seed)) for seed in (1, 1, 2)]
+    codes = [code for _, code in made]
+    xyz = [np.concatenate([cloud.xyz for cloud in clouds]) for clouds, _ in made]
+    np.testing.assert_array_equal(codes[0], codes[1])
+    np.testing.assert_array_equal(xyz[0], xyz[1])
+    assert (codes[0] != codes[2]).any()
+
+
+def test_defaults_are_those_of_pirotti() -> None:
+    """Of a million points 2600; from 1 to 200 m; clusters of 2 to 30 points."""
+    how = Injection()
+    assert round(1_000_000 * how.share) == 2600
+    assert (how.distance, how.size) == ((1.0, 200.0), (2, 30))
+
+
+def test_little_and_empty_clouds() -> None:
+    """Empty clouds are none; a few points get one outlier, which is single."""
+    nothing = road(1, 2)[0].take(np.zeros(2, np.bool_))
+    clouds, code = inject([nothing, *road(1, 100), nothing], Injection(share=0.01))
+    assert [len(cloud) for cloud in clouds] == [0, 100, 0]
+    assert sorted(code)[-2:] == [Cause.GOOD, Cause.SINGLE]
+    # Clouds of one point have no neighbours for a cluster.
+    alone = road(200, 1)
+    _, code = inject(alone, Injection(share=0.1))
+    assert np.count_nonzero(code == Cause.SINGLE) == 20
+
+
+def test_refusals() -> None:
+    """Shares and distances that make no sense, too few points, and no room."""
+    for share in (0.0, 0.6, -1.0, float('nan')):
+        with pytest.raises(FilterError, match=r'must be more than 0, at most 0\.5, got'):
+            Injection(share)
+    for distance in ((0.0, 1.0), (1.0, 2.0), (2.0, 1.0), (1.0, float('inf'))):
+        with pytest.raises(FilterError, match='must be LOW and HIGH > 2 LOW > 0, got'):
+            Injection(distance=distance)
+    with pytest.raises(FilterError, match=r'one outlier at a share of 0\.001, got 100'):
+        inject(road(1, 100), Injection(share=0.001))
+    with pytest.raises(FilterError, match=r'enough for one outlier .*, got 0'):
+        inject([], Injection())
+    dice = np.random.default_rng(1)
+    full = road(1, 5000)[0]
+    full.xyz[:] = dice.uniform(-30, 30, (5000, 3))
+    full.xyz[0] = 0
+    with pytest.raises(FilterError, match='with room 12 to 25 m away from all points, got none'):
+        inject([full], Injection(share=0.01, distance=(12.0, 25.0)))
