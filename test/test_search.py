@@ -225,6 +225,7 @@ def test_detectors_that_must_agree(vote: int) -> None:
         assert (vote < 2) or outliers == good == 0
 
 
+@pytest.mark.slow
 def test_two_are_better_than_one() -> None:
     """The pair is worth at least as much as the better one alone."""
     data = road(8)

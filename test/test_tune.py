@@ -145,6 +145,7 @@ def test_a_running_node_takes_the_lines(tuned: tuple[Path, str], ros: Ros) -> No
     assert node.filter_parameters == FilterParameters().changed(read_yaml(output))
 
 
+@pytest.mark.slow
 def test_the_same_twice(tuned: tuple[Path, str], bag: Path, tmp_path: Path) -> None:
     """File and figures are the same byte by byte, run after run."""
     output, printed = tuned
