@@ -24,7 +24,7 @@ from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cloud import DETECTORS, SCORE
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.tiled import TiledChain
-from lidar_outlier_filter.core.verdict import BITS, Verdict
+from lidar_outlier_filter.core.verdict import BITS, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file, points
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
@@ -80,7 +80,8 @@ class CleanReport:
 
     ``invalid`` points (NaN, Inf, all 0) are none, ``untested`` ones could be tested by no detector;
     both are kept. ``lines`` says what the scan lines were found by; ``lack`` what the file lacks,
-    so that another chain than the default was taken.
+    so that another chain than the default was taken; ``second_phase`` how many of the points that
+    ``hierarchical`` rejected its second phase did.
     """
 
     input: str
@@ -97,6 +98,7 @@ class CleanReport:
     untested: int
     rejected: int
     rejected_by: Mapping[str, int]
+    second_phase: int
     undecided_by: Mapping[str, int]
     seconds: Mapping[str, float]
     versions: Mapping[str, str]
@@ -259,6 +261,7 @@ def _counts(verdict: Verdict, valid: NDArray[np.bool_], chain: Sequence[str]) ->
         'untested': int(np.count_nonzero(np.isnan(verdict.score[valid]))),
         'rejected': int(np.count_nonzero(verdict.rejected)),
         'rejected_by': by_detector(verdict.detectors),
+        'second_phase': int(np.count_nonzero(verdict.detectors & SECOND_PHASE)),
         'undecided_by': by_detector(verdict.undecided),
     }
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.core.verdict import BITS, Verdict
+from lidar_outlier_filter.core.verdict import ALL, BITS, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters import FilterParameters
 
@@ -55,7 +56,8 @@ def test_one_detector(name: str) -> None:
     """Its bit is set where its score is above 1, and nowhere else; it finds something."""
     verdict = judge(road(), name)
     assert 20 < np.count_nonzero(verdict.rejected) < 400
-    np.testing.assert_array_equal(verdict.detectors, np.where(verdict.rejected, BITS[name], 0))
+    detectors = verdict.detectors & ALL
+    np.testing.assert_array_equal(detectors, np.where(verdict.rejected, BITS[name], 0))
     np.testing.assert_array_equal(verdict.score > 1, verdict.rejected)
     np.testing.assert_array_equal(verdict.undecided != 0, np.isnan(verdict.score))
 
@@ -135,6 +137,35 @@ def test_any_number_of_threads(chain: tuple[str, ...]) -> None:
 def test_bits_are_all_different() -> None:
     """A recorded number tells the detectors."""
     assert [BITS[name] for name in EVERY] == [1, 2, 4, 8, 16, 32]
+    assert ALL & SECOND_PHASE == 0
+
+
+@pytest.mark.parametrize('chain', [('hierarchical',), ('hierarchical', 'elevation')])
+@pytest.mark.parametrize('vote', [0, 1])
+def test_phases(chain: tuple[str, ...], vote: int) -> None:
+    """A bit and the score tell the phase that rejected a point, and the size of its cluster."""
+    points = road(7)
+    # Points float in rows, which phase 1 leaves connected.
+    near = np.arange(0, 400) % 2 == 0
+    points.xyz[:400, 2] += np.where(near, 0.25, 0.0)
+    values = {'hierarchical.min_cluster': 30, 'hierarchical.global_confidence': 0.9999}
+    verdict = judge(points, *chain, vote=vote, **values)
+    settings = parameters('hierarchical', **values).hierarchical
+    told = hierarchical.detect(points.xyz, settings)
+    assert set(told.phase) == {0, 1, 2}
+    second = told.phase == 2
+    np.testing.assert_array_equal(verdict.detectors & SECOND_PHASE != 0, second)
+    assert (verdict.detectors[second] & BITS['hierarchical'] != 0).all()
+    if chain == ('hierarchical',):
+        np.testing.assert_array_equal(np.round(30 / verdict.score), told.cluster)
+
+
+def test_the_second_phase_has_no_vote() -> None:
+    """It is a part of one detector."""
+    verdict = Verdict.untested(3)
+    verdict.detectors[:] = [BITS['hierarchical'] | SECOND_PHASE, BITS['lof'] | BITS['sor'], 0]
+    verdict.settle(2)
+    assert verdict.rejected.tolist() == [False, True, False]
 
 
 @pytest.mark.parametrize(

@@ -351,6 +351,7 @@ def test_log(folder: Path) -> None:
     }
     assert log['rejected_by'] == by
     assert log['rejected'] == sum(by.values()) > 0
+    assert log['second_phase'] == 0
     assert (log['points'], log['invalid'], log['untested']) == (24224, 0, 0)
     assert set(log['seconds']) == {'read', 'judge', 'write'}
     assert log['versions']['lidar_outlier_filter'] == __version__

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.detectors import (
 )
 from lidar_outlier_filter.core.neighbours import Neighbourhood
 from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.core.verdict import BITS, Verdict
+from lidar_outlier_filter.core.verdict import BITS, SECOND_PHASE, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.parameters import FilterParameters
 
-    Detect = Callable[['_Seen', FilterParameters], NDArray[np.float64]]
+    Detect = Callable[['_Seen', FilterParameters], '_Told']
 
 
+SECOND = 2  # phase of the hierarchical detector
 TEMPORAL = ('alpha_beta_gamma',)  # detectors that look along the line only: fast
 
 
@@ -48,6 +49,13 @@ class _Seen:
             return self
         left = ~rejected
         return _Seen(self.where[left], self.points.take(left), self.neighbourhood.without(rejected))
+
+
+class _Told(NamedTuple):
+    """The scores of a detector, and which of them its second phase rejected, if it has one."""
+
+    score: NDArray[np.float64]
+    second: NDArray[np.bool_] | None = None
 
 
 class Chain:
@@ -73,10 +81,12 @@ class Chain:
         neighbourhood = Neighbourhood(points.xyz, _most_neighbours(parameters), parameters.threads)
         seen = _Seen(np.arange(len(points)), points, neighbourhood)
         for name in parameters.chain:
-            score = self._detectors[name](seen, parameters)
-            verdict.add(BITS[name], seen.where, score)
+            told = self._detectors[name](seen, parameters)
+            verdict.add(BITS[name], seen.where, told.score)
+            if told.second is not None:
+                verdict.detectors[seen.where[told.second]] |= SECOND_PHASE
             if parameters.vote == 0:
-                seen = seen.without(score > 1)
+                seen = seen.without(told.score > 1)
         verdict.settle(max(parameters.vote, 1))
         return verdict
 
@@ -92,7 +102,7 @@ class Chain:
             self.judge(Points(xyz, t, line, valid).take(order))
         self.passes = 0
 
-    def _alpha_beta_gamma(self, seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
+    def _alpha_beta_gamma(self, seen: _Seen, parameters: FilterParameters) -> _Told:
         """Run the smoother along the lines, and give the answer in the points' own order."""
         points = seen.points
         order = scanlines.order_by_line(points)
@@ -103,29 +113,30 @@ class Chain:
         self.passes = max(self.passes, outcome.passes)
         score = np.empty(len(points))
         score[order] = outcome.score
-        return score
+        return _Told(score)
 
 
-def _quadric(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
+def _quadric(seen: _Seen, parameters: FilterParameters) -> _Told:
     sigma = seen.points.sigma
     variance = None if sigma is None else sigma**2
-    return quadric.detect(seen.neighbourhood, parameters.quadric, variance)
+    return _Told(quadric.detect(seen.neighbourhood, parameters.quadric, variance))
 
 
-def _lof(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
-    return lof.detect(seen.neighbourhood, parameters.lof)
+def _lof(seen: _Seen, parameters: FilterParameters) -> _Told:
+    return _Told(lof.detect(seen.neighbourhood, parameters.lof))
 
 
-def _sor(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
-    return sor.detect(seen.neighbourhood, parameters.sor, seen.points.range)
+def _sor(seen: _Seen, parameters: FilterParameters) -> _Told:
+    return _Told(sor.detect(seen.neighbourhood, parameters.sor, seen.points.range))
 
 
-def _hierarchical(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
-    return hierarchical.detect(seen.points.xyz, parameters.hierarchical, parameters.threads).score
+def _hierarchical(seen: _Seen, parameters: FilterParameters) -> _Told:
+    outcome = hierarchical.detect(seen.points.xyz, parameters.hierarchical, parameters.threads)
+    return _Told(outcome.score, outcome.phase == SECOND)
 
 
-def _elevation(seen: _Seen, parameters: FilterParameters) -> NDArray[np.float64]:
-    return elevation.detect(seen.points.xyz, parameters.elevation, parameters.threads)
+def _elevation(seen: _Seen, parameters: FilterParameters) -> _Told:
+    return _Told(elevation.detect(seen.points.xyz, parameters.elevation, parameters.threads))
 
 
 def _most_neighbours(parameters: FilterParameters) -> int:

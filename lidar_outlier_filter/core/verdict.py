@@ -23,6 +23,10 @@ BITS = {
     'hierarchical': 16,
     'elevation': 32,
 }
+ALL = sum(BITS.values())
+# Beside the bit of `hierarchical`: its second phase rejected the point, in the surroundings of its
+# cluster; without it the first one did. It says nothing alone, and has no vote.
+SECOND_PHASE = 1 << 15
 # Rounding to float32 must not make a rejected point look kept.
 ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
 
@@ -36,7 +40,7 @@ class Verdict:
     score : (N,) float32
         The largest score any detector gave; NaN for a point that none could test.
     detectors : (N,) uint16
-        The bits of the detectors whose score is greater than 1.
+        The bits of the detectors whose score is greater than 1, and ``SECOND_PHASE``.
     undecided : (N,) uint16
         The bits of the detectors that looked at the point and could not test it.
     rejected : (N,) bool
@@ -79,7 +83,8 @@ class Verdict:
         if needed == 1:
             np.not_equal(self.detectors, 0, out=self.rejected)
         else:
-            np.greater_equal(np.bitwise_count(self.detectors), needed, out=self.rejected)
+            votes = np.bitwise_count(self.detectors & ALL)
+            np.greater_equal(votes, needed, out=self.rejected)
 
     def take(self, part: Part) -> Verdict:
         """Choose points by index, mask or slice, in that order."""

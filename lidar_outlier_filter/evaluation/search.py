@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.verdict import BITS
+from lidar_outlier_filter.core.verdict import ALL, BITS
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED
 from lidar_outlier_filter.evaluation.dials import searches
@@ -140,7 +140,7 @@ def fold_of_each(data: Training, folds: int) -> Integers:
 def _alone(data: Training, verdict: Verdict, chain: Sequence[str]) -> dict[str, tuple[int, int]]:
     result = {}
     for name in chain:
-        mine = verdict.rejected & (verdict.detectors == BITS[name])
+        mine = verdict.rejected & (verdict.detectors & ALL == BITS[name])
         outliers, good = np.count_nonzero(mine & data.bad), np.count_nonzero(mine & data.good)
         result[name] = int(outliers), int(good)
     return result
