@@ -23,6 +23,7 @@ from lidar_outlier_filter.terminal import (
     INCOMPLETE,
     INTERRUPTED,
     REFUSED,
+    add_parameter_options,
     progress_bar,
     read_parameters,
     say,
@@ -82,17 +83,7 @@ def add_replay(commands: Commands) -> None:
         metavar='T',
         help='filter this topic only; may be repeated; default: all PointCloud2 topics',
     )
-    parser.add_argument(
-        '--params', type=Path, metavar='FILE', help='ROS parameter file (YAML), as for the node'
-    )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        dest='settings',
-        metavar='NAME=VALUE',
-        help='set one parameter, after those of the file; may be repeated',
-    )
+    add_parameter_options(parser)
     parser.add_argument(
         '--drop-input',
         action='store_true',

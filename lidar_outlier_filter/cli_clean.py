@@ -15,6 +15,7 @@ from lidar_outlier_filter.terminal import (
     DONE,
     INCOMPLETE,
     REFUSED,
+    add_parameter_options,
     progress_bar,
     read_parameters,
     say,
@@ -82,17 +83,7 @@ def add_clean(commands: Commands) -> None:
         'that of quadric depends on the side',
     )
     parser.add_argument('--chain', metavar='D[,D…]', help='detectors, in their order')
-    parser.add_argument(
-        '--params', type=Path, metavar='FILE', help='ROS parameter file (YAML), as for the node'
-    )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        dest='settings',
-        metavar='NAME=VALUE',
-        help='set one parameter, after those of the file; may be repeated',
-    )
+    add_parameter_options(parser)
     parser.set_defaults(run=_clean)
 
 

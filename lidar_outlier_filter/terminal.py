@@ -12,13 +12,14 @@ from __future__ import annotations
 import signal
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
+    from argparse import ArgumentParser
     from collections.abc import Callable, Iterable, Iterator
-    from pathlib import Path
     from types import FrameType
 
 # Exit statuses; argparse itself exits with 2.
@@ -83,6 +84,21 @@ def progress_bar(text: str) -> Iterator[Advance]:
             bar.update(task, completed=done, total=total, description=description)
 
         yield advance
+
+
+def add_parameter_options(parser: ArgumentParser) -> None:
+    """Add --params and --set, which :func:`read_parameters` reads."""
+    parser.add_argument(
+        '--params', type=Path, metavar='FILE', help='ROS parameter file (YAML), as for the node'
+    )
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        dest='settings',
+        metavar='NAME=VALUE',
+        help='set one parameter, after those of the file; may be repeated',
+    )
 
 
 def read_parameters(file: Path | None, settings: Iterable[str]) -> dict[str, object]:

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from PIL import Image
 
 from lidar_outlier_filter.core.detectors import hierarchical
@@ -18,6 +17,7 @@ from lidar_outlier_filter.core.detectors.gabriel import gabriel_graph
 from lidar_outlier_filter.core.detectors.hierarchical import clusters, limit
 from lidar_outlier_filter.core.detectors.spanning_tree import spanning_tree
 from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.evaluation.picture import add_legend
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -146,18 +146,4 @@ def _legend(figure: Figure, *, with_lost: bool) -> None:
     entries = [('good point', POINT), ('outlier still in the cloud', LEFT)]
     if with_lost:
         entries.append(('good point taken out', LOST))
-    handles = [
-        Line2D([], [], marker='o', linestyle='', markersize=7, color=colour, label=text)
-        for text, colour in entries
-    ]
-    figure.legend(
-        handles=handles,
-        loc='upper right',
-        ncols=len(entries),
-        frameon=False,
-        fontsize=13,
-        labelcolor=INK,
-        handletextpad=0.1,
-        columnspacing=1.4,
-        bbox_to_anchor=(0.995, 1.0),
-    )
+    add_legend(figure, entries)

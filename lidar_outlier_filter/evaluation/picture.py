@@ -15,6 +15,7 @@ from PIL import Image
 from lidar_outlier_filter.evaluation.scene import Cause
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -164,6 +165,12 @@ def _legend(figure: Figure, title: str) -> None:
         ('outlier taken out', FOUND),
         ('good point taken out', LOST),
     )
+    add_legend(figure, entries)
+    figure.text(0.012, 0.966, title, fontsize=13, color=INK)
+
+
+def add_legend(figure: Figure, entries: Sequence[tuple[str, str]]) -> None:
+    """Name dots, by text and colour, in the upper right corner of a figure."""
     handles = [
         Line2D([], [], marker='o', linestyle='', markersize=7, color=colour, label=text)
         for text, colour in entries
@@ -179,4 +186,3 @@ def _legend(figure: Figure, title: str) -> None:
         columnspacing=1.4,
         bbox_to_anchor=(0.995, 1.0),
     )
-    figure.text(0.012, 0.966, title, fontsize=13, color=INK)

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.evaluation.evaluate import add_truth, truth_of
-from lidar_outlier_filter.terminal import DONE, progress_bar, read_parameters, say, stopping
+from lidar_outlier_filter.terminal import (
+    DONE,
+    add_parameter_options,
+    progress_bar,
+    read_parameters,
+    say,
+    stopping,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -75,17 +82,7 @@ def _add_injection(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_search(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        '--params', type=Path, metavar='FILE', help='ROS parameter file (YAML) to begin with'
-    )
-    parser.add_argument(
-        '--set',
-        action='append',
-        default=[],
-        dest='settings',
-        metavar='NAME=VALUE',
-        help='set one parameter, after those of the file; may be repeated',
-    )
+    add_parameter_options(parser)
     parser.add_argument(
         '--search',
         action='append',
