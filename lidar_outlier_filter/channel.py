@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
-from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import PointCloud2
 
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.parameters import FilterParameters
 
+# Clouds kept while the executor is busy: nobody is told of those that the middleware replaces.
+INPUT_DEPTH = 50
 OUTPUT_DEPTH = 10  # clouds kept for a subscriber that is slow
 REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
 ODOMETRY_DEPTH = 1000  # poses kept while the executor is busy
@@ -346,7 +348,7 @@ class Channel:
                 PointCloud2,
                 self.topic,
                 self._receive,
-                qos_profile_sensor_data,
+                QoSProfile(depth=INPUT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
                 event_callbacks=events,
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )

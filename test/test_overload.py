@@ -86,6 +86,15 @@ def test_receiving_goes_on_while_the_filter_works(ros: Ros) -> None:
     assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
 
 
+def test_a_burst_is_received(ros: Ros) -> None:
+    """Clouds that come while the executor is busy are not replaced by newer ones."""
+    node, sensor = start(ros, load__clouds=100)
+    for number in range(40):
+        sensor.publish(line(0.01 * number), expected=10**9)
+    node.finish()
+    assert answers(ros, sensor, 40) == [(number, 1) for number in range(40)]
+
+
 def test_drop_oldest(ros: Ros) -> None:
     """What does not fit is dropped, the oldest first, and counted; the rest is filtered."""
     node, sensor = start(ros)
