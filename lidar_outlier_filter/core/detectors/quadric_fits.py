@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric_kernels import (
+    BEGIN,
     LONG,
     MEAN,
     MIDDLE,
     MOMENTS,
     NORMAL,
     QUADRIC,
+    SIZES,
     WEIGHT,
     Window,
     eigen,
@@ -103,7 +105,7 @@ def adjust_plane(window: Window, n: int, floor: float) -> bool:
         window.weight[i] = 1.0 if window.kept[i] else 0.0
     before = np.zeros(3)
     for _ in range(ADJUSTMENTS):
-        fit_plane(window, 0, n)
+        fit_plane(window, BEGIN[0], n)
         if not is_plane(window, floor):
             return False
         measure_plane(window, n)
@@ -136,7 +138,7 @@ def measure_plane(window: Window, n: int) -> None:
 
     Height and tilts of the plane are uncorrelated in its own axes: Q is diagonal.
     """
-    measure_heights(window, 0, n)
+    measure_heights(window, BEGIN[0], n)
     xyz, plane = window.xyz, window.plane
     window.slope[:n] = 1.0
     level = 1 / plane[WEIGHT]
@@ -270,7 +272,7 @@ def start_algebraic(window: Window, n: int) -> float:
     """
     for i in range(n):
         window.weight[i] = 1.0 if window.kept[i] else 0.0
-    sum_normal(window, n, QUADRIC)
+    sum_normal(window, n, SIZES[2])
     square, vectors = window.square, window.vectors
     square[:] = window.normal
     eigen(square, vectors, QUADRIC)
@@ -292,7 +294,7 @@ def start_algebraic(window: Window, n: int) -> float:
 def mean_square_distance(window: Window, n: int) -> float:
     """Return Σ residual² ÷ Σ slope² of the kept points under the quadric a."""
     measure_gradient(window, n)
-    measure_residuals(window, n, QUADRIC)
+    measure_residuals(window, n, SIZES[2])
     residuals = slopes = 0.0
     for i in range(n):
         if window.kept[i]:

@@ -28,9 +28,10 @@ from lidar_outlier_filter.core.detectors.quadric_fits import (
     weigh,
 )
 from lidar_outlier_filter.core.detectors.quadric_kernels import (
-    PARABOLOID,
+    BEGIN,
     PLANE,
     QUADRIC,
+    SIZES,
     Window,
     step,
 )
@@ -142,10 +143,11 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
         window.kept[:n] = window.left[:n]
         return True
     rank = min(left, max(rules.fewest, int(np.ceil(SHARE * left)))) - 1
-    _weigh_left(window, 0, n)
-    fit_plane(window, 0, n)
+    first = BEGIN[0]
+    _weigh_left(window, first, n)
+    fit_plane(window, first, n)
     best = _compare(window, n, rank, floor, np.inf)
-    begin, end = 0, _end_of_run(window, 0, n)
+    begin, end = first, _end_of_run(window, first, n)
     while end > 0:
         _weigh_left(window, begin, end)
         fit_plane(window, begin, end)
@@ -161,7 +163,7 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
         for i in range(n):
             near = window.left[i] and abs(window.residual[i]) <= reach
             window.weight[i] = 1.0 if near else 0.0
-        fit_plane(window, 0, n)
+        fit_plane(window, first, n)
     for i in range(n):
         window.kept[i] = window.weight[i] > 0
     return True
@@ -198,7 +200,7 @@ def _compare(window: Window, n: int, rank: int, floor: float, best: float) -> fl
 @kernel
 def _near(window: Window, n: int, rank: int) -> float:
     """Measure all points from the plane; return the distance of that rank among those left."""
-    measure_heights(window, 0, n)
+    measure_heights(window, BEGIN[0], n)
     count = 0
     for i in range(n):
         if window.left[i]:
@@ -231,20 +233,20 @@ def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> Surface:
     if not rules.robust:
         for i in range(n):
             window.weight[i] = 1.0 if window.kept[i] else 0.0
-        fit_plane(window, 0, n)
+        fit_plane(window, BEGIN[0], n)
         fill_rows(window, n)
         start = window.kept[:n].copy()
         quadric = _grow_quadric(window, n, rules, growth)
         if quadric.size > 0:
             return quadric
         window.kept[:n] = start
-    plane = _settle(window, n, PLANE, rules, growth)
+    plane = _settle(window, n, SIZES[0], rules, growth)
     if plane.size == 0 or plane.deviation <= growth.floor:
         return plane
     kept, test = window.kept[:n].copy(), window.test[:n].copy()
     fill_rows(window, n)
     if is_bent(window, n, rules):
-        paraboloid = _settle(window, n, PARABOLOID, rules, growth)
+        paraboloid = _settle(window, n, SIZES[1], rules, growth)
         if paraboloid.size > 0:
             return _rise(window, n, paraboloid, rules, growth)
     window.kept[:n], window.test[:n] = kept, test
@@ -258,7 +260,7 @@ def _rise(window: Window, n: int, paraboloid: Surface, rules: Rules, growth: Gro
         return paraboloid
     kept, test = window.kept[:n].copy(), window.test[:n].copy()
     weigh(window, n)
-    before, after = step(window, n, QUADRIC)
+    before, after = step(window, n, SIZES[2])
     if is_better(before, after, paraboloid.support - (QUADRIC - 1), rules):
         quadric = _grow_quadric(window, n, rules, growth)
         if quadric.size > 0:
@@ -271,7 +273,7 @@ def _rise(window: Window, n: int, paraboloid: Surface, rules: Rules, growth: Gro
 def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> Surface:
     """Grow a quadric from the algebraic start, in the rows' frame; none if it is ambiguous."""
     if start_algebraic(window, n) > GAP:
-        quadric = _settle(window, n, QUADRIC, rules, growth)
+        quadric = _settle(window, n, SIZES[2], rules, growth)
         if quadric.size > 0 and is_flat(window, n):
             return quadric
     return NONE

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     Bools = NDArray[np.bool_]
 
 PLANE, PARABOLOID, QUADRIC = 4, 7, 10  # parameters, one of which the norm takes away
+# As elements of a tuple they are no literals to numba, which would compile all that they are given
+# to for each of them, for minutes.
+SIZES = (PLANE, PARABOLOID, QUADRIC)
+BEGIN = (0,)
 HEIGHT = 3  # the column of z
 BORDERED = QUADRIC + 1
 NORMAL, MIDDLE, LONG, MEAN, MOMENTS, WEIGHT = 0, 3, 6, 9, 12, 15  # parts of Window.plane

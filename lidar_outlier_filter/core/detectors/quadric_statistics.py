@@ -14,6 +14,7 @@ from lidar_outlier_filter.core.detectors.quadric_kernels import (
     PARABOLOID,
     PLANE,
     QUADRIC,
+    SIZES,
     Window,
     normalize,
     step,
@@ -207,7 +208,7 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
             for i in range(n):
                 near = window.residual[i] ** 2 / sigma2[i] <= reach
                 window.kept[i] = window.kept[i] and near
-    normalize(window, PARABOLOID)
+    normalize(window, SIZES[1])
     return bent
 
 
@@ -219,8 +220,8 @@ def _step_from_plane(window: Window, n: int) -> tuple[float, float]:
     """
     window.a[:] = 0.0
     window.a[HEIGHT] = 1.0
-    before, after = step(window, n, PARABOLOID)
-    measure_residuals(window, n, PARABOLOID)
+    before, after = step(window, n, SIZES[1])
+    measure_residuals(window, n, SIZES[1])
     return before, after
 
 
