@@ -1,0 +1,203 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node under load: a sensor, the filter and a listener, each a process, over the real middleware.
+
+    python benchmarks/load.py [--rings N] [--rate HZ] [--columns N] [--seconds S] [--then HZ]
+                              [NAME:=VALUE ...]
+
+A spinning sensor of so many rings, with 48 bytes per point, is published best effort; afterwards,
+if asked for, at another rate for ten seconds. Printed is what /diagnostics says in each second, and
+at the end: clouds sent and received, the delay while they came, the growth of the filter's memory
+after the first five seconds, and how long after the change of the rate all was well again.
+"""
+
+# ruff: noqa: INP001  a script, no package
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
+
+OUTLIERS = 0.005
+WARM = 5  # seconds until memory counts
+REST = 10.0  # seconds to watch afterwards
+LOOK = 1.0  # seconds between two messages on /diagnostics
+POINT = np.dtype(
+    {
+        'names': ['x', 'y', 'z', 'intensity', 't', 'reflectivity', 'ring', 'ambient', 'range'],
+        'formats': ['f4', 'f4', 'f4', 'f4', 'u4', 'u2', 'u2', 'u2', 'u4'],
+        'offsets': [0, 4, 8, 16, 20, 24, 26, 28, 32],
+        'itemsize': 48,
+    }
+)
+
+
+def sweep(rings: int, columns: int, period: float, seed: int) -> np.ndarray:
+    """Make a revolution in a hall of 20 m by 30 m, half a percent of it outliers."""
+    rng = np.random.default_rng(seed)
+    azimuth = 2 * np.pi * np.arange(columns) / columns
+    elevation = np.deg2rad(np.linspace(-22.5, 22.5, rings))
+    rows = np.zeros((rings, columns), POINT)
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    flat = np.minimum(10 / np.maximum(abs(c), 1e-6), 15 / np.maximum(abs(s), 1e-6))
+    height = np.where(elevation < 0, 2.0, 6.0) / np.maximum(abs(np.tan(elevation)), 1e-6)
+    reach = np.minimum(flat[None, :], height[:, None]) / np.cos(elevation)[:, None]
+    reach += rng.normal(0, 0.02, reach.shape)
+    wrong = rng.uniform(size=reach.shape) < OUTLIERS
+    reach[wrong] *= rng.uniform(0.2, 0.9, np.count_nonzero(wrong))
+    rows['x'] = reach * np.cos(elevation)[:, None] * c
+    rows['y'] = reach * np.cos(elevation)[:, None] * s
+    rows['z'] = reach * np.sin(elevation)[:, None]
+    rows['t'] = np.arange(columns) * (period * 1e9 / columns)
+    rows['ring'] = np.arange(rings)[:, None]
+    return rows
+
+
+def publish(rings: int, columns: int, rate: float, seconds: float, then: float) -> None:
+    """Publish at a steady rate; the process of the sensor."""
+    import rclpy  # noqa: PLC0415
+    from clouds import cloud  # noqa: PLC0415
+    from live import BEST_EFFORT  # noqa: PLC0415
+    from rclpy.time import Time  # noqa: PLC0415
+    from sensor_msgs.msg import PointCloud2  # noqa: PLC0415
+
+    rclpy.init(args=[])
+    node = rclpy.create_node('sensor')
+    publisher = node.create_publisher(PointCloud2, '/points', BEST_EFFORT)
+    messages = [cloud(sweep(rings, columns, 1 / rate, seed)) for seed in range(4)]
+    while not publisher.get_subscription_count():
+        time.sleep(0.05)
+    sys.stdout.write('ready\n')
+    sys.stdout.flush()
+    sys.stdin.readline()
+    for frequency, duration in ((rate, seconds), (then, REST if then else 0.0)):
+        begin, late, count = time.monotonic(), 0.0, round(duration * frequency)
+        stamp = node.get_clock().now().nanoseconds
+        for number in range(count):
+            due = begin + number / frequency
+            time.sleep(max(due - time.monotonic(), 0))
+            late = max(late, time.monotonic() - due)
+            msg = messages[number % len(messages)]
+            # As even as a sensor's, however busy the machine is.
+            msg.header.stamp = Time(nanoseconds=stamp + round(number / frequency * 1e9)).to_msg()
+            publisher.publish(msg)
+        text = f'sent {count} in {time.monotonic() - begin:.1f} s, at most {1e3 * late:.0f} ms late'
+        sys.stdout.write(f'{text}\n{time.monotonic()}\n')
+        sys.stdout.flush()
+    sys.stdin.read()
+
+
+@dataclass
+class Seconds:
+    """What was seen in each second."""
+
+    at: list[float] = field(default_factory=list)
+    came: list[bool] = field(default_factory=list)
+    p95: list[float] = field(default_factory=list)
+    longest: list[float] = field(default_factory=list)
+    memory: list[float] = field(default_factory=list)
+    well: list[bool] = field(default_factory=list)
+
+    def add(self, status: dict[str, Any], memory: float) -> str:
+        """Add one; say it in a line."""
+        values = status['values']
+        self.at.append(time.monotonic())
+        self.came.append(float(values['clouds/s']) > 0)
+        self.p95.append(float(values['delay since received, p95, ms']))
+        self.longest.append(float(values['delay since received, max, ms']))
+        self.memory.append(memory)
+        self.well.append(status['level'] == 0 and self.came[-1])
+        return (
+            f'{values["clouds/s"]:>6} clouds/s {float(values["points/s"]) / 1e6:6.2f} M points/s'
+            f'  answered {values["messages"]:>5} lost {values["lost"]:>3}'
+            f' dropped {values["dropped"]:>4} unfiltered'
+            f' {values.get("unfiltered for overload", 0):>4} shed {values["shed"]:>4}'
+            f'  backlog {values["backlog, clouds"]:>4} ({values["backlog, MB"]} MB)'
+            f'  delay p95 {self.p95[-1]:7.1f} max {self.longest[-1]:7.1f} ms'
+            f'  processing p95 {values["processing time, p95, ms"]:>7} ms'
+            f'  {memory:6.0f} MB  {status["level"]} {status["message"]}'
+        )
+
+    def summary(self, end: float) -> str:
+        """Say what was seen until the first rate ended, and when all was well after that."""
+        until = sum(at <= end for at in self.at)
+        typical = sorted(self.p95[WARM:until])[(until - WARM) // 2]
+        growth = max(self.memory[WARM:]) - self.memory[WARM]
+        well = [at for at, is_well in zip(self.at, self.well, strict=True) if at > end and is_well]
+        # A look tells of the second before it.
+        after = f'{max(well[0] - LOOK - end, 0.0):.1f} s' if well else 'never'
+        return (
+            f'delay of a second, p95: {typical:.0f} ms in the median, at most '
+            f'{max(self.p95[WARM:until]):.0f} ms; longest delay {max(self.longest[WARM:until]):.0f}'
+            f' ms; memory +{growth:.0f} MB after {WARM} s; well again after {after}'
+        )
+
+
+def measure(options: argparse.Namespace) -> int:
+    """Run the processes, and print what becomes of the clouds."""
+    import psutil  # noqa: PLC0415
+    from live import Program, counter, diagnoser, environment, next_status  # noqa: PLC0415
+
+    env = environment() | {'PYTHONPATH': os.pathsep.join(sys.path[:2])}
+    settings = [word for item in options.settings for word in ('-p', item)]
+    arguments = ['--ros-args', *settings] if settings else []
+    names = ('rings', 'columns', 'rate', 'seconds', 'then')
+    shape = [str(getattr(options, name)) for name in names]
+    seen = Seconds()
+    with (
+        diagnoser(env) as listening,
+        Program('-m', 'lidar_outlier_filter.start', *arguments, env=env) as node,
+        Program(__file__, '--publish', *shape, env=env) as sensor,
+        counter('/points/cleaned', env) as collecting,
+    ):
+        collecting.wait_for('matched')
+        next_status(listening)
+        sensor.wait_for('ready')
+        process = psutil.Process(node._process.pid)  # noqa: SLF001
+        sensor.tell('go')
+        begin = time.monotonic()
+        while time.monotonic() < begin + options.seconds + REST + 1:
+            status = next_status(listening)
+            sys.stdout.write(seen.add(status, process.memory_info().rss / 1e6) + '\n')
+            sys.stdout.flush()
+        sys.stdout.write(sensor.wait_for('sent') + '\n')
+        end = float(sensor.wait_for(''))
+        sys.stdout.write('then ' + sensor.wait_for('sent') + '\n')
+        collecting.close()
+        collecting.wait()
+        sys.stdout.write(f'received {collecting.output[-1]}\n{seen.summary(end)}\n')
+    return 0
+
+
+def main() -> int:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument('--rings', type=int, default=128)
+    parser.add_argument('--columns', type=int, default=1024)
+    parser.add_argument('--rate', type=float, default=10.0)
+    parser.add_argument('--seconds', type=float, default=60.0)
+    parser.add_argument('--then', type=float, default=0.0)
+    parser.add_argument('--publish', nargs=5, help=argparse.SUPPRESS)
+    parser.add_argument('settings', nargs='*', metavar='NAME:=VALUE')
+    options = parser.parse_args()
+    if options.publish:
+        rings, columns, rate, seconds, then = options.publish
+        publish(int(rings), int(columns), float(rate), float(seconds), float(then))
+        return 0
+    return measure(options)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
