@@ -92,6 +92,31 @@ def test_live_equals_replay(
             assert deserialize_message(received, PointCloud2) == cloud
 
 
+@pytest.mark.slow
+def test_a_publisher_that_dies_and_comes_back(recordings: Path, tmp_path: Path) -> None:
+    """What it had sent is answered, and what it sends when it is back, at whatever time."""
+    env = environment()
+    names = ('vlp16_mrpt_mcap', 'hdl32_mrpt_mcap', 'vlp16_mrpt_mcap')
+    topics = [f'{TOPIC}/{kind}' for kind in ANSWERS]
+    with collector(tmp_path, topics, env) as collecting, filter_process(tmp_path, env) as node:
+        collecting.wait_for('matched')
+        for name in names:
+            with publisher(recordings / 'bags' / name, TOPIC, env) as publishing:
+                publishing.tell('go')
+                publishing.wait_for('published')
+                publishing.signal(signal.SIGKILL)
+        node.signal(signal.SIGTERM)
+        assert node.wait() == 0
+        collecting.close()
+        assert collecting.wait() == 0
+    expected = [answer for name in names for answer in direct_answers(recordings / 'bags' / name)]
+    for kind in ANSWERS:
+        assert len(list(tmp_path.glob(f'{kind}_*.cdr'))) == len(expected)
+    for index, answer in enumerate(expected):
+        received = (tmp_path / f'outliers_{index}.cdr').read_bytes()
+        assert deserialize_message(received, PointCloud2) == answer.outliers
+
+
 def test_large_clouds_arrive_best_effort(recordings: Path, tmp_path: Path) -> None:
     """With the profile of config/, clouds of 6 MB arrive without being repeated."""
     env = environment()
