@@ -67,7 +67,8 @@ setup(
         # `lidar-outlier-filter clean`: LAS, LAZ and PCD (1 MB); Parquet (170 MB). Others need none.
         'files': ['laspy[lazrs]>=2.5', 'python-neo-lzf>=0.3.5'],
         'parquet': ['pyarrow>=14'],
-        'bench': ['open3d>=0.18'],  # the ratio that `lidar-outlier-filter bench` prints
+        # Peers that `lidar-outlier-filter bench` and `results` compare with.
+        'bench': ['open3d>=0.18', 'scikit-learn>=1.4'],
         'test': [
             'catkin-pkg>=1.0',
             'colcon-core>=0.17',

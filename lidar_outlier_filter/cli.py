@@ -16,6 +16,7 @@ from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli_clean import add_clean
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.evaluate import add_evaluate
+from lidar_outlier_filter.evaluation.results import add_results
 from lidar_outlier_filter.evaluation.simulate_command import add_simulate
 from lidar_outlier_filter.evaluation.tune import add_tune
 from lidar_outlier_filter.terminal import (
@@ -212,6 +213,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_simulate,
     add_evaluate,
     add_tune,
+    add_results,
     add_demo,
     add_bench,
 )

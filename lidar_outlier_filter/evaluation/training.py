@@ -179,8 +179,8 @@ def from_recording(  # noqa: PLR0913  what the command line offers
     else:
         code = np.concatenate(labels) if labels else np.zeros(0, np.int64)
     t = np.concatenate([cloud.t for cloud in clouds]) if clouds else np.zeros(0, np.int64)
-    cut = _cut(t, stretches)
-    return _checked(clouds, code, codes, cut, stretches, streamed=True, refused=refused)
+    pieces = cut(t, stretches)
+    return _checked(clouds, code, codes, pieces, stretches, streamed=True, refused=refused)
 
 
 def _read(
@@ -311,12 +311,12 @@ def from_file(  # noqa: PLR0913  what the command line offers
             raise RecordingError(f'the labels in {labels}', f'for {len(valid)} points', len(code))
         code = code[valid]
     longest = int(np.argmax(np.ptp(cloud.xyz, axis=0))) if len(cloud) else 0
-    cut = _cut(cloud.xyz[:, longest], stretches)
-    return _checked([cloud], code, codes, cut, stretches, streamed=False)
+    pieces = cut(cloud.xyz[:, longest], stretches)
+    return _checked([cloud], code, codes, pieces, stretches, streamed=False)
 
 
-def _cut(values: NDArray[Any], stretches: int) -> Integers:
-    """Cut points into stretches of equal numbers, by their values in ascending order."""
+def cut(values: NDArray[Any], stretches: int) -> Integers:
+    """Cut points into stretches of equal numbers, by their values (N,) in ascending order."""
     rank = np.empty(len(values), np.int64)
     rank[np.argsort(values, kind='stable')] = np.arange(len(values))
     return rank * stretches // max(len(values), 1)

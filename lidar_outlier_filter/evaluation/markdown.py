@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables for a page that people write in as well: what is generated stands between markers."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+NOTHING = '–'
+COMMAND = 'lidar-outlier-filter results'
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Lay out a table whose first column is a text and all others are numbers."""
+    aligned = ['---', *('---:' for _ in head[1:])]
+    return '\n'.join('| ' + ' | '.join(row) + ' |' for row in (head, aligned, *rows))
+
+
+def paragraphs(*parts: str) -> str:
+    """Put parts below each other, an empty line between; empty parts are left out."""
+    return '\n\n'.join(part for part in parts if part)
+
+
+def folded(title: str, text: str) -> str:
+    """Hide a long text behind its title."""
+    return f'<details><summary>{title}</summary>\n\n{text}\n\n</details>'
+
+
+def number(value: float, decimals: int = 3) -> str:
+    """Write a number; a dash for what is none."""
+    return NOTHING if math.isnan(value) else f'{value:.{decimals}f}'
+
+
+def image(name: str, text: str) -> str:
+    """Show a picture of the folder ``images`` beside the page."""
+    return f'![{text}](images/{name})'
+
+
+def begin_of(section: str) -> str:
+    """Return the marker above a section."""
+    return f'<!-- begin {section}: written by `{COMMAND}`, do not edit -->'
+
+
+def end_of(section: str) -> str:
+    """Return the marker below a section."""
+    return f'<!-- end {section} -->'
+
+
+def put(page: str, section: str, text: str) -> str:
+    """Return a page with the text of one section replaced; what is new stands at its end.
+
+    Raises
+    ------
+    RecordingError
+        If only one of the section's two markers is there, or they are in the wrong order.
+
+    """
+    begin, end = begin_of(section), end_of(section)
+    block = f'{begin}\n\n{text.strip()}\n\n{end}\n'
+    first, last = page.find(begin), page.find(end)
+    if first == last == -1:
+        return f'{page.rstrip()}\n\n{block}' if page.strip() else block
+    if not -1 < first < last:
+        must_be = f'both, or neither, and in this order: {begin} {end}'
+        raise RecordingError(f'the markers of {section}', must_be, 'others')
+    return page[:first] + block + page[last + len(end) :].removeprefix('\n')
+
+
+def write(path: Path, section: str, text: str, pictures: Iterable[Path] = ()) -> None:
+    """Put a section into a page, and its pictures into ``images`` beside it; make what is missing.
+
+    Raises
+    ------
+    RecordingError
+        If the page cannot be read or written, or its markers are broken.
+
+    """
+    try:
+        page = path.read_text(encoding='utf-8') if path.exists() else ''
+        page = put(page, section, text)
+        images = path.parent / 'images'
+        images.mkdir(parents=True, exist_ok=True)
+        for picture in pictures:
+            _place(picture.read_bytes(), images / picture.name)
+        _place(page.encode(), path)
+    except (OSError, UnicodeDecodeError) as err:
+        raise RecordingError(f'the page {path}', 'readable and writable', err) from err
+
+
+def _place(data: bytes, path: Path) -> None:
+    """Write a file whole or not at all."""
+    with TemporaryDirectory(prefix=f'.{path.name}.partial-', dir=path.parent) as folder:
+        built = Path(folder, path.name)
+        built.write_bytes(data)
+        built.replace(path)

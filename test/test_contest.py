@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The contest: all get the same points, and are counted alike."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.evaluation import contest, contest_tables, papers
+from lidar_outlier_filter.evaluation.confusion import Confusion
+from lidar_outlier_filter.evaluation.contest import Record, Standing, compete, score, standings
+from lidar_outlier_filter.evaluation.contest_section import entries, written
+from lidar_outlier_filter.evaluation.contest_tables import Target
+from lidar_outlier_filter.evaluation.contestants import (
+    DEFAULT,
+    FORM_A,
+    KANG_60,
+    OURS,
+    Ours,
+    Peer,
+    Told,
+    peers,
+)
+from lidar_outlier_filter.evaluation.samples import simulated
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.evaluation.samples import Sample
+
+
+def record(name: str, counts: tuple[int, int, int, int], seed: int = 1, **more: str) -> Record:
+    """Make a record of two stretches, all in the first."""
+    both = np.array([counts, (0, 0, 0, 0)])
+    return Record(more.get('sample', 'leslar-b'), name, seed, both, 0.5, 1.0)
+
+
+def test_all_is_counted() -> None:
+    """A record holds what the contestant said of the sample."""
+    (sample,) = simulated('sotoodeh-hod', 3)
+    height = Peer('by height', lambda xyz: Told(xyz[:, 2] > 1.0, xyz[:, 2]))
+    blind = Peer('blind', lambda xyz: Told(np.zeros(len(xyz), np.bool_), None))
+    one, other = score(height, sample), score(blind, sample)
+    high = sample.clouds[0][:, 2] > 1.0
+    found = np.count_nonzero(high & sample.data.bad)
+    whole = Confusion(*one.counts.sum(axis=0).tolist())
+    assert (one.sample, one.contestant, one.seed) == ('sotoodeh-hod', 'by height', 3)
+    assert whole.found == found
+    assert whole.lost == np.count_nonzero(high) - found
+    assert whole.total == len(sample.data)
+    assert len(one.counts) == sample.data.stretches
+    assert 0 < one.auc < 1
+    assert math.isnan(other.auc)
+
+
+def test_each_sample_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A preset and seed are simulated once for all, and only those compete whom it suits."""
+    made: list[tuple[str, int]] = []
+
+    def make(preset: str, seed: int, progress: object) -> list[Sample]:
+        made.append((preset, seed))
+        assert callable(progress)
+        progress(0.5)
+        return simulated('sotoodeh-hod', seed)
+
+    monkeypatch.setattr(contest, 'simulated', make)
+    told: list[tuple[int, int, str]] = []
+    everybody = [Ours('smoother', {'chain': ['alpha_beta_gamma']}), Ours('sor', {'chain': ['sor']})]
+    records = compete(
+        [('sotoodeh-hod', 1, everybody), ('sotoodeh-hod', 2, everybody)],
+        lambda *what: told.append(what),
+    )
+    assert made == [('sotoodeh-hod', 1), ('sotoodeh-hod', 2)]
+    assert [(one.contestant, one.seed) for one in records] == [('sor', 1), ('sor', 2)]
+    assert all(done <= total for done, total, _ in told)
+
+
+def test_standings() -> None:
+    """Seeds are added up; the interval is that of seeds, and of one seed that of its stretches."""
+    found = standings([record('x', (8, 2, 0, 90), 1), record('x', (10, 0, 5, 85), 2)])
+    standing = found['leslar-b']['x']
+    assert standing.whole == Confusion(18, 2, 5, 175)
+    assert standing.worst == pytest.approx(20 / 25)
+    low, high = standing.interval()
+    assert low == pytest.approx(20 / 25)
+    assert high == pytest.approx(16 / 18)
+    assert Standing((record('x', (0, 10, 0, 90)),)).worst == 0.0
+
+
+def test_who_judges_what() -> None:
+    """Everybody the first seeds; the default and the peers all, where there is a target."""
+    listed = entries(['leslar-c', 'street-16'], [5, 6, 7], 2)
+    assert [entry[:2] for entry in listed] == [
+        ('leslar-c', 5),
+        ('leslar-c', 6),
+        ('leslar-c', 7),
+        ('street-16', 5),
+        ('street-16', 6),
+    ]
+    names = [{one.name for one in entry[2]} for entry in listed]
+    others = {one.name for one in peers()}
+    assert names[0] == names[1] == names[3] == {one.name for one in OURS} | others
+    assert names[2] == {DEFAULT} | others
+
+
+def test_like_is_compared_with_like() -> None:
+    """The default is shown on all seeds; beside others on those only that they have judged too."""
+    records = [record(DEFAULT, (10, 0, 0, 90), 5), record('`sor`', (9, 1, 0, 90), 5)]
+    records.append(record(DEFAULT, (0, 10, 0, 90), 6))
+    texts = written(records, [5, 6], 1)
+    assert '| default | 0.667 |' in texts['default']
+    assert '| default | **1.000** |' in texts['contest']
+    assert '| `sor` | 0.947 |' in texts['contest']
+    assert "## The papers' tables" in texts['papers']
+
+
+def test_targets() -> None:
+    """A target is met if all four figures are; the table says so."""
+    target = Target('', 0.9, 0.01)
+    assert target.met(Standing((record('x', (90, 10, 10, 990)),)))
+    assert not target.met(Standing((record('x', (89, 11, 0, 1000)),)))
+    assert not target.met(Standing((record('x', (90, 10, 11, 989)),)))
+    good = contest_tables.targets(standings([record('x', (100, 0, 0, 900))]), 'x')
+    bad = contest_tables.targets(standings([record('x', (50, 50, 0, 900))]), 'x')
+    assert good.endswith('| yes |')
+    assert bad.endswith('| **no** |')
+    assert contest_tables.targets({}, 'x') == ''
+
+
+def test_tables() -> None:
+    """What did not compete is a dash; nothing rejected is an F1 of 0, and no AUC a dash."""
+    blind = record('x', (0, 10, 0, 90))
+    other = Record('kang-urban', 'y', 1, np.array([[10, 0, 0, 90]]), math.nan, 1.0)
+    found = standings([blind, other])
+    text = contest_tables.overview(found, ['y', 'x', 'z'])
+    assert '| x | **0.000** | – |' in text
+    assert '| y | – | **1.000** |' in text
+    assert '| z |' not in text
+    assert '| x | 0.500 | – |' in text
+    assert text.count('| y |') == 1
+    assert '| y | 1 | 100.00 % | 100.00 % | 1.000 | – | 0.00 % | – | 1.0 |' in (
+        contest_tables.details(found, ['y'])
+    )
+
+
+def test_where_others_are_better() -> None:
+    """It is said where another leads, and where not even the best of ours keeps up."""
+    records = [
+        record(DEFAULT, (5, 5, 0, 90)),
+        record('chain', (8, 2, 0, 90)),
+        record('peer', (9, 1, 0, 90)),
+    ]
+    found = standings(records)
+    worse = contest_tables.worse(found, DEFAULT, ['peer'])
+    assert worse == '* leslar-b: default 0.667; peer 0.947'
+    beaten = contest_tables.beaten(found, ['peer'])
+    assert beaten == '* leslar-b: peer 0.947; ours at most 0.889'
+    found = standings(records[:2])
+    assert contest_tables.worse(found, DEFAULT, []) == 'Nowhere in this run.'
+    assert contest_tables.beaten(found, ['peer']) == 'Nowhere in this run.'
+
+
+def test_parts() -> None:
+    """Ablations stand beside the whole on the presets with targets."""
+    found = standings([record(DEFAULT, (9, 1, 0, 90)), record('part', (8, 2, 9, 81))])
+    text = contest_tables.parts(found, [DEFAULT, 'part', 'none'])
+    assert '| default | 0.947 | 0.00 % |' in text
+    assert '| part | 0.593 | 10.00 % |' in text
+    assert '| none | – | – |' in text
+
+
+def test_leslar() -> None:
+    """The paper's percentages come out of its counts; ours are per cloud."""
+    counts = (100, 50, 8, 1000)
+    found = standings([record(FORM_A, counts, seed) for seed in (1, 2)])
+    text = papers.leslar(found)
+    paper, ours = (line for line in text.splitlines() if line.endswith('|') and '(a) |' in line)
+    assert paper.split(' | ')[1:] == [
+        *('30.94 %', '7,621', '0.0050 %'),
+        *('33.37 %', '581', '0.0091 %'),
+        *('12.90 %', '27', '0.0013 % |'),
+    ]
+    assert ours.split(' | ')[1:] == [*['–'] * 3, '66.67 %', '50', '0.69 %', '–', '–', '– |']
+    assert '| 47.31 % | 5,060 | 1.40 % |' in text
+    assert text.endswith(
+        'Where ours is worse than the paper:\n\n* Leslar 2010 (a): is wrong more often on B'
+    )
+
+
+def test_the_other_papers() -> None:
+    """Sotoodeh's errors are those he prints; Kang's shares stand beside ours, if there are any."""
+    text = papers.sotoodeh({}, range(1))
+    assert '| paper | 6.95 % | 1.09 % | 3.69 % |' in text
+    assert 'ours, kang-urban' not in text
+    assert papers.kang({}) == ''
+    records = [
+        record(name, (3, 1, 16, 980), sample='kang-urban') for name in ('`elevation`', KANG_60)
+    ]
+    text = papers.kang(standings(records))
+    assert '| kang-urban | 0.047 % | 0.051 % | 1.90 % | 1.90 % | 0.40 % | 75.00 % |' in text

@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Who is compared: each judges what it can, and peers what they would judge by themselves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.evaluation import contestants
+from lidar_outlier_filter.evaluation.contestants import (
+    DEFAULT,
+    OURS,
+    Ours,
+    Peer,
+    Told,
+    ablations,
+    missing,
+    peers,
+)
+from lidar_outlier_filter.evaluation.samples import Sample
+from lidar_outlier_filter.evaluation.training import Training
+from lidar_outlier_filter.parameters import FilterParameters
+
+if TYPE_CHECKING:
+    import pytest
+
+
+def sample(count: int = 300, *, sweeps: int = 1, timed: bool = True, own: bool = False) -> Sample:
+    """Make a bumpy plane with a few points above it, in so many sweeps."""
+    dice = np.random.default_rng(1)
+    xyz = dice.uniform(0.0, 5.0, (count, 3)) * (1, 1, 0.01)
+    bad = np.arange(count) % 50 == 0
+    xyz[bad, 2] += 3.0
+    t = np.arange(count) * 1000 * timed
+    line, valid = np.zeros(count, np.int64), np.ones(count, np.bool_)
+    whole = Points(xyz, t, line, valid)
+    clouds = tuple(whole.take(part) for part in np.array_split(np.arange(count), sweeps))
+    stretch = np.arange(count) * 20 // count
+    data = Training(clouds, bad, ~bad, stretch, 20, streamed=sweeps > 1)
+    return Sample('plane', 3, data, bad.astype(np.int64), timed, own)
+
+
+def test_the_first_is_the_default() -> None:
+    """The default chain is the parameters as they are, and all names differ."""
+    assert OURS[0] == Ours(DEFAULT)
+    assert OURS[0].parameters == FilterParameters()
+    names = [one.name for one in OURS] + [one.name for one in peers()]
+    assert len(set(names)) == len(names)
+
+
+def test_who_suits_what() -> None:
+    """No smoother without lines, no limit by range without an origin, none on another's preset."""
+    assert Ours('', {'chain': ['alpha_beta_gamma']}).suits(sample())
+    assert not Ours('', {'chain': ['alpha_beta_gamma']}).suits(sample(timed=False))
+    assert not Ours('', {'chain': ['sor']}, needs_origin=True).suits(sample())
+    assert Ours('', {'chain': ['sor']}, needs_origin=True).suits(sample(own=True))
+    assert Ours('', {'chain': ['sor']}, only=('plane',)).suits(sample())
+    assert not Ours('', {'chain': ['sor']}, only=('street',)).suits(sample())
+    assert Peer('', lambda xyz: Told(xyz[:, 0] > 0, None), 300).suits(sample())
+    assert not Peer('', lambda xyz: Told(xyz[:, 0] > 0, None), 299).suits(sample())
+    assert Peer('', lambda xyz: Told(xyz[:, 0] > 0, None), 299).suits(sample(sweeps=2, own=True))
+
+
+def test_peers_see_sweeps_one_by_one() -> None:
+    """In the sensor's frame a peer gets each sweep; in the map's, all together."""
+    seen: list[int] = []
+
+    def judge(xyz: np.ndarray) -> Told:
+        seen.append(len(xyz))
+        return Told(np.zeros(len(xyz), np.bool_), xyz[:, 2])
+
+    told = Peer('', judge).judge(sample(sweeps=3, own=True))
+    assert seen == [100, 100, 100]
+    assert told.score is not None
+    assert len(told.score) == len(told.rejected) == 300
+    Peer('', judge).judge(sample(sweeps=3))
+    assert seen[3:] == [300]
+
+
+def test_scikit_learn_agrees() -> None:
+    """On a whole cloud its LOF is ours."""
+    (peer,) = (one for one in peers() if 'scikit-learn' in one.name)
+    theirs = peer.judge(sample(timed=False))
+    ours = Ours('', {'chain': ['lof']}).judge(sample(timed=False))
+    np.testing.assert_array_equal(theirs.rejected, ours.rejected)
+    assert theirs.score is not None
+    assert ours.score is not None
+    np.testing.assert_allclose(theirs.score / contestants.FACTOR, ours.score, rtol=1e-5)
+    assert theirs.rejected.any()
+
+
+def test_open3d_says_what_it_keeps() -> None:
+    """Its indices of kept points become what is rejected."""
+    told = contestants._without(4, [0, 2])
+    np.testing.assert_array_equal(told.rejected, [False, True, False, True])
+    assert told.score is None
+
+
+def test_what_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Peers that are not there are named, and do not compete."""
+    monkeypatch.setattr(contestants, 'find_spec', lambda _: None)
+    assert peers() == ()
+    assert missing() == ['Open3D', 'scikit-learn']
+
+
+def test_ablations() -> None:
+    """Of several detectors each is taken away in turn; one alone has no parts."""
+    parts = ablations({'chain': ['lof', 'sor'], 'lof.min_pts': 7})
+    assert [one.name for one in parts] == ['without `lof`', 'without `sor`']
+    assert [one.parameters.chain for one in parts] == [('sor',), ('lof',)]
+    assert parts[1].parameters.lof.min_pts == 7
+    assert ablations({'chain': ['lof']}) == []

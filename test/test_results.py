@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The sections of the results: neighbours, run time, real clouds, and the command itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.cli import main
+from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.evaluation import growth, neighbour_curves, real_clouds
+from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.evaluation.samples import simulated
+from lidar_outlier_filter.parameters import FilterParameters
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def quiet(_done: int, _total: int, _what: str) -> None:
+    """Show no progress."""
+
+
+def test_statistics() -> None:
+    """SOR is the mean distance; SOR2 and LOF2 are distances from the median."""
+    xyz = np.random.default_rng(1).normal(size=(60, 3))
+    found = neighbour_curves.statistics(Neighbourhood(xyz, 9), 4)
+    apart = np.sort(np.linalg.norm(xyz[:, None] - xyz, axis=2), axis=1)
+    np.testing.assert_allclose(found['SOR'], apart[:, 1:5].mean(axis=1))
+    for name in ('SOR', 'LOF'):
+        middle = np.median(found[name])
+        np.testing.assert_array_equal(found[f'{name}2'], np.abs(found[name] - middle))
+
+
+def test_neighbours_of_a_sample(tmp_path: Path) -> None:
+    """Areas are those of the scores, the best is the largest, and both pictures are drawn."""
+    (sample,) = simulated('sotoodeh-hod', 1)
+    found = neighbour_curves.family(sample, (3, 10, 30), quiet)
+    near = Neighbourhood(sample.clouds[0], 30)
+    for k, area in zip((3, 10, 30), found.auc['SOR'], strict=True):
+        values = neighbour_curves.statistics(near, k)['SOR']
+        assert area == curve(sample.data.bad, values).auc
+    for name, areas in found.auc.items():
+        assert areas[(3, 10, 30).index(found.best[name])] == max(areas)
+    assert list(found.curves) == [f'{name}, k = 10' for name in neighbour_curves.STATISTICS]
+    assert set(found.causes['LOF']) == {'single', 'cluster'}
+    for picture in neighbour_curves.draw(found, tmp_path):
+        assert (tmp_path / picture).read_bytes().startswith(b'\x89PNG')
+
+
+def test_growth() -> None:
+    """Every detector is timed on every size."""
+    count = 400
+    xyz = np.random.default_rng(1).normal(size=(count, 3))
+    points = Points(xyz, np.arange(count), np.zeros(count, np.int64), np.ones(count, np.bool_))
+    seconds = growth.growth(points, [200, 400], ['sor', 'elevation'], quiet)
+    assert {name: len(times) for name, times in seconds.items()} == {'sor': 2, 'elevation': 2}
+    assert np.isfinite(list(seconds.values())).all()
+
+
+@pytest.mark.parametrize('power', [1.0, 1.5])
+def test_the_exponent(power: float) -> None:
+    """It is that of the power law."""
+    sizes = [100, 200, 400]
+    assert growth.exponent(sizes, [3e-6 * size**power for size in sizes]) == pytest.approx(power)
+
+
+def test_labelled_clouds(recordings: Path) -> None:
+    """Artefacts are found by their class; a cloud without them is none."""
+    sample = real_clouds.labelled(recordings / 'clouds' / 'sample_lareunion_epsg2975.laz')
+    assert sample is not None
+    assert np.count_nonzero(sample.data.bad) == 3
+    assert len(sample.data) == 59_712
+    assert real_clouds.labelled(recordings / 'clouds' / 'plane.laz') is None
+
+
+def test_clean_recordings(recordings: Path) -> None:
+    """All points of all clouds are judged, none is bad."""
+    data = real_clouds.recorded(recordings / 'bags' / 'vlp16_mrpt_mcap', {})
+    assert len(data) == 73_486
+    assert not data.bad.any()
+    rejected = data.judge(FilterParameters()).rejected
+    assert 0 < rejected.mean() < 0.02
+
+
+def test_without_real_clouds(tmp_path: Path) -> None:
+    """A sentence says so."""
+    assert 'There was no folder' in real_clouds.section(tmp_path / 'none', quiet)
+    text = real_clouds.section(tmp_path, quiet)
+    assert 'No cloud in `clouds` has points of the classes' in text
+    assert 'None of the clean recordings could be reached.' in text
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is written by hand stays; each part has its markers; a second run gives the same."""
+    page = tmp_path / 'page.md'
+    page.write_text('# By hand\n')
+    command = ['results', '--output', str(page), '--quick', '--presets', 'sotoodeh-hod']
+    command += ['--data', str(tmp_path / 'none'), '--sections', 'contest', 'neighbours', 'real']
+    assert main(command) == 0
+    text = page.read_text()
+    assert text.startswith('# By hand\n\n<!-- begin default')
+    for part in ('default', 'contest', 'papers', 'neighbours', 'real'):
+        assert f'<!-- end {part} -->' in text
+    assert '| `hierarchical` |' in text
+    assert 'contest written to' in capsys.readouterr().out
+    assert main([*command, '--sections', 'real']) == 0
+    assert page.read_text() == text
+
+
+def test_what_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No preset of that name; nobody to judge."""
+    page = str(tmp_path / 'page.md')
+    with pytest.raises(SystemExit):
+        main(['results', '--output', page, '--presets', 'nowhere'])
+    assert main(['results', '--output', page, '--full', '0']) == 1
+    assert '--full must be at least 1, got 0' in capsys.readouterr().err
