@@ -158,7 +158,7 @@ class Program:
 def publisher(
     recording: Path | str, topic: str, env: Mapping[str, str], qos: str = 'reliable'
 ) -> Program:
-    """Start the program that publishes, when somebody listens and it is told to go.
+    """Start the program that publishes, when somebody listens, as often as it is told to go.
 
     It says 'published', if reliable when all has arrived.
     """
@@ -218,12 +218,11 @@ def _publish(qos: QoSProfile, recordings: str, topic: str) -> None:
         events = PublisherEventCallbacks(matched=lambda _: somebody.set_result(None))
         publisher = node.create_publisher(PointCloud2, topic, qos, event_callbacks=events)
         executor.spin_until_future_complete(somebody)
-        sys.stdin.readline()
-        for message in messages:
-            publisher.publish(message)
-        arrived = publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
-        _tell('published' if arrived else 'lost', time.monotonic())
-        sys.stdin.read()
+        for _ in sys.stdin:
+            for message in messages:
+                publisher.publish(message)
+            arrived = publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
+            _tell('published' if arrived else 'lost', time.monotonic())
 
 
 def _collect(qos: QoSProfile, folder: Path, topics: list[str]) -> None:
