@@ -201,6 +201,66 @@ class Elevation:
 
 
 @dataclass(frozen=True)
+class Evidence:
+    """Witnesses, weighed."""
+
+    sensor: str = declare(
+        'auto',
+        'Whose weights count, evidence_profile or evidence_spinning; auto: spinning where lines '
+        'are measured at the same time.',
+        choices=('auto', 'profile', 'spinning'),
+    )
+
+
+def _weight(default: float, text: str) -> Any:
+    return declare(default, text, '', 0.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What the word of each witness weighs, for a profile scanner."""
+
+    threshold: float = declare(18.0, 'Rejected above this weighted sum.', '', 1e-6, 1e6)
+    passes: int = declare(
+        2, 'How often the witnesses are heard, each time without the rejected.', '', 1, 10
+    )
+    spacing: float = _weight(2.97, 'Distance to 3 neighbours against what the sensor leads to.')
+    step: float = _weight(1.87, 'Distance along the line against the usual.')
+    lonely: float = _weight(2.65, 'Distance to 5 neighbours against the usual.')
+    amid: float = _weight(6.0, 'Density at the neighbours against that around: not at an edge.')
+    along: float = _weight(2.85, 'Difference from the line against the median.')
+    surface: float = _weight(2.53, 'Distance from the surface against its spread.')
+    apart: float = _weight(0.74, 'Few neighbours at the own height above the surface.')
+    alone: float = _weight(1.39, 'Few neighbours of other lines.')
+    slanted: bool = declare(
+        default=True,
+        text='Reject straight, slanted groups that touch nothing, too: arms of barriers.',
+    )
+
+
+@dataclass(frozen=True)
+class SpinningWeights(Weights):
+    """The same for a spinning sensor."""
+
+    threshold: float = declare(10.2, 'Rejected above this weighted sum.', '', 1e-6, 1e6)
+    passes: int = declare(
+        1, 'How often the witnesses are heard, each time without the rejected.', '', 1, 10
+    )
+    spacing: float = _weight(2.4, 'Distance to 3 neighbours against a part of the range.')
+    step: float = _weight(1.41, 'Distance along the line against the usual.')
+    lonely: float = _weight(0.82, 'Distance to 5 neighbours against the usual.')
+    amid: float = _weight(1.07, 'Density at the neighbours against that around: not at an edge.')
+    along: float = _weight(0.2, 'Difference from the line against the median.')
+    surface: float = _weight(0.26, 'Distance from the surface against its spread.')
+    apart: float = _weight(0.39, 'Few neighbours at the own height above the surface.')
+    alone: float = _weight(0.06, 'Few neighbours of other lines.')
+    slanted: bool = declare(
+        default=False,
+        text='Reject straight, slanted groups that touch nothing, too: arms of barriers.',
+    )
+
+
+@dataclass(frozen=True)
 class FilterParameters:
     """All parameters of the filter; make a changed copy with :meth:`changed`."""
 
@@ -212,7 +272,15 @@ class FilterParameters:
     chain: tuple[str, ...] = declare(
         ('alpha_beta_gamma',),
         'Detectors, in their order.',
-        choices=('alpha_beta_gamma', 'quadric', 'lof', 'sor', 'hierarchical', 'elevation'),
+        choices=(
+            'alpha_beta_gamma',
+            'quadric',
+            'lof',
+            'sor',
+            'hierarchical',
+            'elevation',
+            'evidence',
+        ),
     )
     vote: int = declare(
         0,
@@ -339,6 +407,9 @@ class FilterParameters:
     sor: Sor = Sor()
     hierarchical: Hierarchical = Hierarchical()
     elevation: Elevation = Elevation()
+    evidence: Evidence = Evidence()
+    evidence_profile: Weights = Weights()
+    evidence_spinning: SpinningWeights = SpinningWeights()
     motion: Motion = Motion()  # noqa: RUF009  frozen
     load: Load = Load()  # noqa: RUF009  frozen
     health: Health = Health()  # noqa: RUF009  frozen

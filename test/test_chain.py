@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.verdict import ALL, BITS, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters import FilterParameters
 
-SPATIAL = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation')
+SPATIAL = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation', 'evidence')
 EVERY = ('alpha_beta_gamma', *SPATIAL)
 QUICK = ('alpha_beta_gamma', *SPATIAL[1:])  # without quadric, whose kernels compile for a minute
 
@@ -136,7 +136,7 @@ def test_any_number_of_threads(chain: tuple[str, ...]) -> None:
 
 def test_bits_are_all_different() -> None:
     """A recorded number tells the detectors."""
-    assert [BITS[name] for name in EVERY] == [1, 2, 4, 8, 16, 32]
+    assert [BITS[name] for name in EVERY] == [1, 2, 4, 8, 16, 32, 64]
     assert ALL & SECOND_PHASE == 0
 
 

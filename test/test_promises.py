@@ -163,6 +163,8 @@ WAYS: dict[str, dict[str, object]] = {
     'chain': {'chain': ['alpha_beta_gamma', 'lof', 'sor']},
     'hierarchical': {'chain': ['hierarchical'], 'hierarchical.min_cluster': 10},
     'elevation': {'chain': ['elevation'], 'elevation.k': 10, 'elevation.multiplier': 1.5},
+    'evidence': {'chain': ['evidence'], 'evidence_profile.threshold': 12.0},
+    'evidence of a spinning sensor': {'chain': ['evidence'], 'evidence_spinning.threshold': 6.0},
     'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
 }
 LONG: dict[str, dict[str, object]] = {

@@ -13,6 +13,7 @@ from lidar_outlier_filter.core import scanlines
 from lidar_outlier_filter.core.detectors import (
     alpha_beta_gamma,
     elevation,
+    evidence,
     hierarchical,
     lof,
     quadric,
@@ -72,6 +73,7 @@ class Chain:
             'sor': _sor,
             'hierarchical': _hierarchical,
             'elevation': _elevation,
+            'evidence': _evidence,
         }
 
     def judge(self, points: Points) -> Verdict:
@@ -139,11 +141,16 @@ def _elevation(seen: _Seen, parameters: FilterParameters) -> _Told:
     return _Told(elevation.detect(seen.points.xyz, parameters.elevation, parameters.threads))
 
 
+def _evidence(seen: _Seen, parameters: FilterParameters) -> _Told:
+    return _Told(evidence.detect(seen.neighbourhood, seen.points, parameters))
+
+
 def _most_neighbours(parameters: FilterParameters) -> int:
     """Return the longest list of neighbours that a detector of the chain will ask for."""
     lengths = {
         'quadric': quadric.neighbours(parameters.quadric),
         'lof': lof.neighbours(parameters.lof),
         'sor': sor.neighbours(parameters.sor),
+        'evidence': evidence.neighbours(),
     }
     return max(lengths.get(name, 1) for name in parameters.chain)

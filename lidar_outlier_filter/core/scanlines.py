@@ -53,6 +53,13 @@ def order_by_line(points: Points) -> NDArray[np.int64]:
     return np.lexsort((t, line)).astype(np.int64)
 
 
+def inverse(order: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the place of each point in an order."""
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return place
+
+
 @kernel
 def is_unchanged(order: NDArray[np.int64]) -> bool:
     """Tell whether an order leaves everything where it is."""

@@ -22,6 +22,7 @@ BITS = {
     'sor': 8,
     'hierarchical': 16,
     'elevation': 32,
+    'evidence': 64,
 }
 ALL = sum(BITS.values())
 # Beside the bit of `hierarchical`: its second phase rejected the point, in the surroundings of its

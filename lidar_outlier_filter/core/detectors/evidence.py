@@ -1,0 +1,116 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Witnesses, weighed: what the scan line, the neighbours and their surface say of a point.
+
+Each witness is the logarithm of a ratio that is about 1 for a good point. It is silent up to a
+least value and says no more beyond a largest one, so that none condemns a point alone:
+
+    statistic = Σ weight · (min(max(log ratio, least), most) - least)
+
+With d3, d5 and d20 the mean distances to so many nearest neighbours, the ratios are
+
+``spacing``
+    d3 ÷ what the sensor leads one to expect. For a spinning sensor that is a part of the range, the
+    same for all points; for a profile scanner the step along the line or the distance to another
+    line, whichever is more, as is usual in this part of the line.
+``step``
+    Distance to the nearer neighbour in the line ÷ what is usual in this part of it.
+``lonely``
+    d5 ÷ what is usual in this part of the line.
+``amid``
+    Median d5 of the 20 neighbours ÷ d20: small at the end or the edge of something, where even good
+    points are lonely.
+``along``
+    Difference from the best of three predictions along the line ÷ the median difference.
+``surface``
+    Distance from the surface of the 20 neighbours ÷ half their standard deviation from it, or ÷ the
+    median one of all points, whichever is less.
+``apart``
+    21 ÷ (1 + how many of the 20 neighbours are at the point's own height above that surface).
+``alone``
+    9 ÷ (1 + how many of the 8 nearest neighbours are of other lines).
+
+"Usual" is the median of the points up to ten places away in the line. A profile scanner and a
+spinning sensor have weights of their own, those of a logistic regression on simulated drives.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence_groups import straightness
+from lidar_outlier_filter.core.detectors.evidence_surface import K
+from lidar_outlier_filter.core.detectors.evidence_witnesses import (
+    WITNESSES,
+    hear,
+    hear_again,
+    is_interleaved,
+    see,
+    weigh,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.neighbours import Neighbourhood
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.parameters import FilterParameters, Weights
+
+    Floats = NDArray[np.float64]
+
+
+def neighbours() -> int:
+    """Return the length of the lists of neighbours that :func:`detect` asks for."""
+    return K
+
+
+def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParameters) -> Floats:
+    """Score every point by the weighted sum of what the witnesses say.
+
+    Each further pass hears them again, of the points that lost neighbours, without the points that
+    the earlier ones rejected. Groups are looked for among what is left at last.
+
+    Parameters
+    ----------
+    neighbourhood : of the N points
+    points : the same, in the order in which they were given
+    parameters : ``evidence``, the weights of either sensor, ``gap_factor``
+
+    Returns
+    -------
+    (N,) float64
+        In that order, statistic ÷ threshold; NaN for points that have fewer than 20 others.
+
+    """
+    score = np.full(len(points), np.nan)
+    if len(points) <= K:
+        return score
+    scan = see(neighbourhood, points, parameters.gap_factor)
+    sensor = parameters.evidence.sensor
+    spinning = is_interleaved(scan) if sensor == 'auto' else sensor == 'spinning'
+    weights = parameters.evidence_spinning if spinning else parameters.evidence_profile
+    told = hear(scan, spinning=spinning)
+    statistic = weigh(told.words, _weights(weights)) / weights.threshold
+    where = np.arange(len(points))
+    for _ in range(weights.passes - 1):
+        rejected = statistic > 1
+        if not rejected.any() or np.count_nonzero(~rejected) <= K:
+            break
+        score[where[scan.neighbourhood.order]] = statistic
+        as_given = score[where] > 1
+        nearest = scan.neighbourhood.nearest(K).index
+        where, points = where[~as_given], points.take(~as_given)
+        scan = see(scan.neighbourhood.without(as_given), points, parameters.gap_factor)
+        told = hear_again(scan, told, nearest, rejected)
+        again = weigh(told.words, _weights(weights)) / weights.threshold
+        statistic = np.where(told.wanted, again, statistic[~rejected])
+    if weights.slanted:
+        statistic = np.fmax(statistic, straightness(scan, told.usual.spacing))
+    score[where[scan.neighbourhood.order]] = statistic
+    return score
+
+
+def _weights(weights: Weights) -> Floats:
+    return np.array([getattr(weights, name) for name in WITNESSES])

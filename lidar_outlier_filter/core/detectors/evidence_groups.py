@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Groups of points that float free of everything else, thin, straight and slanted.
+
+A profile scanner sees what moves while it passes, such as the arm of a barrier, as a slanted line
+in the air: no less dense than what is around, but joined to nothing. What stands or is laid is
+vertical or level. z must be up.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence_surface import K
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.scanlines import inverse
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.detectors.evidence_witnesses import Scan
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+
+JOINED = 12  # nearest neighbours of which a point may be joined to any
+REACH = 4.0  # expected spacings up to which points are joined
+SMALLEST, LARGEST = 24, 3000  # points of a group
+NARROW = 0.12  # standard deviation across, of that along: thinner groups are straight
+LONGEST = 8.0  # metres
+LEVEL, STEEP = 0.15, 0.85  # sines of the slope: between them a group is slanted
+FEW_LINES = 3
+ACROSS = 0.3  # of the length, from line to line: what every line sees is a part of something else
+UNIFORM = np.sqrt(12.0)  # length of an even row ÷ its standard deviation
+
+
+def straightness(scan: Scan, spacing: Floats) -> Floats:
+    """Tell of each point in a slanted group how straight that is.
+
+    Parameters
+    ----------
+    scan : of more than 20 points
+    spacing : (N,) expected distance to near neighbours, in tree order, metres
+
+    Returns
+    -------
+    (N,) float64
+        In tree order, NARROW × length ÷ width of the group, more than 1 where it is straight; NaN
+        for points in none that is slanted and of the right size.
+
+    """
+    xyz, line = scan.neighbourhood.xyz, scan.ordered.line[scan.place]
+    nearest = scan.neighbourhood.nearest(K).index
+    after = scan.lines.after[scan.place]
+    after = np.where(after >= 0, inverse(scan.place)[after], -1)
+    root = _join(xyz, nearest[:, :JOINED], REACH * spacing, after)
+    _, group, count = np.unique(root, return_inverse=True, return_counts=True)
+    right = (count >= SMALLEST) & (count <= LARGEST)
+    result = np.full(len(count), np.nan)
+    members = np.flatnonzero(right[group])
+    members = members[np.argsort(group[members], kind='stable')]
+    ends = np.flatnonzero(np.diff(group[members], append=-1)) + 1
+    for begin, end in zip([0, *ends[:-1]], ends, strict=False):
+        some = members[begin:end]
+        result[group[some[0]]] = _straightness(xyz[some], line[some])
+    return result[group]
+
+
+def _straightness(xyz: Floats, line: Ints) -> float:
+    """Return how straight a group is, or NaN if it is not slanted, or too long."""
+    value, vector = np.linalg.eigh(np.cov(xyz.T, bias=True))
+    length, width = np.sqrt(max(value[2], 0.0)), np.sqrt(max(value[1], 0.0))
+    slanted = LEVEL < abs(vector[2, 2]) < STEEP
+    if not slanted or UNIFORM * length > LONGEST:
+        return np.nan
+    _, of_line, count = np.unique(line, return_inverse=True, return_counts=True)
+    along = (xyz - xyz.mean(axis=0)) @ vector[:, 2]
+    means = np.bincount(of_line, along) / count
+    if len(count) > FEW_LINES and means.std() < ACROSS * length:
+        return np.nan
+    return float(NARROW * length / max(width, 1e-9))
+
+
+@kernel
+def _join(xyz: Floats, nearest: NDArray[np.int32], reach: Floats, after: Ints) -> Ints:
+    """Join points with their neighbours, near ones and the next one in the line, within reach.
+
+    Returns a number for each group: that of its first point.
+    """
+    root = np.arange(len(xyz))
+    for i in range(len(xyz)):
+        for m in range(nearest.shape[1] + 1):
+            j = nearest[i, m] if m < nearest.shape[1] else after[i]
+            if j < 0:
+                continue
+            x, y, z = xyz[i, 0] - xyz[j, 0], xyz[i, 1] - xyz[j, 1], xyz[i, 2] - xyz[j, 2]
+            if x * x + y * y + z * z <= min(reach[i], reach[j]) ** 2:
+                a, b = _find(root, i), _find(root, j)
+                root[max(a, b)] = min(a, b)
+    for i in range(len(root)):
+        root[i] = _find(root, i)
+    return root
+
+
+@kernel
+def _find(root: Ints, i: int) -> int:
+    while root[i] != i:
+        root[i] = root[root[i]]
+        i = root[i]
+    return int(i)

@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the scan line of a point tells of it: steps, predictions, and what is usual around it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import kernel, median
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+
+WINDOW = 8  # points of the line on either side that tell what is usual
+
+
+@kernel
+def follow(
+    begin: int,
+    end: int,
+    xyz: Floats,
+    t: Ints,
+    before: Ints,
+    after: Ints,
+    step: Floats,
+    along: Floats,
+) -> None:
+    """Measure steps and predictions of a range of points, which are sorted by line and time.
+
+    Writes the distance to the nearer of the two neighbours in the segment; and the smallest of the
+    differences from three predictions, each divided by what the noise of its two points adds: from
+    the two in front, the two behind, and from one on either side. inf where there is none.
+    """
+    for i in range(begin, end):
+        a, b = before[i], after[i]
+        nearer = best = np.inf
+        if a >= 0:
+            nearer = _gap(xyz, i, a)
+            if before[a] >= 0:
+                best = _difference(xyz, t, i, a, before[a])
+        if b >= 0:
+            nearer = min(nearer, _gap(xyz, i, b))
+            if after[b] >= 0:
+                best = min(best, _difference(xyz, t, i, b, after[b]))
+        if a >= 0 and b >= 0:
+            best = min(best, _difference(xyz, t, i, a, b))
+        step[i], along[i] = nearer, best
+
+
+@kernel
+def _gap(xyz: Floats, i: int, j: int) -> float:
+    x, y, z = xyz[j, 0] - xyz[i, 0], xyz[j, 1] - xyz[i, 1], xyz[j, 2] - xyz[i, 2]
+    return float(np.sqrt((x * x + y * y) + z * z))
+
+
+@kernel
+def _difference(xyz: Floats, t: Ints, i: int, j: int, k: int) -> float:
+    """Measure how far a point is from the straight way through two others, at its own time."""
+    span = t[k] - t[j]
+    if span == 0:
+        return np.inf
+    part = (t[i] - t[j]) / span
+    total = 0.0
+    for axis in range(3):
+        first, second = xyz[j, axis] - xyz[i, axis], xyz[k, axis] - xyz[i, axis]
+        value = (1 - part) * first + part * second
+        total += value * value
+    return float(np.sqrt(total / (1 + (1 - part) ** 2 + part * part)))
+
+
+@kernel
+def usual(
+    begin: int,
+    end: int,
+    first: Ints,
+    values: Floats,
+    wanted: NDArray[np.bool_],
+    result: Floats,
+) -> None:
+    """Write the median of the others up to WINDOW places away in the line, for the wanted points.
+
+    ``first`` (L + 1,) tells where lines begin. Infinite values do not count; where there is no
+    other, the median is the point's own value.
+    """
+    near = np.empty(2 * WINDOW)
+    line = np.searchsorted(first, begin, side='right') - 1
+    for i in range(begin, end):
+        if not wanted[i]:
+            continue
+        while i >= first[line + 1]:
+            line += 1
+        count = 0
+        for j in range(max(first[line], i - WINDOW), min(first[line + 1], i + WINDOW + 1)):
+            near[count] = values[j]
+            count += j != i and values[j] < np.inf
+        result[i] = median(near, count) if count > 0 else values[i]

@@ -1,0 +1,272 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The witnesses of :mod:`.evidence`, and what they compare with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core import scanlines, threads
+from lidar_outlier_filter.core.detectors import evidence_lines, evidence_surface
+from lidar_outlier_filter.core.detectors.distances import CHUNK
+from lidar_outlier_filter.core.detectors.evidence_surface import NEAR, K, Surroundings
+from lidar_outlier_filter.core.kernels import kernel, median
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.neighbours import Neighbourhood
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.scanlines import Lines
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Bools = NDArray[np.bool_]
+
+WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'apart', 'alone')
+# Where witnesses begin to speak, and beyond what they say no more, as logarithms.
+LEAST = np.array([0.0, 0.0, 0.0, -1.2, 0.7, 0.7, 0.0, 0.0])
+MOST = np.array([3.0, 2.0, 1.2, 0.0, 2.8, 2.8, np.log(K + 1), np.log(NEAR + 1)])
+SIGMA_FLOOR = 0.002  # metres, of the median difference along the line and from the surface
+SPACING_FLOOR = 0.001  # metres
+FEW_SIGMA = 2.0  # from the surface: a point so near it is at the height of all its neighbours
+OF_ALL = 0.3  # part of the σ of all points that is added to that of the neighbours
+INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
+
+
+class Scan(NamedTuple):
+    """N points, their neighbours and their lines.
+
+    Attributes
+    ----------
+    neighbourhood : of them
+    ordered : sorted by line and time
+    lines : of the ordered
+    place : (N,) int64
+        Of each point in tree order, its place among the ordered.
+
+    """
+
+    neighbourhood: Neighbourhood
+    ordered: Points
+    lines: Lines
+    place: Ints
+
+
+class Usual(NamedTuple):
+    """What the witnesses compare with.
+
+    Attributes
+    ----------
+    spacing, step, some : (N,) float64
+        In tree order, metres: distance to near neighbours that the sensor leads to expect, step
+        along the line, mean distance to 5 neighbours.
+    part : spacing of a spinning sensor ÷ range
+    along, surface : standard deviations of all points, metres
+
+    """
+
+    spacing: Floats
+    step: Floats
+    some: Floats
+    part: float
+    along: float
+    surface: float
+
+
+class Testimony(NamedTuple):
+    """What is said of N points, in tree order.
+
+    Attributes
+    ----------
+    wanted : (N,) bool
+        Points that it was asked of.
+    words : (N, 8) float64
+        What each witness says of them, 0 to MOST - LEAST; nothing of others.
+    around : what was measured of the neighbours of all
+    usual : what the witnesses compare with
+
+    """
+
+    wanted: Bools
+    words: Floats
+    around: Surroundings
+    usual: Usual
+
+
+def see(neighbourhood: Neighbourhood, points: Points, gap_factor: float) -> Scan:
+    """Find the lines of points, which are those of the neighbourhood, in the order given."""
+    order = scanlines.order_by_line(points)
+    ordered = points.take(order)
+    lines = scanlines.find_lines(ordered, gap_factor)
+    return Scan(neighbourhood, ordered, lines, scanlines.inverse(order)[neighbourhood.order])
+
+
+def is_interleaved(scan: Scan) -> bool:
+    """Tell by the lines whether the sensor spins.
+
+    A profile scanner measures one line after the other; a spinning sensor, many at once.
+    """
+    t, first = scan.ordered.t, scan.lines.first
+    begins, ends = t[first[:-1]], t[first[1:] - 1]
+    return bool((ends - begins).sum() > INTERLEAVED * (ends.max() - begins.min()))
+
+
+def hear(scan: Scan, *, spinning: bool) -> Testimony:
+    """Hear what the witnesses say of all points.
+
+    Parameters
+    ----------
+    scan : of more than 20 points
+    spinning : whether spacing grows with the range, or is that of lines and steps
+
+    """
+    count = len(scan.place)
+    wanted, around = np.ones(count, np.bool_), evidence_surface.empty(count)
+    _measure(scan, wanted, around)
+    part = np.nan
+    if spinning:
+        parts = around.few / np.maximum(scan.ordered.range[scan.place], SPACING_FLOOR)
+        part = median(parts, count)
+    unknown = np.empty((3, count))
+    usual = Usual(unknown[0], unknown[1], unknown[2], part, np.nan, _typical(around.scale))
+    return _ask(scan, wanted, around, usual)
+
+
+def hear_again(
+    scan: Scan, before: Testimony, nearest: NDArray[np.int32], rejected: Bools
+) -> Testimony:
+    """Hear what the witnesses say of points that lost neighbours.
+
+    Standard deviations, and the part of the range, stay what they were.
+
+    Parameters
+    ----------
+    scan : of the points that are left, more than 20
+    before : what was said of all
+    nearest, rejected : the lists of neighbours of all, and which of these were rejected, (N,), in
+        their tree order
+
+    """
+    left = ~rejected
+    wanted = evidence_surface.has_lost(nearest, rejected)[left]
+    around = Surroundings(*(values[left] for values in before.around))
+    _measure(scan, wanted, around)
+    usual = before.usual
+    usual = usual._replace(
+        spacing=usual.spacing[left], step=usual.step[left], some=usual.some[left]
+    )
+    return _ask(scan, wanted, around, usual)
+
+
+def weigh(words: Floats, weights: Floats) -> Floats:
+    """Sum up what the witnesses say, each times its weight: (N,)."""
+    result = np.zeros(len(words))
+    for word, weight in zip(words.T, weights, strict=True):
+        result += weight * word
+    return result
+
+
+def _measure(scan: Scan, wanted: Bools, around: Surroundings) -> None:
+    hood = scan.neighbourhood
+    line = scan.ordered.line[scan.place]
+    _run(scan, evidence_surface.measure, hood.xyz, hood.nearest(K).index, line, wanted, around)
+
+
+def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> Testimony:
+    """Find out what is usual for the wanted points, and let the witnesses speak of them."""
+    place, lines, ordered = scan.place, scan.lines, scan.ordered
+    step, along = np.empty(len(place)), np.empty(len(place))
+    links = lines.before, lines.after
+    _run(scan, evidence_lines.follow, ordered.xyz, ordered.t, *links, step, along)
+    wanted_there = _put(wanted, place)
+
+    def compare(values: Floats, known: Floats) -> Floats:
+        result = _put(known, place)
+        _run(scan, evidence_lines.usual, lines.first, values, wanted_there, result)
+        return result[place]
+
+    steps = compare(step, usual.step)
+    if np.isnan(usual.part):
+        others = compare(_put(around.other, place), usual.spacing)
+        spacing = np.where(wanted, np.maximum(np.where(steps < np.inf, steps, 0.0), others), others)
+    else:
+        spacing = usual.part * ordered.range[place]
+    some = compare(_put(around.some, place), usual.some)
+    sigma = _typical(along[along < np.inf]) if np.isnan(usual.along) else usual.along
+    usual = Usual(
+        np.maximum(spacing, SPACING_FLOOR),
+        np.maximum(steps, SPACING_FLOOR),
+        np.maximum(some, SPACING_FLOOR),
+        usual.part,
+        sigma,
+        usual.surface,
+    )
+    words = np.zeros((len(place), len(WITNESSES)))
+    nearest = scan.neighbourhood.nearest(K).index
+    own = wanted, step[place], along[place]
+    _run(scan, _speak, nearest, around, *own, usual, LEAST, MOST, words)
+    return Testimony(wanted, words, around, usual)
+
+
+def _run(scan: Scan, work: Callable[..., None], *arguments: object) -> None:
+    threads.run(
+        lambda begin, end: work(begin, end, *arguments),
+        len(scan.place),
+        CHUNK,
+        scan.neighbourhood.threads,
+    )
+
+
+def _put(values: NDArray[Any], place: Ints) -> NDArray[Any]:
+    result = np.empty_like(values)
+    result[place] = values
+    return result
+
+
+def _typical(values: Floats) -> float:
+    """Return the median, but at least the floor."""
+    return max(SIGMA_FLOOR, median(values.copy(), len(values))) if len(values) else SIGMA_FLOOR
+
+
+@kernel
+def _speak(
+    begin: int,
+    end: int,
+    nearest: NDArray[np.int32],
+    around: Surroundings,
+    wanted: Bools,
+    step: Floats,
+    along: Floats,
+    usual: Usual,
+    least: Floats,
+    most: Floats,
+    words: Floats,
+) -> None:
+    """Write what the witnesses say of the wanted of a range of points."""
+    near, ratio = np.empty(K), np.empty(len(least))
+    for i in range(begin, end):
+        if not wanted[i]:
+            continue
+        for m in range(K):
+            near[m] = around.some[nearest[i, m]]
+        off = around.off[i]
+        own = around.scale[i] + OF_ALL * usual.surface
+        company = around.company[i] if off >= FEW_SIGMA * usual.surface else float(K)
+        ratio[0] = around.few[i] / usual.spacing[i]
+        # Where steps are lacking all around, that of a point tells nothing.
+        ratio[1] = step[i] / usual.step[i] if usual.step[i] < np.inf else 0.0
+        ratio[2] = around.some[i] / usual.some[i]
+        ratio[3] = median(near, K) / around.all[i]
+        ratio[4] = along[i] / usual.along
+        ratio[5] = min(off / usual.surface, 2 * off / own)
+        ratio[6] = (K + 1) / (company + 1)
+        ratio[7] = (NEAR + 1) / (around.others[i] + 1)
+        for w in range(len(least)):
+            # A comparison with NaN, 0 ÷ 0 where all points coincide, is false: it says nothing.
+            word = np.log(ratio[w]) if ratio[w] > 0 else -np.inf
+            words[i, w] = min(max(word, least[w]), most[w]) - least[w]

@@ -1,0 +1,191 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The weighed witnesses are their naive twin, and do what they say."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from naive import evidence as naive
+from numpy.testing import assert_allclose, assert_array_equal
+
+from lidar_outlier_filter.core.detectors import evidence
+from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.parameters import FilterParameters
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Bools = NDArray[np.bool_]
+
+
+def points_of(xyz: Floats, t: Any, line: Any) -> Points:
+    """Make points."""
+    return Points(xyz, t.astype(np.int64), line.astype(np.int64), np.ones(len(xyz), np.bool_))
+
+
+def detect(points: Points, threads: int = 0, **changed: Any) -> Floats:
+    """Score a cloud; parameters by their flat names, with __ for the dot."""
+    values = {name.replace('__', '.'): value for name, value in changed.items()}
+    hood = Neighbourhood(points.xyz, evidence.neighbours(), threads)
+    return evidence.detect(hood, points, FilterParameters().changed(values))
+
+
+def road(seed: int, lines: int = 20, shots: int = 40, strays: float = 0.02) -> tuple[Points, Bools]:
+    """Measure a road and a wall by lines of a profile scanner; strays hang above it."""
+    dice = np.random.default_rng(seed)
+    angle = np.tile(np.linspace(-0.9, 0.9, shots), lines)
+    y = np.minimum(2.0 * np.tan(angle), 2.0)
+    z = np.where(y < 2.0, 0.0, 2.0 - 2.0 / np.tan(np.maximum(angle, 0.1)))
+    xyz = np.stack([np.repeat(np.arange(lines) * 0.06, shots), y, z], axis=1)
+    xyz += dice.normal(0, 0.004, xyz.shape)
+    stray = dice.random(len(xyz)) < strays
+    xyz[stray, 2] += dice.uniform(0.2, 1.5, np.count_nonzero(stray))
+    t = np.repeat(np.arange(lines) * shots * 2, shots) + np.tile(np.arange(shots), lines)
+    return points_of(xyz, t * 5000, np.repeat(np.arange(lines), shots)), stray
+
+
+def sweep(seed: int, rings: int = 32, columns: int = 600) -> tuple[Points, Bools]:
+    """Measure the ground and a wall around by a spinning sensor, in snow."""
+    dice = np.random.default_rng(seed)
+    ring, column = np.tile(np.arange(rings), columns), np.repeat(np.arange(columns), rings)
+    down, azimuth = 0.1 + 0.4 * ring / rings, column * (2 * np.pi / columns)
+    distance = np.minimum(1.8 / np.sin(down), 9.0 / np.cos(down)) + dice.normal(0, 0.02, len(ring))
+    snow = dice.random(len(ring)) < 0.03
+    distance[snow] *= dice.uniform(0.2, 0.8, np.count_nonzero(snow))
+    flat = distance * np.cos(down)
+    xyz = [flat * np.cos(azimuth), flat * np.sin(azimuth), -distance * np.sin(down)]
+    return points_of(np.stack(xyz, axis=1), column * 50_000, ring), snow
+
+
+def naively(points: Points, **changed: Any) -> list[float]:
+    """Score a cloud by loops."""
+    values = {name.replace('__', '.'): value for name, value in changed.items()}
+    parameters = FilterParameters().changed(values)
+    weights = {
+        True: asdict(parameters.evidence_spinning),
+        False: asdict(parameters.evidence_profile),
+    }
+    columns = (points.xyz, points.t, points.line, points.range)
+    scan = naive.Scan(*(column.tolist() for column in columns))
+    return naive.detect(scan, weights, parameters.gap_factor, parameters.evidence.sensor)
+
+
+@pytest.mark.parametrize('sensor', ['auto', 'profile', 'spinning'])
+@pytest.mark.parametrize('seed', range(2))
+def test_against_loops(seed: int, sensor: str) -> None:
+    """Scores are those of the twin, for lines in turn, interleaved, shuffled and with gaps."""
+    dice = np.random.default_rng(seed)
+    for points, _ in (road(seed, 14, 30), sweep(seed, 6, 60)):
+        some = points.take(dice.permutation(len(points))[: len(points) * 9 // 10])
+        assert_allclose(
+            detect(some, evidence__sensor=sensor),
+            naively(some, evidence__sensor=sensor),
+            rtol=1e-7,
+        )
+
+
+def arm(seed: int) -> tuple[Points, Bools]:
+    """Hang a slanted tube above a road, where lines cross it."""
+    points, _ = road(seed, lines=24, strays=0.0)
+    dice = np.random.default_rng(seed)
+    place, count = np.arange(len(points)) % 40, len(points)
+    slanted = (place >= 14) & (place < 17)
+    along = points.line / 8 + (place - 14) * 0.03
+    xyz = points.xyz.copy()
+    xyz[slanted, 1] = -1.2 + 0.8 * along[slanted]
+    xyz[slanted, 2] = 1.0 + 0.6 * along[slanted]
+    xyz[slanted] += dice.normal(0, 0.004, (count, 3))[slanted]
+    return points_of(xyz, points.t, points.line), slanted
+
+
+def test_slanted_groups_against_loops() -> None:
+    """The arm of a barrier is found as a group, by the twin too, and only where it is asked for."""
+    points, slanted = arm(3)
+    score = detect(points)
+    assert_allclose(score, naively(points), rtol=1e-7)
+    assert (score[slanted] > 1).mean() > 0.9
+    without = detect(points, evidence_profile__slanted=False)
+    assert (without[slanted] > 1).mean() < 0.5
+
+
+@pytest.mark.parametrize('make', [road, sweep])
+def test_finds_strays(make: Any) -> None:
+    """Most strays are found, and hardly any good point is lost."""
+    points, stray = make(0)
+    rejected = detect(points) > 1
+    assert rejected[stray].mean() > 0.7
+    assert rejected[~stray].mean() < 0.005
+
+
+def test_sensor_shows_in_the_lines() -> None:
+    """Lines in turn are a profile scanner's, those at once a spinning sensor's."""
+    for make, sensor in ((road, 'profile'), (sweep, 'spinning')):
+        points, _ = make(5)
+        assert_array_equal(detect(points), detect(points, evidence__sensor=sensor))
+
+
+def test_second_pass_hears_of_bereft_points_only() -> None:
+    """Scores change only where one of the 20 neighbours was rejected, and more are found."""
+    points, _ = road(6, strays=0.2)
+    first, both = (
+        detect(points, evidence_profile__passes=n, evidence_profile__slanted=False) for n in (1, 2)
+    )
+    gone = first > 1
+    assert_array_equal(both[gone], first[gone])
+    apart = np.linalg.norm(points.xyz[:, None] - points.xyz, axis=2)
+    np.fill_diagonal(apart, np.inf)
+    bereft = gone[np.argsort(apart, axis=1)[:, :20]].any(axis=1)
+    changed = both != first
+    assert not (changed & ~bereft).any()
+    assert changed[bereft & ~gone].mean() > 0.5
+    assert (both > 1).sum() > gone.sum()
+
+
+@pytest.mark.parametrize('count', [0, 1, 20, 21])
+def test_too_few_points(count: int) -> None:
+    """With 20 others there is a score; with fewer none."""
+    points = road(0)[0].take(slice(0, count))
+    assert_array_equal(np.isnan(detect(points)), count < 21)
+
+
+def test_coincident_points() -> None:
+    """A stack of points is no reason to fail, and none to reject."""
+    points, _ = road(1, strays=0.0)
+    xyz = points.xyz.copy()
+    xyz[100:150] = xyz[100]
+    stacked = points_of(xyz, points.t, points.line)
+    score = detect(stacked)
+    assert np.isfinite(score).all()
+    flat = points_of(np.zeros((60, 3)), np.arange(60), np.zeros(60))
+    assert_array_equal(detect(flat) > 1, False)  # noqa: FBT003
+
+
+def test_points_on_a_line() -> None:
+    """Where all neighbours lie on a line, what is off it is rejected, and they are not."""
+    x = np.arange(200) * 0.05
+    xyz = np.stack([x, 0.5 * x, np.zeros(200)], axis=1)
+    xyz[100, 2] = 0.5
+    points = points_of(xyz, np.arange(200) * 1000, np.arange(200) // 50)
+    score = detect(points, evidence_profile__slanted=False)
+    assert np.argmax(score) == 100
+    assert np.count_nonzero(score > 0.8 * score[100]) == 1
+
+
+def test_any_number_of_threads() -> None:
+    """The answer is the same to the last bit."""
+    points, _ = road(2, lines=200)
+    assert_array_equal(detect(points, 1), detect(points, 3))
+
+
+def test_moves_and_turns_do_not_matter() -> None:
+    """A profile scanner's cloud may lie anywhere, and be turned about the vertical."""
+    points, _ = road(4)
+    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    moved = points_of(points.xyz @ turn.T + [64.0, -128.0, 16.0], points.t, points.line)
+    assert_allclose(detect(moved), detect(points), rtol=1e-6)

@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The naive weighed witnesses against numbers worked out by hand."""
+
+from __future__ import annotations
+
+from math import inf, isnan, sqrt
+
+import pytest
+from naive import evidence as naive
+
+FLAT = [(float(x), float(y), 0.0) for x in range(5) for y in range(4)]
+NOTHING = dict.fromkeys(naive.WITNESSES, 1.0) | {'amid': 0.1}
+ONCE = dict.fromkeys(naive.WITNESSES, 1.0)
+
+
+def scan(xyz: list[tuple[float, float, float]], t: list[int], line: list[int]) -> naive.Scan:
+    """Make points a metre from the sensor."""
+    return naive.Scan(xyz, t, line, [1.0] * len(xyz))
+
+
+def test_surface_of_a_plane() -> None:
+    """Half a metre above a plane of which one neighbour is at the same height."""
+    xyz = [(1.5, 1.5, 0.5), *FLAT[:-1], (5.0, 5.0, 0.5)]
+    off, scale, company = naive.surface(xyz, 0, range(1, 21))
+    assert off == pytest.approx(0.5, abs=0.01)
+    assert scale < 0.05  # little of the stray neighbour
+    assert company == 1
+
+
+def test_surface_of_a_line() -> None:
+    """Neighbours on the x axis: a point 3 and 4 aside is 5 from them, and has no company."""
+    xyz = [(0.0, 3.0, 4.0), *((float(x), 0.0, 0.0) for x in range(20))]
+    off, scale, company = naive.surface(xyz, 0, range(1, 21))
+    assert off == pytest.approx(5.0)
+    assert scale == pytest.approx(1e-4)
+    assert company == 0
+
+
+def test_segments() -> None:
+    """Intervals of 10 and one of 16: with a factor of 1.5 that is a gap."""
+    line = scan([(0.0, 0.0, 0.0)] * 5, [0, 20, 10, 46, 30], [7, 7, 7, 7, 7])
+    assert naive.segments(line, 1.5) == [[[0, 2, 1, 4], [3]]]
+    assert naive.segments(line, 1.6) == [[[0, 2, 1, 4, 3]]]
+
+
+def test_difference() -> None:
+    """Halfway between 0 and 2 on the axis, 3 aside: noise adds up to 1 + 1/4 + 1/4."""
+    line = scan([(0.0, 0.0, 0.0), (1.0, 3.0, 0.0), (2.0, 0.0, 0.0)], [0, 10, 20], [0, 0, 0])
+    assert naive.difference(line, 1, 0, 2) == pytest.approx(3 / sqrt(1.5))
+    ahead = scan([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 6.0, 0.0)], [0, 10, 20], [0, 0, 0])
+    assert naive.difference(ahead, 2, 0, 1) == pytest.approx(6 / sqrt(1 + 1 + 4))
+    assert naive.difference(ahead, 2, 1, 1) == inf
+
+
+def test_follow() -> None:
+    """Steps of 1, 2 and 4 on a line: the nearer counts; a lone point has neither."""
+    xyz = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (3.0, 0.0, 0.0), (7.0, 0.0, 0.0), (9.0, 9.0, 9.0)]
+    line = scan(xyz, [0, 1, 2, 3, 0], [0, 0, 0, 0, 1])
+    step, along = naive.follow(line, naive.segments(line, 1.5))
+    assert step == [1, 1, 2, 4, inf]
+    assert along == pytest.approx([1 / sqrt(6), 0.5 / sqrt(1.5), 1 / sqrt(6), 2 / sqrt(6), inf])
+
+
+def test_usual() -> None:
+    """The median of the others nearby; infinite ones do not count."""
+    parts = [[[0, 1], [2, 3]], [[4]]]
+    assert naive.usual(parts, [1.0, 2.0, inf, 5.0, 9.0]) == [3.5, 3.0, 2.0, 1.5, 9.0]
+
+
+def test_statistic() -> None:
+    """Witnesses are silent up to their least value, and say no more beyond their largest."""
+    assert naive.statistic(NOTHING, ONCE) == 0
+    assert naive.statistic(NOTHING | {'step': 1e9}, ONCE) == pytest.approx(2.0)
+    assert naive.statistic(NOTHING | {'along': inf}, ONCE | {'along': 3.0}) == pytest.approx(6.3)
+    assert naive.statistic(NOTHING | {'step': 0.0}, ONCE) == 0
+
+
+def test_spins() -> None:
+    """Three lines that last as long as all together spin; two do not, nor lines in turn."""
+    xyz = [(0.0, 0.0, 0.0)] * 6
+    assert naive.spins(scan(xyz, [0, 0, 0, 9, 9, 9], [0, 1, 2, 0, 1, 2]))
+    assert not naive.spins(scan(xyz, [0, 0, 0, 9, 9, 9], [0, 1, 0, 1, 0, 1]))
+    assert not naive.spins(scan(xyz, [0, 1, 2, 3, 4, 5], [0, 0, 1, 1, 2, 2]))
+
+
+def test_straightness() -> None:
+    """A slope of 3 : 4, two points wide; level or short of points it is no group."""
+    along = [i * 0.05 for i in range(15)]
+    xyz = [(side * 0.02, 0.8 * a, 0.6 * a) for a in along for side in (0, 1)]
+    slanted = scan(xyz, list(range(30)), [i // 2 for i in range(30)])
+    length = 0.05 * sqrt((15**2 - 1) / 12)
+    result = naive.straightness(slanted, [0.05] * 30, 1.5)
+    assert result == pytest.approx([0.12 * length / 0.01] * 30)
+    level = scan([(x, y, 0.0) for x, y, _ in xyz], list(slanted.t), list(slanted.line))
+    assert all(isnan(one) for one in naive.straightness(level, [0.05] * 30, 1.5))
+    few = slanted.take(range(20))
+    assert all(isnan(one) for one in naive.straightness(few, [0.05] * 20, 1.5))
