@@ -22,7 +22,7 @@ import numpy as np
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cloud import DETECTORS, SCORE
-from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.chain import ALONG_LINES, Chain
 from lidar_outlier_filter.core.tiled import TiledChain
 from lidar_outlier_filter.core.verdict import BITS, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 
 OUTLIER = 'outlier'
 MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'
-TEMPORAL = 'alpha_beta_gamma'
 WITHOUT_LINES = ('sor',)  # the chain where nobody asks for one and the file has no scan lines
 _LIBRARIES = {
     **{name: name for name in ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow')},
@@ -217,17 +216,18 @@ def _load(  # noqa: PLR0913  all that a run knows by then
 ) -> tuple[points.Loaded, FilterParameters]:
     """Read the points, and choose the chain: files without scan lines have another default."""
     chosen = 'chain' in wanted.parameters
+    along = ', '.join(name for name in parameters.chain if name in ALONG_LINES)
     loaded = points.load(
         file,
         coordinates,
         parameters,
-        timed=TEMPORAL in parameters.chain or not chosen,
+        timed=bool(along) or not chosen,
         allocate=allocate,
         progress=lambda done: progress('reading', done, len(file)),
     )
-    if TEMPORAL in parameters.chain and not loaded.lines:
+    if along and not loaded.lines:
         if chosen:
-            must_be = f'without {TEMPORAL}, as {file.path} has {loaded.lack}'
+            must_be = f'without {along}, as {file.path} has {loaded.lack}'
             raise ParameterError('chain', must_be, ', '.join(parameters.chain))
         parameters = parameters.changed({'chain': WITHOUT_LINES})
     return loaded, parameters

@@ -270,7 +270,7 @@ class FilterParameters:
         fixed=True,
     )
     chain: tuple[str, ...] = declare(
-        ('alpha_beta_gamma',),
+        ('evidence',),
         'Detectors, in their order.',
         choices=(
             'alpha_beta_gamma',

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 SECOND = 2  # phase of the hierarchical detector
 TEMPORAL = ('alpha_beta_gamma',)  # detectors that look along the line only: fast
+ALONG_LINES = (*TEMPORAL, 'evidence')  # detectors that need scan lines
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.bags import Recording
-from lidar_outlier_filter.core.chain import TEMPORAL
+from lidar_outlier_filter.core.chain import ALONG_LINES
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.evaluation.contest import Standing, score
@@ -53,13 +53,13 @@ def section(data: Path, progress: Progress) -> str:
 
 def labelled(path: Path) -> Sample | None:
     """Read a cloud with classes, with its scan lines if it tells them; None: no class is noise."""
-    for chain in (TEMPORAL, ('lof',)):
+    for chain in (ALONG_LINES, ('lof',)):
         try:
             found = from_file(path, FilterParameters().changed({'chain': chain}), NOISE)
         except RecordingError:
             continue
         nothing = np.zeros(len(found), np.int64)
-        return Sample(path.name, 0, found, nothing, chain == TEMPORAL, in_own_frame=False)
+        return Sample(path.name, 0, found, nothing, chain == ALONG_LINES, in_own_frame=False)
     return None
 
 

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from lidar_outlier_filter.bags import Recording
 from lidar_outlier_filter.cloud import is_empty, structured
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.chain import ALONG_LINES, Chain
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import CloudError, RecordingError
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 ANSWERS = ('/cleaned', '/outliers')
-TEMPORAL = 'alpha_beta_gamma'
 
 
 @dataclass(frozen=True)
@@ -295,11 +294,12 @@ def from_file(  # noqa: PLR0913  what the command line offers
 
     """
     file = open_cloud(path)
-    timed = TEMPORAL in parameters.chain
+    along = ', '.join(name for name in parameters.chain if name in ALONG_LINES)
+    timed = bool(along)
     names = file_points.choose_coordinates(file, ())
     loaded = file_points.load(file, names, parameters, timed=timed)
     if timed and not loaded.lines:
-        must_be = f'without {TEMPORAL}, as {path} has {loaded.lack}'
+        must_be = f'without {along}, as {path} has {loaded.lack}'
         raise RecordingError('chain', must_be, ', '.join(parameters.chain))
     valid = loaded.points.valid
     cloud = loaded.points.take(valid)
