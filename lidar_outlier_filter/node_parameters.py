@@ -56,7 +56,7 @@ class Load:
         'drop_oldest',
         'When clouds come faster than they are filtered: drop_oldest: the oldest get no answer; '
         'pass_through: they pass unfiltered; shed: the smoother alone filters them, and what is '
-        'still too much passes unfiltered.',
+        'still too much, or where the chain has no smoother all, passes unfiltered.',
         choices=('drop_oldest', 'pass_through', 'shed'),
     )
     clouds: int = declare(

@@ -210,6 +210,9 @@ class Evidence:
         'are measured at the same time.',
         choices=('auto', 'profile', 'spinning'),
     )
+    threshold: float = declare(
+        1.0, "Rejected above this many times the sensor's own threshold.", '', 1e-6, 1e6
+    )
 
 
 def _weight(default: float, text: str) -> Any:
@@ -446,6 +449,7 @@ class FilterParameters:
 # The smoother as in Leslar, Wang and Hu (2010): each point is tested once, in a window around it.
 PAPER: Mapping[str, object] = MappingProxyType(
     {
+        'chain': ['alpha_beta_gamma'],
         'alpha_beta_gamma.sides': 'both',
         'alpha_beta_gamma.order': 2,
         'alpha_beta_gamma.before': 5,

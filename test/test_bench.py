@@ -58,7 +58,7 @@ def test_works_work() -> None:
         bench.smoother_work('both'),
         bench.neighbours_work(xyz),
         *(bench.spatial_work(xyz, name) for name in bench.SPATIAL),
-        bench.stream_work(messages, bench.CHAINS[1]),
+        bench.stream_work(messages, bench.CHAINS[-1]),
     ]
     for work in works:
         work.call()

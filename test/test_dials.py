@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 PARAMETERS = {item.name: item for item in describe()}
 DETECTORS = PARAMETERS['chain'].choices
+SMOOTHER = FilterParameters().changed({'chain': ['alpha_beta_gamma']})
 FORMS: list[dict[str, object]] = [
     {'chain': ['alpha_beta_gamma'], 'alpha_beta_gamma.passes': 1},
     {
@@ -43,6 +44,8 @@ FORMS: list[dict[str, object]] = [
         'sor.range_scaled': True,
         'sor.range_factor': 0.005,
     },
+    {'chain': ['evidence'], 'evidence_profile.passes': 1},
+    {'chain': ['evidence'], 'evidence.sensor': 'spinning'},
 ]
 
 
@@ -128,7 +131,7 @@ def test_a_sweep_is_exact_where_it_was_run(name: str, share: float) -> None:
 
 def test_settings_are_all_that_are_possible() -> None:
     """Windows that are too short for their order are left out, the others are complete."""
-    (search,) = searches(FilterParameters())
+    (search,) = searches(SMOOTHER)
     found = {tuple(setting.values()) for setting in search.settings}
     assert len(found) == 6 * 2 * 2 - 1
     assert (3, 3, 1, 3, 'either') in found
@@ -144,7 +147,7 @@ def test_wanted_values_replace_the_usual_ones() -> None:
     assert search.settings == ({'lof.min_pts': 4}, {'lof.min_pts': 9})
     assert search.threshold.values == (1.5, 2.0, 3.0)
     wanted = {'alpha_beta_gamma.sigma_floor': [0.01, 0.02], 'alpha_beta_gamma.before': [6]}
-    (search,) = searches(FilterParameters(), wanted)
+    (search,) = searches(SMOOTHER, wanted)
     assert {setting['alpha_beta_gamma.sigma_floor'] for setting in search.settings} == {0.01, 0.02}
     # The window's dial is gone as a whole: `after` stays as it is.
     assert {setting['alpha_beta_gamma.before'] for setting in search.settings} == {6}
@@ -173,7 +176,7 @@ def test_kept_parameters_stay() -> None:
 def test_refused_searches(wanted: dict[str, list[object]], kept: list[str], sentence: str) -> None:
     """Parameters of other detectors, and values that cannot be."""
     with pytest.raises(ParameterError) as caught:
-        searches(FilterParameters(), wanted, kept)
+        searches(SMOOTHER, wanted, kept)
     assert sentence in str(caught.value)
 
 

@@ -73,7 +73,8 @@ def naively(points: Points, **changed: Any) -> list[float]:
     }
     columns = (points.xyz, points.t, points.line, points.range)
     scan = naive.Scan(*(column.tolist() for column in columns))
-    return naive.detect(scan, weights, parameters.gap_factor, parameters.evidence.sensor)
+    evidence = parameters.evidence
+    return naive.detect(scan, weights, parameters.gap_factor, evidence.sensor, evidence.threshold)
 
 
 @pytest.mark.parametrize('sensor', ['auto', 'profile', 'spinning'])
@@ -121,6 +122,21 @@ def test_finds_strays(make: Any) -> None:
     rejected = detect(points) > 1
     assert rejected[stray].mean() > 0.7
     assert rejected[~stray].mean() < 0.005
+
+
+def test_one_threshold_for_either_sensor() -> None:
+    """A part of the threshold is a multiple of the scores, of groups too; the twin agrees."""
+    slanted, _ = arm(3)
+    score = detect(slanted, evidence_profile__passes=1)
+    assert_allclose(2 * detect(slanted, evidence_profile__passes=1, evidence__threshold=2), score)
+    turning, _ = sweep(1, 6, 60)
+    assert_allclose(2 * detect(turning, evidence__threshold=2.0), detect(turning))
+    for points in (road(7, 14, 30)[0], turning, slanted):
+        assert_allclose(
+            detect(points, evidence__threshold=0.7),
+            naively(points, evidence__threshold=0.7),
+            rtol=1e-7,
+        )
 
 
 def test_sensor_shows_in_the_lines() -> None:

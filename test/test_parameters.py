@@ -184,7 +184,7 @@ def test_changed() -> None:
     assert type(changed.block) is float
     assert changed.chain == ('alpha_beta_gamma',)
     names = {name for name, value in changed.flat().items() if value != DEFAULT.flat()[name]}
-    assert names == {'block', 'max_delay', 'alpha_beta_gamma.passes'}
+    assert names == {'block', 'max_delay', 'alpha_beta_gamma.passes', 'chain'}
     assert FilterParameters() == DEFAULT
     assert changed.changed(DEFAULT.flat()) == DEFAULT
     assert DEFAULT.changed({}) == DEFAULT

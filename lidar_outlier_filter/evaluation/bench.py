@@ -44,7 +44,7 @@ ROUNDS = 9
 SIDES = ('both', 'either')
 FORM = 'alpha_beta_gamma.sides'
 SPATIAL = ('quadric', 'lof', 'sor')
-CHAINS = (('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
+CHAINS = (('evidence',), ('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
 SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
 
 

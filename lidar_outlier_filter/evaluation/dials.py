@@ -148,6 +148,11 @@ def _smallest_cluster(name: str) -> Threshold:
     return Threshold(name, values, critical, _scaled(name, critical))
 
 
+def _evidence(_parameters: FilterParameters) -> Threshold:
+    # A part of a sum of logarithms: even steps.
+    return _plain('evidence.threshold', (round(0.02 * n, 2) for n in range(5, 151)))
+
+
 def _each(name: str, values: Iterable[object]) -> Dial:
     return tuple({name: value} for value in values)
 
@@ -215,6 +220,7 @@ TABLE: dict[
         _hierarchical_dials,
     ),
     'elevation': (lambda _: _plain('elevation.multiplier', decades(-1, 3)), _elevation_dials),
+    'evidence': (_evidence, lambda _: []),  # its weights are those of a regression
 }
 
 

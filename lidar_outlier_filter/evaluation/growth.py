@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.evaluation.contest import Progress
 
-DETECTORS = ('alpha_beta_gamma', 'lof', 'sor', 'quadric', 'hierarchical', 'elevation')
+DETECTORS = ('alpha_beta_gamma', 'lof', 'sor', 'quadric', 'hierarchical', 'elevation', 'evidence')
 PARTS = 8  # sizes, evenly apart
 ROUNDS = 3
 PICTURE = 'results_run_time'

@@ -275,11 +275,13 @@ def detect(
     weights: Mapping[bool, Mapping[str, float]],
     gap_factor: float = 1.5,
     sensor: str = 'auto',
+    part: float = 1.0,
 ) -> list[float]:
     """Score by statistic over threshold, pass after pass without the rejected.
 
     ``weights`` are those of a spinning sensor under True, and of a profile scanner under False;
-    with ``threshold``, ``passes`` and ``slanted``.
+    with ``threshold``, ``passes`` and ``slanted``. All that is compared with a threshold is
+    compared with ``part`` times as much.
     """
     score = [nan] * len(scan.t)
     where = list(range(len(scan.t)))
@@ -291,7 +293,7 @@ def detect(
         return score
     said, spacing, usually = ratios(scan, gap_factor, spinning=spinning)
     for i, one in enumerate(said):
-        score[i] = statistic(one, how) / how['threshold']
+        score[i] = statistic(one, how) / (part * how['threshold'])
     for _ in range(int(how['passes']) - 1):
         kept = [i for i in where if score[i] <= 1]
         if len(kept) == len(where) or len(kept) <= 20:
@@ -316,10 +318,10 @@ def detect(
         where = kept
         for i, one in zip(where, said, strict=True):
             if i in bereft:
-                score[i] = statistic(one, how) / how['threshold']
+                score[i] = statistic(one, how) / (part * how['threshold'])
     if how['slanted']:
         # Those of the last pass are groups no more.
         groups = straightness(scan.take(where), spacing, gap_factor)
         for i, group in zip(where, groups, strict=True):
-            score[i] = score[i] if isnan(group) else max(score[i], group)
+            score[i] = score[i] if isnan(group) else max(score[i], group / part)
     return score

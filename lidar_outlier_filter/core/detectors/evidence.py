@@ -81,7 +81,8 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
     Returns
     -------
     (N,) float64
-        In that order, statistic ÷ threshold; NaN for points that have fewer than 20 others.
+        In that order, statistic ÷ (``evidence.threshold`` · the sensor's threshold); NaN for points
+        that have fewer than 20 others.
 
     """
     score = np.full(len(points), np.nan)
@@ -91,8 +92,9 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
     sensor = parameters.evidence.sensor
     spinning = is_interleaved(scan) if sensor == 'auto' else sensor == 'spinning'
     weights = parameters.evidence_spinning if spinning else parameters.evidence_profile
+    threshold = parameters.evidence.threshold * weights.threshold
     told = hear(scan, spinning=spinning)
-    statistic = weigh(told.words, _weights(weights)) / weights.threshold
+    statistic = weigh(told.words, _weights(weights)) / threshold
     where = np.arange(len(points))
     for _ in range(weights.passes - 1):
         rejected = statistic > 1
@@ -104,10 +106,11 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
         where, points = where[~as_given], points.take(~as_given)
         scan = see(scan.neighbourhood.without(as_given), points, parameters.gap_factor)
         told = hear_again(scan, told, nearest, rejected)
-        again = weigh(told.words, _weights(weights)) / weights.threshold
+        again = weigh(told.words, _weights(weights)) / threshold
         statistic = np.where(told.wanted, again, statistic[~rejected])
     if weights.slanted:
-        statistic = np.fmax(statistic, straightness(scan, told.usual.spacing))
+        straight = straightness(scan, told.usual.spacing) / parameters.evidence.threshold
+        statistic = np.fmax(statistic, straight)
     score[where[scan.neighbourhood.order]] = statistic
     return score
 
