@@ -44,7 +44,9 @@ if TYPE_CHECKING:
 
 OUTLIER = 'outlier'
 MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'
-WITHOUT_LINES = ('sor',)  # the chain where nobody asks for one and the file has no scan lines
+# The chain where nobody asks for one: where the file has no scan lines, and where there are tiles
+# of a file that has.
+WITHOUT_LINES, IN_TILES = ('sor',), ('alpha_beta_gamma',)
 _LIBRARIES = {
     **{name: name for name in ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow')},
     'python-neo-lzf': 'lzf',
@@ -214,7 +216,7 @@ def _load(  # noqa: PLR0913  all that a run knows by then
     allocate: Allocate,
     progress: Progress,
 ) -> tuple[points.Loaded, FilterParameters]:
-    """Read the points, and choose the chain: files without scan lines have another default."""
+    """Read the points, and choose the chain: without scan lines, or in tiles, there is another."""
     chosen = 'chain' in wanted.parameters
     along = ', '.join(name for name in parameters.chain if name in ALONG_LINES)
     loaded = points.load(
@@ -230,6 +232,8 @@ def _load(  # noqa: PLR0913  all that a run knows by then
             must_be = f'without {along}, as {file.path} has {loaded.lack}'
             raise ParameterError('chain', must_be, ', '.join(parameters.chain))
         parameters = parameters.changed({'chain': WITHOUT_LINES})
+    elif wanted.tile > 0 and not chosen:
+        parameters = parameters.changed({'chain': IN_TILES})
     return loaded, parameters
 
 

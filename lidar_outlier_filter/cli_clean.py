@@ -44,7 +44,8 @@ def add_clean(commands: Commands) -> None:
         'kept. Reads and writes LAS, LAZ, PCD, PLY, CSV, Parquet, and tables of SQLite databases. '
         'Beside each copy goes a log, .log and .json. The detectors along scan lines need a time '
         'and scan lines (LAS: gps_time, and the scan direction, angle or edges; others: columns '
-        'such as time and ring); where a file has none, the chain is sor unless one is given. Exit '
+        'such as time and ring); where a file has none, the chain is sor unless one is given, '
+        'and in tiles it is alpha_beta_gamma. Exit '
         'status: 0 all done; 1 refused, nothing is written; 3 some of the files were refused.',
     )
     parser.add_argument('files', type=Path, nargs='+', metavar='FILE', help='the clouds')
@@ -104,6 +105,8 @@ def _clean(options: argparse.Namespace) -> int:
         reports.append(report)
         if report.lack:
             say(f'{path} has {report.lack}: chain {", ".join(report.chain)}')
+        elif report.tile > 0 and 'chain' not in wanted.parameters:
+            say(f'{path} is judged in tiles: chain {", ".join(report.chain)}')
     if reports:
         _show(reports)
     if len(reports) == len(options.files):

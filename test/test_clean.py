@@ -173,7 +173,7 @@ def test_as_many_as_pcl_keeps(folder: Path, settings: list[str], kept: int) -> N
 # Time and scan lines
 
 
-def test_the_smoother_runs_where_there_are_lines(folder: Path, capsys: Capture) -> None:
+def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -> None:
     """Files with time and lines get the default chain, the others sor, and are told of."""
     files = [folder / f'{SWEEP}.pcd', folder / 'autzen_trim.laz', folder / 'plane.laz']
     assert main(['clean', *map(str, files), '--output', str(folder)]) == 0
@@ -181,7 +181,7 @@ def test_the_smoother_runs_where_there_are_lines(folder: Path, capsys: Capture) 
         json.loads((folder / f'{path.stem}_cleaned{path.suffix}.json').read_text())
         for path in files
     ]
-    assert [log['chain'] for log in logs] == [['alpha_beta_gamma'], ['alpha_beta_gamma'], ['sor']]
+    assert [log['chain'] for log in logs] == [['evidence'], ['evidence'], ['sor']]
     assert [log['lines'] for log in logs] == [
         'time (s) and ring',
         'gps_time (s) and scan_direction_flag',
@@ -191,13 +191,14 @@ def test_the_smoother_runs_where_there_are_lines(folder: Path, capsys: Capture) 
     printed = capsys.readouterr()
     assert printed.err == f'{files[2]} has no column that tells its scan lines: chain sor\n'
     table = rows(printed.out)
-    assert [row['by alpha_beta_gamma'] == '' for row in table] == [False, False, True]
+    assert [row['by evidence'] == '' for row in table] == [False, False, True]
 
 
-def test_the_smoother_sees_lines_as_the_replay_does(folder: Path) -> None:
+@pytest.mark.parametrize(('chain', 'fewest'), [('alpha_beta_gamma', 100), ('evidence', 20)])
+def test_lines_are_seen_as_by_the_replay(folder: Path, chain: str, fewest: int) -> None:
     """The verdict along lines is that of the points with their time and ring."""
     path = folder / f'{SWEEP}.pcd'
-    assert main(['clean', str(path)]) == 0
+    assert main(['clean', str(path), '--chain', chain]) == 0
     x, y, z, time, ring = columns(path, 'x', 'y', 'z', 'time', 'ring')
     cloud = Points(
         np.stack((x, y, z), axis=1).astype(np.float64),
@@ -205,10 +206,10 @@ def test_the_smoother_sees_lines_as_the_replay_does(folder: Path) -> None:
         ring.astype(np.int64),
         np.ones(len(x), np.bool_),
     )
-    verdict = Chain(FilterParameters()).judge(cloud)
+    verdict = Chain(FilterParameters().changed({'chain': [chain]})).judge(cloud)
     (outlier,) = columns(folder / f'{SWEEP}_cleaned.pcd', 'outlier')
     np.testing.assert_array_equal(outlier, verdict.rejected)
-    assert outlier.sum() > 100
+    assert outlier.sum() > fewest
 
 
 def test_the_smoother_is_refused_without_lines(folder: Path, capsys: Capture) -> None:
@@ -324,6 +325,20 @@ def test_tiles_along_lines(folder: Path) -> None:
         options = ['--chain', 'alpha_beta_gamma,sor', '--tile', tile]
         assert main(['clean', str(path), *options, '--output', str(folder / name)]) == 0
     assert (folder / 'one.pcd').read_bytes() == (folder / 'other.pcd').read_bytes()
+
+
+def test_tiles_without_a_chain(folder: Path, capsys: Capture) -> None:
+    """The default chain needs all points at once: in tiles there is another, and it is told."""
+    paths = [folder / f'{SWEEP}.pcd', folder / 'plane.laz']
+    assert main(['clean', *map(str, paths), '--tile', '5']) == 0
+    logs = [
+        json.loads((folder / f'{path.stem}_cleaned{path.suffix}.json').read_text())
+        for path in paths
+    ]
+    assert [log['chain'] for log in logs] == [['alpha_beta_gamma'], ['sor']]
+    first, _ = capsys.readouterr().err.splitlines()
+    assert first == f'{paths[0]} is judged in tiles: chain alpha_beta_gamma'
+    assert main(['clean', str(folder / 'bun0.pcd'), '--chain', 'evidence', '--tile', '5']) == 1
 
 
 # The log
