@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.evaluation.drive import Drive
 
 OUTPUT = Path('demo_output')
-FILES = {'.lidar_outlier_filter_demo', 'drive', 'both', 'either', 'demo.yaml', 'before_after.png'}
+FILES = {'.lidar_outlier_filter_demo', 'drive', 'paper', 'default', 'demo.yaml', 'before_after.png'}
 
 
 def short_drive() -> Drive:
@@ -63,21 +63,22 @@ def test_everything_is_there(made: tuple[Path, str]) -> None:
 def test_printed_scores_are_those_of_the_bags(made: tuple[Path, str]) -> None:
     """Precision and recall of both forms are printed as the bags hold them."""
     output, printed = made
-    both, either = (score(output / form) for form in ('both', 'either'))
+    paper, default = (score(output / form) for form in ('paper', 'default'))
     for figure in ('precision', 'recall'):
         row = re.search(rf'^{figure} +([\d.]+) % +([\d.]+) %', printed, re.MULTILINE)
         assert row is not None
-        expected = [100 * getattr(run, figure).ratio for run in (both, either)]
+        expected = [100 * getattr(run, figure).ratio for run in (paper, default)]
         assert [float(text) for text in row.groups()] == pytest.approx(expected, abs=0.005)
 
 
 def test_the_filter_finds_outliers(made: tuple[Path, str]) -> None:
-    """Both forms find most outliers; the one that spares edges loses far fewer good points."""
+    """Both forms find most outliers; the default loses next to none of the good points."""
     output, _ = made
-    both, either = (score(output / form) for form in ('both', 'either'))
-    assert min(both.recall.ratio, either.recall.ratio) > 0.8
-    assert either.lost < 0.4 * both.lost
-    assert either.precision.ratio > 2 * both.precision.ratio
+    paper, default = (score(output / form) for form in ('paper', 'default'))
+    assert paper.recall.ratio > 0.9
+    assert default.recall.ratio > 0.6
+    assert default.lost < 0.01 * paper.lost
+    assert default.precision.ratio > 0.98
 
 
 def test_parameters_repeat_the_run(made: tuple[Path, str], tmp_path: Path) -> None:
@@ -85,7 +86,7 @@ def test_parameters_repeat_the_run(made: tuple[Path, str], tmp_path: Path) -> No
     output, _ = made
     again = tmp_path / 'again'
     replay(output / 'drive', again, parameters=read_yaml(output / 'demo.yaml'))
-    assert score(again) == score(output / 'either')
+    assert score(again) == score(output / 'default')
 
 
 def test_picture(made: tuple[Path, str]) -> None:
@@ -96,10 +97,11 @@ def test_picture(made: tuple[Path, str]) -> None:
     with Image.open(path) as image:
         pixels = np.asarray(image.convert('RGB')).reshape(-1, 3).astype(np.int64)
         assert image.size == (1400, 900)
-    for colour in (picture.FOUND, picture.LEFT, picture.LOST):
+    # The last is in the key at least: the default loses hardly any.
+    for colour, fewest in ((picture.FOUND, 200), (picture.LEFT, 200), (picture.LOST, 50)):
         wanted = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
         near = np.abs(pixels - wanted).max(axis=1) < 24
-        assert near.sum() > 200
+        assert near.sum() > fewest
     grey = (np.ptp(pixels, axis=1) < 12) & (pixels[:, 0] < 220)
     assert grey.sum() > 20_000
 

@@ -18,7 +18,7 @@ from lidar_outlier_filter.evaluation.report import evaluate, summary
 from lidar_outlier_filter.evaluation.simulate import record
 from lidar_outlier_filter.evaluation.street import SENSOR, demo_drive
 from lidar_outlier_filter.parameter_files import write_yaml
-from lidar_outlier_filter.parameters import PAPER
+from lidar_outlier_filter.parameters import PAPER, FilterParameters
 from lidar_outlier_filter.replay import replay
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
 MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
-# The form of the paper, and the one that keeps edges and corners.
-FORMS: dict[str, Mapping[str, object]] = {'both': PAPER, 'either': {}}
+FORMS: dict[str, Mapping[str, object]] = {'paper': PAPER, 'default': {}}
 
 
 def run(output: Path, console: Console, drive: Drive | None = None) -> int:
@@ -70,18 +69,16 @@ def _work(folder: Path, drive: Drive, console: Console) -> tuple[Truth, dict[str
         for form in FORMS:
             _filter(folder, form, progress)
         task = progress.add_task('scoring and drawing', total=None)
-        results = {
-            f'sides: {form}': evaluate(read_recording(folder / form), CAUSES) for form in FORMS
-        }
+        results = {form: evaluate(read_recording(folder / form), CAUSES) for form in FORMS}
         form = list(FORMS)[-1]
-        picture.draw(*read_points(folder / form), folder / PICTURE, f'sides: {form}')
+        picture.draw(*read_points(folder / form), folder / PICTURE, form)
         progress.update(task, total=1.0, completed=1.0)
     (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
     return truth, results
 
 
 def _filter(folder: Path, form: str, progress: Progress) -> None:
-    task = progress.add_task(f'filtering, sides: {form}', total=None)
+    task = progress.add_task(f'filtering, {form}', total=None)
     replay(
         folder / DRIVE,
         folder / form,
@@ -135,8 +132,8 @@ def _report(
         f'Simulated {seconds:g} s of a drive: {drive.lines} scan lines, {truth.points} points,',
         f'{outliers} ({100 * outliers / max(truth.points, 1):.2f} %) of them outliers.',
         '',
-        'Filtered twice by the α-β-γ smoother. both: the paper, where the window around a point',
-        'decides. either: the default, where a point that agrees with one side is kept.',
+        'Filtered twice. paper: by the α-β-γ smoother of Leslar, Wang and Hu (2010), which looks',
+        f'along each line. default: by {", ".join(FilterParameters().chain)}.',
         '',
     ):
         console.print(text, soft_wrap=True, highlight=False)
@@ -145,7 +142,7 @@ def _report(
     left = {
         PICTURE: 'before and after',
         DRIVE: 'the recording; its fields label and surface are the truth',
-        **{form: f'the recording, cleaned and outlier clouds, sides: {form}' for form in FORMS},
+        **{form: f'the recording, cleaned and outlier clouds, {form}' for form in FORMS},
         PARAMETERS: 'the parameters; change them and try again:',
     }
     width = max(len(str(output / name)) for name in left)
