@@ -4,6 +4,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -198,3 +202,40 @@ def test_compiles_what_the_parameters_ask_for(chain: tuple[str, ...]) -> None:
     ready = Chain(parameters(*chain))
     ready.compile()
     assert ready.passes == 0
+
+
+# A process of its own: what other tests have compiled does not count in it.
+COMPILING = """
+import sys
+import numpy as np
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.parameters import FilterParameters
+from test_evidence import arm, road, sweep
+
+
+def compiled():
+    rooms = [vars(m) for n, m in list(sys.modules.items()) if n.startswith('lidar_outlier_filter')]
+    things = {id(one): one for room in rooms for one in room.values()}
+    return {n: len(one.signatures) for n, one in things.items() if hasattr(one, 'signatures')}
+
+
+chain = Chain(FilterParameters())
+chain.compile()
+before = compiled()
+assert sum(count > 0 for count in before.values()) > 10
+for points, _ in (road(1, strays=0.1), sweep(1, 16, 300), arm(3)):
+    mixed = points.take(np.random.default_rng(1).permutation(len(points)))
+    for cloud in (points, mixed, points.take(slice(0, 400)), points.take(slice(0, 20))):
+        chain.judge(cloud)
+assert compiled() == before
+"""
+
+
+def test_nothing_is_compiled_later() -> None:
+    """The default chain is ready for profile scanners and spinning sensors, however they send."""
+    paths = [str(Path(__file__).parent), *sys.path]
+    env = os.environ | {'PYTHONPATH': os.pathsep.join(paths)}
+    command = [sys.executable, '-c', COMPILING]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+    assert done.stderr == ''
+    assert done.returncode == 0

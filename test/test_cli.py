@@ -136,7 +136,7 @@ def test_parameters_of_file_and_command_line(drive: Path, tmp_path: Path, capsys
     ):
         output = tmp_path / f'out{len(rejected)}'
         arguments = ['replay', str(drive), '--output', str(output), '--topic', '/velodyne_points']
-        assert main([*arguments, *options]) == 0
+        assert main([*arguments, *options, '--set', 'chain=[alpha_beta_gamma]']) == 0
         rejected.append(count(rows(capsys.readouterr().out)['rejected'][0]))
     assert rejected[0] > 2 * rejected[1]
 

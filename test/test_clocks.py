@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.node import OutlierFilterNode
 
+# Chain that tells the outlier of 10 ms of a line that is alone.
+SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
+
 
 class Player:
     """What plays a recording: a clock and a sensor."""
@@ -25,7 +28,7 @@ class Player:
     def __init__(self, ros: Ros, *arguments: str, simulated: bool = True) -> None:
         self.ros = ros
         self.node: OutlierFilterNode = ros.filter(
-            '-p', f'use_sim_time:={str(simulated).lower()}', *arguments
+            '-p', f'use_sim_time:={str(simulated).lower()}', *SMOOTHER, *arguments
         )
         self.node.start()
         self._clock: Publisher = ros.client.create_publisher(Clock, '/clock', 10)

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Counts, reasons, rates and times, as the node itself has them, under its name and topic."""
-    node = ros.filter('-p', 'max_delay:=0.5', namespace='front')
+    smoother = ('-p', 'chain:=[alpha_beta_gamma]')
+    node = ros.filter('-p', 'max_delay:=0.5', *smoother, namespace='front')
     node.start()
     sensor = Sensor(ros, '/front/points')
     sensor.wait_for_filter(node)

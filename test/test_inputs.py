@@ -17,7 +17,13 @@ from lidar_outlier_filter.health import PLOTTED
 if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2
 
-BOTH = {'inputs': ['/left/points', 'right'], 'block': 0.01, 'halo': 0.0, 'max_delay': 60.0}
+BOTH = {
+    'inputs': ['/left/points', 'right'],
+    'chain': ['alpha_beta_gamma'],
+    'block': 0.01,
+    'halo': 0.0,
+    'max_delay': 60.0,
+}
 
 
 def test_each_has_its_own_stream(ros: Ros) -> None:

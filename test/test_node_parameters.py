@@ -71,7 +71,7 @@ def limits(descriptor: ParameterDescriptor) -> list[tuple[float, float]]:
 
 def test_a_parameter_is_effective_for_the_next_clouds(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """With a standard deviation of 100 m there are no outliers any more; before, there were."""
-    node = ros.filter()
+    node = ros.filter('-p', 'chain:=[alpha_beta_gamma]')
     before = [answer for msg in sweeps[:2] for answer in node.process(msg)]
     assert before
     assert min(rejected(before)) > 100
@@ -234,6 +234,7 @@ def test_a_file_for_everything(ros: Ros, tmp_path: Path) -> None:
     assert node.get_parameter('use_sim_time').value is True
     changed = {
         'gap_factor': 3.0,
+        'chain': ['alpha_beta_gamma'],
         'alpha_beta_gamma.sigma': 1.0,
         'alpha_beta_gamma.engine': 'filterpy',
     }

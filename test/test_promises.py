@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 
     from clouds import Rows
 
-SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002}
+SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002, 'chain': ['alpha_beta_gamma']}
+DEFAULT: dict[str, object] = {'chain': FilterParameters().chain}
 BOTH_KINDS = pytest.mark.parametrize('kind', [copy.deepcopy, to_rosbags], ids=['ros', 'rosbags'])
 
 
@@ -87,7 +88,10 @@ def assert_partition(msg: Any, answer: Answer) -> None:
 
 @BOTH_KINDS
 @pytest.mark.parametrize('order', ['<', '>'])
-def test_partition(kind: Callable[..., Any], order: str) -> None:
+@pytest.mark.parametrize(('chain', 'fewest'), [({}, 50), (DEFAULT, 30)], ids=['', 'default'])
+def test_partition(
+    kind: Callable[..., Any], order: str, chain: dict[str, object], fewest: int
+) -> None:
     """Cleaned and outliers together are the input, for each message, empty ones included."""
     rows = drive(1)
     turned = rows.astype(rows.dtype.newbyteorder('<' if order == '<' else '>'))
@@ -96,12 +100,12 @@ def test_partition(kind: Callable[..., Any], order: str) -> None:
         for number, part in enumerate([*cut(turned, 1, 40), turned[:0], turned[-1:]])
     ]
     before = [dump(msg) for msg in messages]
-    answers = run(messages)
+    answers = run(messages, chain)
     for msg, answer in zip(messages, answers, strict=True):
         assert_partition(msg, answer)
     assert [dump(msg) for msg in messages] == before
     assert min(msg.width for msg in messages) == 0
-    assert sum(answer.outliers.width for answer in answers) > 50
+    assert sum(answer.outliers.width for answer in answers) > fewest
 
 
 def test_partition_of_organised_clouds() -> None:
@@ -114,13 +118,14 @@ def test_partition_of_organised_clouds() -> None:
         assert_partition(msg, answer)
 
 
-def test_missing_returns_stay() -> None:
+@pytest.mark.parametrize('chain', [{}, DEFAULT], ids=['', 'default'])
+def test_missing_returns_stay(chain: dict[str, object]) -> None:
     """Clouds of missing returns only are answered, in their turn, with all of them in cleaned."""
     rows = drive(3)
     missing = rows[:50].copy()
     missing['x'], missing['timestamp'] = np.nan, np.nan
     parts = [missing, *cut(rows, 3, 10), missing[:0], missing, missing]
-    answers = run([cloud(part) for part in parts])
+    answers = run([cloud(part) for part in parts], chain)
     for number in (0, -1, -2):
         assert (answers[number].cleaned.width, answers[number].outliers.width) == (50, 0)
     for part, answer in zip(parts, answers, strict=True):
@@ -147,6 +152,8 @@ def test_options() -> None:
 # Chunk invariance -------------------------------------------------------------------------------
 
 WAYS: dict[str, dict[str, object]] = {
+    'default': DEFAULT,
+    'default by angle': DEFAULT | {'line_source': 'angle', 'evidence.threshold': 0.5},
     'either': {},
     'both': dict(PAPER),
     'sigma': {'alpha_beta_gamma.sigma': 0.02, 'alpha_beta_gamma.test': 'joint'},
@@ -163,7 +170,6 @@ WAYS: dict[str, dict[str, object]] = {
     'chain': {'chain': ['alpha_beta_gamma', 'lof', 'sor']},
     'hierarchical': {'chain': ['hierarchical'], 'hierarchical.min_cluster': 10},
     'elevation': {'chain': ['elevation'], 'elevation.k': 10, 'elevation.multiplier': 1.5},
-    'evidence': {'chain': ['evidence'], 'evidence_profile.threshold': 12.0},
     'evidence of a spinning sensor': {'chain': ['evidence'], 'evidence_spinning.threshold': 6.0},
     'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
 }
@@ -244,8 +250,8 @@ def test_cuts_would_matter() -> None:
     assert joined(answers) != joined(run([cloud(rows)], {'scores': True}))
 
 
-@pytest.mark.parametrize('sides', ['both', 'either'])
-def test_chunk_invariance_of_a_real_recording(recordings: Path, sides: str) -> None:
+@pytest.mark.parametrize('way', ['default', 'either', 'both'])
+def test_chunk_invariance_of_a_real_recording(recordings: Path, way: str) -> None:
     """The parts of a VLP-16's revolutions, each with the stamp of the whole, give the same."""
     with AnyReader([recordings / 'bags' / 'vlp16_mrpt.bag']) as reader:
         messages = [
@@ -254,7 +260,9 @@ def test_chunk_invariance_of_a_real_recording(recordings: Path, sides: str) -> N
             if connection.msgtype.endswith('PointCloud2')
         ]
     assert len(messages) == 4
-    extra = {'alpha_beta_gamma.sides': sides, 'scores': True}
+    extra = DEFAULT | {'scores': True}
+    if way != 'default':
+        extra = {'alpha_beta_gamma.sides': way, 'scores': True}
     whole = run(messages, extra)
     expected = joined(whole)
     assert len(expected[1]) > 1000
@@ -495,6 +503,7 @@ SPOILERS: list[Callable[[np.random.Generator, PointCloud2], None]] = [
     'extra',
     [
         {},
+        DEFAULT,
         {'time_field': 'tick', 'alpha_beta_gamma.sides': 'both', 'alpha_beta_gamma.sigma': 0.01},
         {'scores': True, 'keep_organized': True},
         {'alpha_beta_gamma.sigma_field': 'std', 'alpha_beta_gamma.test': 'both'},

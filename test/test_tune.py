@@ -37,11 +37,13 @@ if TYPE_CHECKING:
 
     Capture = pytest.CaptureFixture[str]
 
+SMOOTHER = ['--set', 'chain=[alpha_beta_gamma]']
 SETTINGS = [
     *('--set', 'alpha_beta_gamma.before=40', '--set', 'alpha_beta_gamma.after=40'),
     *('--set', 'alpha_beta_gamma.significance=1e-15'),
 ]
 SEARCH = [
+    *SMOOTHER,
     *('--search', 'alpha_beta_gamma.before=4,6', '--search', 'alpha_beta_gamma.after=4,6'),
     *('--keep', 'alpha_beta_gamma.order', '--keep', 'alpha_beta_gamma.sides'),
 ]
@@ -135,7 +137,9 @@ def test_the_node_loads_the_file(tuned: tuple[Path, str], ros: Ros) -> None:
 def test_a_running_node_takes_the_lines(tuned: tuple[Path, str], ros: Ros) -> None:
     """Each line as it is printed, one after the other, as `ros2 param set` sends them."""
     output, printed = tuned
-    node = ros.filter('-p', 'alpha_beta_gamma.before:=40', '-p', 'alpha_beta_gamma.after:=40')
+    given = ('chain:=[alpha_beta_gamma]', 'before:=40', 'after:=40')
+    names = [text if text.startswith('chain') else f'alpha_beta_gamma.{text}' for text in given]
+    node = ros.filter(*(word for name in names for word in ('-p', name)))
     lines = LINE.findall(printed)
     assert {'alpha_beta_gamma.before', 'alpha_beta_gamma.significance'} <= {n for n, _ in lines}
     for name, text in lines:
@@ -143,6 +147,20 @@ def test_a_running_node_takes_the_lines(tuned: tuple[Path, str], ros: Ros) -> No
         value = yaml.safe_load(text)
         assert ros.set(**{name.replace('.', '__'): value}) == ['']
     assert node.filter_parameters == FilterParameters().changed(read_yaml(output))
+
+
+def test_the_default_chain(bag: Path, tmp_path: Path, capsys: Capture, ros: Ros) -> None:
+    """Its one threshold is found; a node takes file and line."""
+    output = tmp_path / 'tuned.yaml'
+    arguments = ['--set', 'evidence.threshold=2.9', '--folds', '2', '--output', str(output)]
+    assert main(['tune', str(bag), *arguments]) == 0
+    values = read_yaml(output)
+    assert tuple(values['chain']) == FilterParameters().chain  # type: ignore[arg-type]
+    found = values['evidence.threshold']
+    assert LINE.findall(capsys.readouterr().out) == [('evidence.threshold', str(found))]
+    node = ros.filter('--params-file', str(output))
+    assert node.filter_parameters.evidence.threshold == found
+    assert ros.set(evidence__threshold=2.9) == ['']
 
 
 @pytest.mark.slow
@@ -223,10 +241,10 @@ def test_refused_clouds_are_told(bag: Path, tmp_path: Path, capsys: Capture) -> 
         (['--inject', '0.9'], 'must be more than 0, at most 0.5, got 0.9'),
         (['--inject', '0.1', '--codes', '7'], '--inject must be given without labels, got both'),
         (['--inject', '0.1', '--inject-distance', '2', '1'], 'HIGH > 2 LOW > 0, got 2 and 1'),
-        (['--search', 'sor.k=5'], "must be those of alpha_beta_gamma, got 'sor.k'"),
+        (['--search', 'sor.k=5'], "must be those of evidence, got 'sor.k'"),
         (['--search', 'order'], "--search must be NAME=V,V,..., got 'order'"),
         (['--search', 'alpha_beta_gamma.order=: :'], "must be YAML, got ': :'"),
-        (['--keep', 'chain'], "must be those of alpha_beta_gamma, got 'chain'"),
+        (['--keep', 'chain'], "must be those of evidence, got 'chain'"),
         (['--most-lost', '0'], 'may be lost must be more than 0, at most 1, got 0.0'),
         (['--folds', '0'], 'the number of folds must be from 2 to the 20 stretches, got 0'),
         (['--confidence', '2'], 'the confidence must be between 0 and 1, got 2.0'),
@@ -302,7 +320,7 @@ def test_progress_and_interrupt(bag: Path, tmp_path: Path) -> None:
     output = tmp_path / 'tuned.yaml'
     command = [*RUN, 'tune', str(bag)]
     leader, terminal = pty.openpty()
-    arguments = [*command, '--output', str(output)]
+    arguments = [*command, *SMOOTHER, '--output', str(output)]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=terminal) as process:
         os.close(terminal)
         screen, asked = b'', False

@@ -18,10 +18,12 @@ if TYPE_CHECKING:
 
     from sensor_msgs.msg import PointCloud2
 
+SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
+
 
 def test_a_set_takes_effect_with_the_next_block_and_not_before(ros: Ros) -> None:
     """A block is never torn in two: the parameters in force at its end judge all of it."""
-    node = ros.filter('-p', 'block:=0.02', '-p', 'halo:=0.0')
+    node = ros.filter('-p', 'block:=0.02', '-p', 'halo:=0.0', *SMOOTHER)
     answers = [answer for i in range(5) for answer in node.process(line(0.01 * i), i)]
     assert [answer.tag for answer in answers] == [0, 1, 2, 3]  # 4 and 5 are a block
     assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
@@ -109,7 +111,7 @@ def test_reset_puts_parameters_back(ros: Ros) -> None:
 
 def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Off, clouds pass as they are, in order, counted; what waited is judged."""
-    node = ros.filter('-p', 'max_delay:=600.0')
+    node = ros.filter('-p', 'max_delay:=600.0', *SMOOTHER)
     node.start()
     sensor = Sensor(ros, '/points')
     sensor.wait_for_filter(node)
