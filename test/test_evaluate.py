@@ -195,9 +195,9 @@ def test_three_lines(tmp_path: Path, capsys: Capture) -> None:
     command = ['replay', str(tmp_path / 'drive'), '--output', output, '--set', 'scores=true']
     assert main([*command, *sets]) == 0
     assert main(['evaluate', output, '--output', str(tmp_path / 'evaluation')]) == 0
-    assert 'alpha_beta_gamma' in capsys.readouterr().out
+    assert 'evidence' in capsys.readouterr().out
     found = json.loads((tmp_path / 'evaluation' / 'evaluation.json').read_text(encoding='utf-8'))
-    whole = found['detectors']['alpha_beta_gamma']
+    whole = found['detectors']['evidence']
     assert whole['found'] == found['found'] > 100
     # The curve passes through what was rejected.
     curve = found['curve']
