@@ -223,18 +223,17 @@ def _weight(default: float, text: str) -> Any:
 class Weights:
     """What the word of each witness weighs, for a profile scanner."""
 
-    threshold: float = declare(18.0, 'Rejected above this weighted sum.', '', 1e-6, 1e6)
+    threshold: float = declare(17.0, 'Rejected above this weighted sum.', '', 1e-6, 1e6)
     passes: int = declare(
         2, 'How often the witnesses are heard, each time without the rejected.', '', 1, 10
     )
-    spacing: float = _weight(2.97, 'Distance to 3 neighbours against what the sensor leads to.')
-    step: float = _weight(1.87, 'Distance along the line against the usual.')
-    lonely: float = _weight(2.65, 'Distance to 5 neighbours against the usual.')
-    amid: float = _weight(6.0, 'Density at the neighbours against that around: not at an edge.')
-    along: float = _weight(2.85, 'Difference from the line against the median.')
-    surface: float = _weight(2.53, 'Distance from the surface against its spread.')
-    apart: float = _weight(0.74, 'Few neighbours at the own height above the surface.')
-    alone: float = _weight(1.39, 'Few neighbours of other lines.')
+    spacing: float = _weight(2.8, 'Distance to 3 neighbours against what the sensor leads to.')
+    step: float = _weight(1.8, 'Distance along the line against the usual.')
+    lonely: float = _weight(2.6, 'Distance to 5 neighbours against the usual.')
+    amid: float = _weight(4.8, 'Density at the neighbours against that around: not at an edge.')
+    along: float = _weight(3.4, 'Difference from the line against the median.')
+    surface: float = _weight(1.6, 'Standard deviations from an even surface all around.')
+    alone: float = _weight(1.5, 'Few neighbours of other lines.')
     slanted: bool = declare(
         default=True,
         text='Reject straight, slanted groups that touch nothing, too: arms of barriers.',
@@ -245,18 +244,17 @@ class Weights:
 class SpinningWeights(Weights):
     """The same for a spinning sensor."""
 
-    threshold: float = declare(10.2, 'Rejected above this weighted sum.', '', 1e-6, 1e6)
+    threshold: float = declare(9.2, 'Rejected above this weighted sum.', '', 1e-6, 1e6)
     passes: int = declare(
         1, 'How often the witnesses are heard, each time without the rejected.', '', 1, 10
     )
-    spacing: float = _weight(2.4, 'Distance to 3 neighbours against a part of the range.')
-    step: float = _weight(1.41, 'Distance along the line against the usual.')
-    lonely: float = _weight(0.82, 'Distance to 5 neighbours against the usual.')
-    amid: float = _weight(1.07, 'Density at the neighbours against that around: not at an edge.')
-    along: float = _weight(0.2, 'Difference from the line against the median.')
-    surface: float = _weight(0.26, 'Distance from the surface against its spread.')
-    apart: float = _weight(0.39, 'Few neighbours at the own height above the surface.')
-    alone: float = _weight(0.06, 'Few neighbours of other lines.')
+    spacing: float = _weight(2.5, 'Distance to 3 neighbours against a part of the range.')
+    step: float = _weight(1.5, 'Distance along the line against the usual.')
+    lonely: float = _weight(1.0, 'Distance to 5 neighbours against the usual.')
+    amid: float = _weight(1.3, 'Density at the neighbours against that around: not at an edge.')
+    along: float = _weight(0.3, 'Difference from the line against the median.')
+    surface: float = _weight(0.3, 'Standard deviations from an even surface all around.')
+    alone: float = _weight(0.0, 'Few neighbours of other lines.')
     slanted: bool = declare(
         default=False,
         text='Reject straight, slanted groups that touch nothing, too: arms of barriers.',

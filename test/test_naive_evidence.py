@@ -10,7 +10,7 @@ import pytest
 from naive import evidence as naive
 
 FLAT = [(float(x), float(y), 0.0) for x in range(5) for y in range(4)]
-NOTHING = dict.fromkeys(naive.WITNESSES, 1.0) | {'amid': 0.1}
+NOTHING = dict.fromkeys(naive.WITNESSES, 1.0) | {'amid': 0.1, 'surface': 0.0}
 ONCE = dict.fromkeys(naive.WITNESSES, 1.0)
 
 
@@ -22,19 +22,25 @@ def scan(xyz: list[tuple[float, float, float]], t: list[int], line: list[int]) -
 def test_surface_of_a_plane() -> None:
     """Half a metre above a plane of which one neighbour is at the same height."""
     xyz = [(1.5, 1.5, 0.5), *FLAT[:-1], (5.0, 5.0, 0.5)]
-    off, scale, company = naive.surface(xyz, 0, range(1, 21))
+    off, scale, _ = naive.surface(xyz, 0, range(1, 21))
     assert off == pytest.approx(0.5, abs=0.01)
     assert scale < 0.05  # little of the stray neighbour
-    assert company == 1
+
+
+@pytest.mark.parametrize(('aside', 'amidst'), [(0.0, 1.0), (0.5, 0.75), (1.0, 0.0), (3.0, 0.0)])
+def test_amidst(aside: float, amidst: float) -> None:
+    """The grid's variances along x and y are 2 and 1.25, its spread the root of their sum."""
+    xyz = [(2.0 + aside * sqrt(3.25), 1.5, 0.3), *FLAT]
+    assert naive.surface(xyz, 0, range(1, 21))[2] == pytest.approx(amidst, abs=1e-12)
 
 
 def test_surface_of_a_line() -> None:
-    """Neighbours on the x axis: a point 3 and 4 aside is 5 from them, and has no company."""
+    """Neighbours on the x axis: a point 3 and 4 aside is 5 from them, at the end of them."""
     xyz = [(0.0, 3.0, 4.0), *((float(x), 0.0, 0.0) for x in range(20))]
-    off, scale, company = naive.surface(xyz, 0, range(1, 21))
+    off, scale, amidst = naive.surface(xyz, 0, range(1, 21))
     assert off == pytest.approx(5.0)
     assert scale == pytest.approx(1e-4)
-    assert company == 0
+    assert amidst == 0
 
 
 def test_segments() -> None:
@@ -74,6 +80,7 @@ def test_statistic() -> None:
     assert naive.statistic(NOTHING | {'step': 1e9}, ONCE) == pytest.approx(2.0)
     assert naive.statistic(NOTHING | {'along': inf}, ONCE | {'along': 3.0}) == pytest.approx(6.3)
     assert naive.statistic(NOTHING | {'step': 0.0}, ONCE) == 0
+    assert naive.statistic(NOTHING | {'surface': 2.5}, ONCE | {'surface': 2.0}) == 5.0
 
 
 def test_spins() -> None:
@@ -91,7 +98,7 @@ def test_straightness() -> None:
     slanted = scan(xyz, list(range(30)), [i // 2 for i in range(30)])
     length = 0.05 * sqrt((15**2 - 1) / 12)
     result = naive.straightness(slanted, [0.05] * 30, 1.5)
-    assert result == pytest.approx([0.12 * length / 0.01] * 30)
+    assert result == pytest.approx([0.2 * length / 0.01] * 30)
     level = scan([(x, y, 0.0) for x, y, _ in xyz], list(slanted.t), list(slanted.line))
     assert all(isnan(one) for one in naive.straightness(level, [0.05] * 30, 1.5))
     few = slanted.take(range(20))

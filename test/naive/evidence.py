@@ -15,15 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 Point = Sequence[float]
-WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'apart', 'alone')
+WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone')
 BOUNDS = {
     'spacing': (1.0, exp(3.0)),
     'step': (1.0, exp(2.0)),
     'lonely': (1.0, exp(1.2)),
     'amid': (exp(-1.2), 1.0),
     'along': (exp(0.7), exp(2.8)),
-    'surface': (exp(0.7), exp(2.8)),
-    'apart': (1.0, 21.0),
     'alone': (1.0, 9.0),
 }
 
@@ -64,27 +62,30 @@ def mean_distance(xyz: Sequence[Point], i: int, others: Sequence[int]) -> float:
     return sum(dist(xyz[i], xyz[j]) for j in others) / len(others)
 
 
-def surface(xyz: Sequence[Point], i: int, others: Sequence[int]) -> tuple[float, float, int]:
-    """Distance of a point from the surface of others, its scale, and the point's company."""
+def surface(xyz: Sequence[Point], i: int, others: Sequence[int]) -> tuple[float, float, float]:
+    """Distance of a point from the surface of others, its scale, and how much it is amidst them."""
     near = np.array([np.subtract(xyz[j], xyz[i]) for j in others])
     weight = np.ones(len(others))
-    normal, middle, scale = np.zeros(3), np.zeros(3), 0.0
-    for _ in range(2):
+    normal, middle, scale, amidst = np.zeros(3), np.zeros(3), 0.0, 0.0
+    for fit in range(2):
         middle = np.average(near, axis=0, weights=weight)
         centred = near - middle
-        spread = (centred * weight[:, None]).T @ centred / weight.sum()
-        value, vector = np.linalg.eigh(spread)
+        value, vector = np.linalg.eigh((centred * weight[:, None]).T @ centred / weight.sum())
         normal = vector[:, 0]
         if value[1] <= 1e-6 * value[2]:
             across = middle - (middle @ vector[:, 2]) * vector[:, 2]
             length = float(np.linalg.norm(across))
             normal = across / length if length > 0 else np.array([0.0, 0.0, 1.0])
+        if fit == 0:
+            spread = value[1] + value[2]
+            along = max(middle @ middle - (middle @ normal) ** 2, 0.0)
+            aside = sqrt(along / spread) if spread > 0 else 0.0
+            amidst = min(max(1.5 * (1 - aside), 0.0), 1.0)
         residual = np.abs(centred @ normal)
         scale = 1.4826 * float(np.median(residual)) + 1e-4
         weight = 1 / (1 + (residual / (3 * scale)) ** 2) ** 2
     off = abs(float(middle @ normal))
-    company = int(np.count_nonzero(np.abs(near @ normal) < off / 2))
-    return off, scale, company
+    return off, scale, amidst
 
 
 def segments(scan: Scan, gap_factor: float) -> list[list[list[int]]]:
@@ -190,8 +191,9 @@ def ratios(
     spacing = [max(one, 0.001) for one in spacing]
     result = []
     for i in n:
-        off, scale, company = fits[i]
-        company = company if off >= 2 * sigma else 20
+        off, scale, amidst = fits[i]
+        own = scale + 0.3 * sigma
+        sigmas = min(off / sigma, 2 * off / own, 8.0) - 2
         beside = sum(scan.line[j] != scan.line[i] for j in near[i][:8])
         five = median(d5[j] for j in near[i])
         result.append(
@@ -201,8 +203,7 @@ def ratios(
                 'lonely': d5[i] / max(fives[i], 0.001),
                 'amid': five / d20[i] if d20[i] > 0 else nan,
                 'along': along[i] / sigma_along,
-                'surface': min(off / sigma, 2 * off / (scale + 0.3 * sigma)),
-                'apart': 21 / (1 + company),
+                'surface': max(sigmas, 0.0) * min(1.3 * sigma / own, 1.0) * amidst,
                 'alone': 9 / (1 + beside),
             }
         )
@@ -210,17 +211,16 @@ def ratios(
 
 
 def statistic(ratio: Mapping[str, float], weights: Mapping[str, float]) -> float:
-    """Weighted sum of the logarithms, within their bounds."""
-    total = 0.0
-    for name in WITNESSES:
-        least, most = BOUNDS[name]
+    """Weighted sum of the logarithms, within their bounds, and of what the surface says."""
+    total = weights['surface'] * ratio['surface']
+    for name, (least, most) in BOUNDS.items():
         held = min(max(ratio[name], least), most) if ratio[name] > least else least
         total += weights[name] * log(held / least)
     return total
 
 
 def straightness(scan: Scan, spacing: Sequence[float], gap_factor: float) -> list[float]:
-    """0.12 × length ÷ width of the slanted group that a point is in; NaN in none."""
+    """0.2 × length ÷ width of the slanted group that a point is in; NaN in none."""
     n = len(scan.xyz)
     near = [set(nearest(scan.xyz, i, 12)) for i in range(n)]
     for line in segments(scan, gap_factor):
@@ -258,7 +258,7 @@ def _straightness(xyz: Sequence[Point], line: Sequence[int]) -> float:
     ]
     if len(means) > 3 and np.std(means) < 0.3 * length:
         return nan
-    return 0.12 * length / max(width, 1e-9)
+    return 0.2 * length / max(width, 1e-9)
 
 
 def spins(scan: Scan) -> bool:

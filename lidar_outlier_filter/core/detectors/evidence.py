@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Witnesses, weighed: what the scan line, the neighbours and their surface say of a point.
 
-Each witness is the logarithm of a ratio that is about 1 for a good point. It is silent up to a
-least value and says no more beyond a largest one, so that none condemns a point alone:
+All witnesses but one are logarithms of a ratio that is about 1 for a good point. Each is silent up
+to a least value and says no more beyond a largest one, so that none condemns a point alone:
 
     statistic = Σ weight · (min(max(log ratio, least), most) - least)
 
@@ -23,10 +23,10 @@ With d3, d5 and d20 the mean distances to so many nearest neighbours, the ratios
 ``along``
     Difference from the best of three predictions along the line ÷ the median difference.
 ``surface``
-    Distance from the surface of the 20 neighbours ÷ half their standard deviation from it, or ÷ the
-    median one of all points, whichever is less.
-``apart``
-    21 ÷ (1 + how many of the 20 neighbours are at the point's own height above that surface).
+    No logarithm, because noise ends so abruptly: how many standard deviations the point is from the
+    surface of the 20 neighbours, of the typical ones or half their own, whichever is less, above 2
+    and up to 8; times how even the surface is (1.3 × the typical standard deviation ÷ their own, at
+    most 1), and how much the point is amidst them: at edges the surface is no measure.
 ``alone``
     9 ÷ (1 + how many of the 8 nearest neighbours are of other lines).
 

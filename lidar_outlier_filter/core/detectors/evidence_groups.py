@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 JOINED = 12  # nearest neighbours of which a point may be joined to any
 REACH = 4.0  # expected spacings up to which points are joined
 SMALLEST, LARGEST = 24, 3000  # points of a group
-NARROW = 0.12  # standard deviation across, of that along: thinner groups are straight
+NARROW = 0.2  # standard deviation across, of that along: thinner groups are straight
 LONGEST = 8.0  # metres
 LEVEL, STEEP = 0.15, 0.85  # sines of the slope: between them a group is slanted
 FEW_LINES = 3

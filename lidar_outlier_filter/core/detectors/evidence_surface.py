@@ -28,6 +28,7 @@ REACH = 3.0  # standard deviations at which a neighbour weighs a quarter
 LEAST = 1e-4  # metres that are added to the scale of residuals, which may be 0
 MAD_TO_SIGMA = 1.4826
 NARROW = 1e-6  # ratio of variances across and along, below which neighbours lie on a line
+AMIDST = 1.5
 BEYOND = 1.2  # times the distance of the farthest neighbour, where none is of another line
 
 
@@ -41,8 +42,9 @@ class Surroundings(NamedTuple):
     others : how many of the 8 nearest are of other lines
     off : distance from the surface
     scale : standard deviation of the neighbours from it
-    company : how many of the 20 are at the point's own height above the surface: nearer to it than
-        half its distance from the surface
+    amidst : from 1, where neighbours lie all around the point, to 0, where on one side: 1.5 × (1 -
+        distance of their mean from it ÷ their root mean square distance from that mean), both along
+        the plane through them
 
     """
 
@@ -53,7 +55,7 @@ class Surroundings(NamedTuple):
     others: Floats
     off: Floats
     scale: Floats
-    company: Floats
+    amidst: Floats
 
 
 def empty(count: int) -> Surroundings:
@@ -84,7 +86,7 @@ def measure(
     """Measure the wanted of a range of points from their lists of neighbours, nearest first."""
     near = np.empty((3, K))
     room = np.empty((2, K))
-    plane = np.empty(5)
+    plane = np.empty(6)
     for i in range(begin, end):
         if not wanted[i]:
             continue
@@ -94,12 +96,7 @@ def measure(
                 near[axis, m] = xyz[j, axis] - xyz[i, axis]
         _distances(i, near, nearest, line, out)
         _fit(near, room, plane)
-        out.off[i], out.scale[i] = abs(plane[3]), plane[4]
-        company = 0
-        for m in range(K):
-            height = near[0, m] * plane[0] + near[1, m] * plane[1] + near[2, m] * plane[2]
-            company += abs(height) < abs(plane[3]) / 2
-        out.company[i] = company
+        out.off[i], out.scale[i], out.amidst[i] = abs(plane[3]), plane[4], plane[5]
 
 
 @kernel
@@ -128,12 +125,15 @@ def _distances(
 def _fit(near: Floats, room: Floats, plane: Floats) -> None:
     """Fit the surface to the neighbours, given relative to the point.
 
-    Writes its normal, the height of the point above it, and the scale of the residuals.
+    Writes its normal, the height of the point above it, the scale of the residuals, and how much
+    the point is amidst its neighbours.
     """
     weight, residual = room[0], room[1]
     weight[:] = 1.0
     for fit in range(FITS):
-        _fit_weighted(near, weight, plane)
+        aside = _fit_weighted(near, weight, plane)
+        if fit == 0:
+            plane[5] = min(max(AMIDST * (1 - aside), 0.0), 1.0)
         for m in range(K):
             height = near[0, m] * plane[0] + near[1, m] * plane[1] + near[2, m] * plane[2]
             residual[m] = abs(height + plane[3])
@@ -147,8 +147,11 @@ def _fit(near: Floats, room: Floats, plane: Floats) -> None:
 
 
 @kernel
-def _fit_weighted(near: Floats, weight: Floats, plane: Floats) -> None:
-    """Write the normal of the weighted neighbours, and the height of the point above them."""
+def _fit_weighted(near: Floats, weight: Floats, plane: Floats) -> float:
+    """Write the normal of the weighted neighbours, and the height of the point above them.
+
+    Returns how far their mean is aside of the point, in parts of their spread along the surface.
+    """
     total = sx = sy = sz = 0.0
     for m in range(K):
         w = weight[m]
@@ -179,7 +182,13 @@ def _fit_weighted(near: Floats, weight: Floats, plane: Floats) -> None:
             plane[0], plane[1], plane[2] = a / length, b / length, c / length
         else:
             plane[0], plane[1], plane[2] = 0.0, 0.0, 1.0
-    plane[3] = -(sx * plane[0] + sy * plane[1] + sz * plane[2])
+    height = sx * plane[0] + sy * plane[1] + sz * plane[2]
+    plane[3] = -height
+    spread = middle + high
+    if not spread > 0:
+        return 0.0
+    aside = max((sx * sx + sy * sy + sz * sz) - height * height, 0.0)
+    return float(np.sqrt(aside / spread))
 
 
 @kernel

@@ -27,13 +27,15 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Bools = NDArray[np.bool_]
 
-WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'apart', 'alone')
-# Where witnesses begin to speak, and beyond what they say no more, as logarithms.
-LEAST = np.array([0.0, 0.0, 0.0, -1.2, 0.7, 0.7, 0.0, 0.0])
-MOST = np.array([3.0, 2.0, 1.2, 0.0, 2.8, 2.8, np.log(K + 1), np.log(NEAR + 1)])
+WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone')
+SURFACE = WITNESSES.index('surface')
+# Where witnesses begin to speak, and beyond what they say no more; logarithms, except `surface`.
+LEAST = np.array([0.0, 0.0, 0.0, -1.2, 0.7, 0.0, 0.0])
+MOST = np.array([3.0, 2.0, 1.2, 0.0, 2.8, 6.0, np.log(NEAR + 1)])
 SIGMA_FLOOR = 0.002  # metres, of the median difference along the line and from the surface
 SPACING_FLOOR = 0.001  # metres
-FEW_SIGMA = 2.0  # from the surface: a point so near it is at the height of all its neighbours
+FEW_SIGMA, MANY_SIGMA = 2.0, 8.0  # from the surface: how far it begins and ends to tell
+EVEN = 1.3  # × the typical standard deviation: a surface up to which is even
 OF_ALL = 0.3  # part of the σ of all points that is added to that of the neighbours
 INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
 
@@ -85,7 +87,7 @@ class Testimony(NamedTuple):
     ----------
     wanted : (N,) bool
         Points that it was asked of.
-    words : (N, 8) float64
+    words : (N, 7) float64
         What each witness says of them, 0 to MOST - LEAST; nothing of others.
     around : what was measured of the neighbours of all
     usual : what the witnesses compare with
@@ -256,17 +258,18 @@ def _speak(
             near[m] = around.some[nearest[i, m]]
         off = around.off[i]
         own = around.scale[i] + OF_ALL * usual.surface
-        company = around.company[i] if off >= FEW_SIGMA * usual.surface else float(K)
+        even = min(EVEN * usual.surface / own, 1.0)
+        sigmas = min(off / usual.surface, 2 * off / own, MANY_SIGMA) - FEW_SIGMA
         ratio[0] = around.few[i] / usual.spacing[i]
         # Where steps are lacking all around, that of a point tells nothing.
         ratio[1] = step[i] / usual.step[i] if usual.step[i] < np.inf else 0.0
         ratio[2] = around.some[i] / usual.some[i]
         ratio[3] = median(near, K) / around.all[i]
         ratio[4] = along[i] / usual.along
-        ratio[5] = min(off / usual.surface, 2 * off / own)
-        ratio[6] = (K + 1) / (company + 1)
-        ratio[7] = (NEAR + 1) / (around.others[i] + 1)
+        ratio[6] = (NEAR + 1) / (around.others[i] + 1)
+        ratio[SURFACE] = 1.0
         for w in range(len(least)):
             # A comparison with NaN, 0 ÷ 0 where all points coincide, is false: it says nothing.
             word = np.log(ratio[w]) if ratio[w] > 0 else -np.inf
             words[i, w] = min(max(word, least[w]), most[w]) - least[w]
+        words[i, SURFACE] = max(sigmas, 0.0) * even * around.amidst[i]
