@@ -23,6 +23,7 @@ from lidar_outlier_filter.evaluation.contestants import (
     Ours,
     Peer,
     Told,
+    ablations,
     peers,
 )
 from lidar_outlier_filter.evaluation.samples import simulated
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 def record(name: str, counts: tuple[int, int, int, int], seed: int = 1, **more: str) -> Record:
     """Make a record of two stretches, all in the first."""
     both = np.array([counts, (0, 0, 0, 0)])
-    return Record(more.get('sample', 'leslar-b'), name, seed, both, 0.5, 1.0)
+    return Record(more.get('sample', 'leslar-b'), name, seed, both, 0.5, 1.0, 0.95)
 
 
 def test_all_is_counted() -> None:
@@ -52,6 +53,7 @@ def test_all_is_counted() -> None:
     assert whole.total == len(sample.data)
     assert len(one.counts) == sample.data.stretches
     assert 0 < one.auc < 1
+    assert one.best >= whole.f1
     assert math.isnan(other.auc)
 
 
@@ -101,8 +103,9 @@ def test_who_judges_what() -> None:
     ]
     names = [{one.name for one in entry[2]} for entry in listed]
     others = {one.name for one in peers()}
-    assert names[0] == names[1] == names[3] == {one.name for one in OURS} | others
-    assert names[2] == {DEFAULT} | others
+    parts = {one.name for one in ablations()}
+    assert names[0] == names[1] == names[3] == {one.name for one in OURS} | parts | others
+    assert names[2] == {DEFAULT} | parts | others
 
 
 def test_like_is_compared_with_like() -> None:
@@ -166,9 +169,9 @@ def test_parts() -> None:
     """Ablations stand beside the whole on the presets with targets."""
     found = standings([record(DEFAULT, (9, 1, 0, 90)), record('part', (8, 2, 9, 81))])
     text = contest_tables.parts(found, [DEFAULT, 'part', 'none'])
-    assert '| default | 0.947 | 0.00 % |' in text
-    assert '| part | 0.593 | 10.00 % |' in text
-    assert '| none | – | – |' in text
+    assert '| default | 0.947 | 0.950 | 0.00 % |' in text
+    assert '| part | 0.593 | 0.950 | 10.00 % |' in text
+    assert '| none | – | – | – |' in text
 
 
 def test_leslar() -> None:

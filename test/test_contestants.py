@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.evidence_witnesses import WITNESSES
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.evaluation import contestants
 from lidar_outlier_filter.evaluation.contestants import (
     DEFAULT,
     OURS,
+    WEIGHTS,
     Ours,
     Peer,
     Told,
@@ -113,3 +115,14 @@ def test_ablations() -> None:
     assert [one.parameters.chain for one in parts] == [('sor',), ('lof',)]
     assert parts[1].parameters.lof.min_pts == 7
     assert ablations({'chain': ['lof']}) == []
+
+
+def test_ablations_of_evidence() -> None:
+    """Each witness is made silent, for either sensor, and everything else stays."""
+    parts = {one.name: one.parameters for one in ablations({'chain': ['evidence']})}
+    assert len(parts) == len(WITNESSES) + 2
+    mute = parts['without `step`']
+    whole = FilterParameters().changed({'chain': ['evidence']})
+    assert mute == whole.changed({f'{kind}.step': 0.0 for kind in WEIGHTS})
+    assert not parts['without slanted groups'].evidence_profile.slanted
+    assert parts['one pass'].evidence_profile.passes == 1

@@ -48,6 +48,7 @@ class Record:
         Tally of each stretch.
     auc : area under the ROC curve; NaN where there is no score
     seconds : that it took, once
+    best : F1 at the best threshold for this sample; NaN where there is no score
 
     """
 
@@ -57,6 +58,7 @@ class Record:
     counts: NDArray[np.int64]
     auc: float
     seconds: float
+    best: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,11 @@ class Standing:
     def auc(self) -> float:
         """Mean area under the ROC curve over the seeds; NaN where there is no score."""
         return fmean(record.auc for record in self.records)
+
+    @property
+    def best(self) -> float:
+        """Mean F1 over the seeds, each at its best threshold; NaN where there is no score."""
+        return fmean(record.best for record in self.records)
 
     @property
     def worst(self) -> float:
@@ -129,9 +136,10 @@ def score(contestant: Contestant, sample: Sample) -> Record:
     rejected, scores = contestant.judge(sample)
     seconds = perf_counter() - begin
     data = sample.data
-    auc = math.nan if scores is None else curve(data.bad, scores).auc
+    told = None if scores is None else curve(data.bad, scores)
+    auc, best = (math.nan, math.nan) if told is None else (told.auc, told.best)
     counts = tally(data.bad, rejected, data.stretch, data.stretches)
-    return Record(sample.name, contestant.name, sample.seed, counts, auc, seconds)
+    return Record(sample.name, contestant.name, sample.seed, counts, auc, seconds, best)
 
 
 def standings(records: Iterable[Record]) -> Standings:

@@ -85,7 +85,9 @@ def _default(found: Standings, seeds: Sequence[int]) -> str:
         'was used to choose them. Intervals are of 95 %, drawn from the seeds with replacement; '
         'with few seeds they are rather too narrow.',
         table,
-        'Without each part in turn, and the peers in the same run:',
+        'Without each part in turn, and the peers in the same run. Thresholds stay as they are, so '
+        'that a part less means fewer rejections; the best F1 is that at the threshold that suits '
+        'each cloud best:',
         contest_tables.parts(found, rows),
         note,
         'Peers with a higher F1 than the default:',

@@ -154,9 +154,12 @@ def targets(found: Standings, name: str) -> str:
 
 
 def parts(found: Standings, names: Sequence[str]) -> str:
-    """Show several contestants on the presets with targets, F1 and what is lost: ablations."""
+    """Show several contestants on the presets with targets: ablations.
+
+    F1 as they are, F1 at the threshold that is best for each cloud, and what is lost.
+    """
     presets = [preset for preset in TARGETS if preset in found]
-    head = ['', *(f'{preset}: F1' for preset in presets), *(f'{one}: lost' for one in presets)]
+    head = ['', *(f'{one}: {what}' for what in ('F1', 'best F1', 'lost') for one in presets)]
     rows = []
     for name in names:
         standings = [found[preset].get(name) for preset in presets]
@@ -164,6 +167,7 @@ def parts(found: Standings, names: Sequence[str]) -> str:
             [
                 name,
                 *(_cell(one, _f1) for one in standings),
+                *(_cell(one, _best) for one in standings),
                 *(_cell(one, _lost) for one in standings),
             ]
         )
@@ -204,6 +208,10 @@ def _f1(standing: Standing) -> str:
 
 def _auc(standing: Standing) -> str:
     return number(standing.auc)
+
+
+def _best(standing: Standing) -> str:
+    return number(standing.best)
 
 
 def _lost(standing: Standing) -> str:

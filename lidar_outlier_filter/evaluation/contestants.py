@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.evidence_witnesses import WITNESSES
 from lidar_outlier_filter.parameters import PAPER, FilterParameters
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 DEFAULT = 'default'
 NEIGHBOURS, FACTOR, DEVIATIONS = 20, 1.2, 2.0
 RADIUS, FEWEST = 0.5, 3  # the defaults of sor.statistic: radius
+WEIGHTS = ('evidence_profile', 'evidence_spinning')
 MOST = 300_000  # points of one cloud that slow peers are given
 
 
@@ -210,11 +212,22 @@ def _sklearn_lof(xyz: NDArray[np.float64]) -> Told:
 
 
 def ablations(whole: Mapping[str, object] = MappingProxyType({})) -> list[Ours]:
-    """Take each part of a chain away in turn: each detector, if there are several."""
+    """Take each part of a chain away in turn: each detector, if there are several.
+
+    Of ``evidence``, each witness, the second pass and the groups. Thresholds stay as they are.
+    """
     chain = FilterParameters().changed(whole).chain
-    if len(chain) == 1:
-        return []
-    return [
+    several = len(chain) > 1
+    parts = [
         Ours(f'without `{name}`', {**whole, 'chain': tuple(n for n in chain if n != name)})
         for name in chain
+        if several
     ]
+    if 'evidence' in chain:
+        changes = {f'without `{name}`': (name, 0.0) for name in WITNESSES}
+        changes |= {'one pass': ('passes', 1), 'without slanted groups': ('slanted', False)}
+        parts += [
+            Ours(title, {**whole, **{f'{kind}.{name}': value for kind in WEIGHTS}})
+            for title, (name, value) in changes.items()
+        ]
+    return parts

@@ -63,6 +63,11 @@ class Curve:
         return np.divide(self.found, rejected, out=np.ones_like(rejected), where=rejected > 0)
 
     @property
+    def best(self) -> float:
+        """Largest F1 that a threshold gives: 2 found ÷ (rejected + outliers)."""
+        return float(np.max(2 * self.found / (self.found + self.lost + self.found[-1])))
+
+    @property
     def auc(self) -> float:
         """Area under the ROC curve: the chance that an outlier scores above a good point."""
         width, height = np.diff(self.false_rejections), self.recall
