@@ -78,10 +78,10 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     beyond = np.maximum(low - xyz[:, 2], xyz[:, 2] - high)
     apart = beyond > 0
     score[apart] = beyond[apart] / parameters.gap
-    left = np.flatnonzero(~apart)
-    if len(left) <= parameters.k:
+    left = ~apart
+    if np.count_nonzero(left) <= parameters.k:
         return score
-    difference = differences(xyz[left], parameters.k, threads)
+    difference = differences(xyz[left] if apart.any() else xyz, parameters.k, threads)
     sigma = max(parameters.sigma_floor, float(np.std(difference, ddof=1)))
     off = (difference - np.mean(difference)) / (parameters.multiplier * sigma)
     score[left] = np.abs(off) if parameters.sides == 'both' else off
@@ -117,7 +117,8 @@ def differences(xyz: Floats, k: int, threads: int = 0) -> Floats:
     neighbourhood = Neighbourhood(flat, k, threads)
     index, tied = neighbourhood.nearest(k)
     order = neighbourhood.order
-    elevation = xyz[order, 2]
+    # A column of its own first: picked from the rows, each would fetch a whole line of memory.
+    elevation = xyz[:, 2].copy()[order]
     result = np.empty(len(xyz))
 
     def work(begin: int, end: int) -> None:
