@@ -7,8 +7,9 @@
 
 A spinning sensor of so many rings, with 48 bytes per point, is published best effort; afterwards,
 if asked for, at another rate for ten seconds. Printed is what /diagnostics says in each second, and
-at the end: clouds sent and received, the delay while they came, the growth of the filter's memory
-after the first five seconds, and how long after the change of the rate all was well again.
+at the end: clouds sent and received, the processor time that each process took for a cloud, the
+delay while they came, the growth of the filter's memory after the first five seconds, and how long
+after the change of the rate all was well again.
 """
 
 # ruff: noqa: INP001  a script, no package
@@ -24,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
@@ -143,9 +145,14 @@ class Seconds:
         )
 
 
+def _busy(process: psutil.Process) -> float:
+    """Return the seconds of processor time that a process has taken."""
+    times = process.cpu_times()
+    return float(times.user + times.system)
+
+
 def measure(options: argparse.Namespace) -> int:
     """Run the processes, and print what becomes of the clouds."""
-    import psutil  # noqa: PLC0415
     from live import Program, counter, diagnoser, environment, next_status  # noqa: PLC0415
 
     env = environment() | {'PYTHONPATH': os.pathsep.join(sys.path[:2])}
@@ -163,16 +170,27 @@ def measure(options: argparse.Namespace) -> int:
         collecting.wait_for('matched')
         next_status(listening)
         sensor.wait_for('ready')
-        process = psutil.Process(node._process.pid)  # noqa: SLF001
+        programs = {'sensor': sensor, 'filter': node, 'listener': collecting}
+        processes = {
+            name: psutil.Process(program._process.pid)  # noqa: SLF001
+            for name, program in programs.items()
+        }
+        busy = {name: -_busy(process) for name, process in processes.items()}
         sensor.tell('go')
         begin = time.monotonic()
         while time.monotonic() < begin + options.seconds + REST + 1:
             status = next_status(listening)
-            sys.stdout.write(seen.add(status, process.memory_info().rss / 1e6) + '\n')
+            sys.stdout.write(seen.add(status, processes['filter'].memory_info().rss / 1e6) + '\n')
             sys.stdout.flush()
         sys.stdout.write(sensor.wait_for('sent') + '\n')
         end = float(sensor.wait_for(''))
         sys.stdout.write('then ' + sensor.wait_for('sent') + '\n')
+        clouds = round(options.seconds * options.rate + REST * options.then)
+        shares = (
+            f'{name} {1e3 * (busy[name] + _busy(process)) / clouds:.1f}'
+            for name, process in processes.items()
+        )
+        sys.stdout.write(f'processor time for a cloud sent, ms: {", ".join(shares)}\n')
         collecting.close()
         collecting.wait()
         sys.stdout.write(f'received {collecting.output[-1]}\n{seen.summary(end)}\n')
