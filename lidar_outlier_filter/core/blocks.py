@@ -55,6 +55,8 @@ class _Message:
 
     def between(self, begin: int, end: int) -> slice | NDArray[np.intp]:
         """Find the points with begin <= t < end."""
+        if begin <= self.first and self.last < end:
+            return slice(None)
         return _between(self.points.t, begin, end, is_sorted=self.sorted)
 
 

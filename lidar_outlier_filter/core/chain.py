@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -38,19 +37,35 @@ TEMPORAL = ('alpha_beta_gamma',)  # detectors that look along the line only: fas
 ALONG_LINES = (*TEMPORAL, 'evidence')  # detectors that need scan lines
 
 
-@dataclass(frozen=True)
 class _Seen:
-    """The points that a detector sees, and their one neighbourhood, built when first asked for."""
+    """The points that a detector sees, and their one neighbourhood, made when first asked for."""
 
-    where: NDArray[np.intp]  # their places among all
-    points: Points
-    neighbourhood: Neighbourhood
+    def __init__(
+        self,
+        where: NDArray[np.intp],
+        points: Points,
+        parameters: FilterParameters,
+        neighbourhood: Neighbourhood | None = None,
+    ) -> None:
+        self.where = where  # their places among all
+        self.points = points
+        self._parameters = parameters
+        self._neighbourhood = neighbourhood
+
+    @property
+    def neighbourhood(self) -> Neighbourhood:
+        if self._neighbourhood is None:
+            most = _most_neighbours(self._parameters)
+            self._neighbourhood = Neighbourhood(self.points.xyz, most, self._parameters.threads)
+        return self._neighbourhood
 
     def without(self, rejected: NDArray[np.bool_]) -> _Seen:
         if not rejected.any():
             return self
-        left = ~rejected
-        return _Seen(self.where[left], self.points.take(left), self.neighbourhood.without(rejected))
+        left = np.flatnonzero(~rejected)
+        near = self._neighbourhood
+        near = None if near is None else near.without(rejected)
+        return _Seen(self.where[left], self.points.take(left), self._parameters, near)
 
 
 class _Told(NamedTuple):
@@ -81,14 +96,14 @@ class Chain:
         """Judge valid points that lie together in time; the verdict is in their order."""
         parameters = self.parameters
         verdict = Verdict.untested(len(points))
-        neighbourhood = Neighbourhood(points.xyz, _most_neighbours(parameters), parameters.threads)
-        seen = _Seen(np.arange(len(points)), points, neighbourhood)
-        for name in parameters.chain:
+        seen = _Seen(np.arange(len(points)), points, parameters)
+        for number, name in enumerate(parameters.chain, 1):
             told = self._detectors[name](seen, parameters)
             verdict.add(BITS[name], seen.where, told.score)
             if told.second is not None:
                 verdict.detectors[seen.where[told.second]] |= SECOND_PHASE
-            if parameters.vote == 0:
+            # Behind the last one nobody looks at what is left.
+            if parameters.vote == 0 and number < len(parameters.chain):
                 seen = seen.without(told.score > 1)
         verdict.settle(max(parameters.vote, 1))
         return verdict
@@ -110,10 +125,13 @@ class Chain:
         points = seen.points
         order = scanlines.order_by_line(points)
         # A profile scanner's points come in this order: a copy less.
-        ordered = points if scanlines.is_unchanged(order) else points.take(order)
+        unchanged = scanlines.is_unchanged(order)
+        ordered = points if unchanged else points.take(order)
         lines = scanlines.find_lines(ordered, parameters.gap_factor)
         outcome = alpha_beta_gamma.detect(ordered, lines, parameters.alpha_beta_gamma)
         self.passes = max(self.passes, outcome.passes)
+        if unchanged:
+            return _Told(outcome.score)
         score = np.empty(len(points))
         score[order] = outcome.score
         return _Told(score)

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.kernels import kernel
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -68,16 +70,9 @@ class Verdict:
         """Count the points."""
         return len(self.score)
 
-    # A score beyond float32 is inf, which is as good.
-    @np.errstate(over='ignore')
     def add(self, bit: int, where: NDArray[np.intp], score: NDArray[np.float64]) -> None:
         """Note what one detector says of some of the points; NaN: nothing."""
-        failed = score > 1
-        rounded = score.astype(np.float32)
-        rounded[failed] = np.maximum(rounded[failed], ABOVE_ONE)
-        self.score[where] = np.fmax(self.score[where], rounded)
-        self.detectors[where[failed]] |= bit
-        self.undecided[where[np.isnan(score)]] |= bit
+        _add(np.uint16(bit), where, score, self.score, self.detectors, self.undecided)
 
     def settle(self, needed: int) -> None:
         """Reject the points that at least ``needed`` detectors reject."""
@@ -95,3 +90,27 @@ class Verdict:
         """Write the verdicts of some of the points."""
         for field in fields(Verdict):
             getattr(self, field.name)[where] = getattr(told, field.name)
+
+
+@kernel
+def _add(
+    bit: np.uint16,
+    where: NDArray[np.intp],
+    score: NDArray[np.float64],
+    largest: NDArray[np.float32],
+    detectors: NDArray[np.uint16],
+    undecided: NDArray[np.uint16],
+) -> None:
+    for i in range(len(where)):
+        k = where[i]
+        if np.isnan(score[i]):
+            undecided[k] |= bit
+            continue
+        # Beyond float32 it is inf, which is as good.
+        rounded = np.float32(score[i])
+        if score[i] > 1:
+            rounded = max(rounded, ABOVE_ONE)
+            detectors[k] |= bit
+        # A comparison with NaN is false: what nobody has tested yet is overwritten.
+        if not largest[k] >= rounded:
+            largest[k] = rounded
