@@ -191,7 +191,7 @@ def _with_rows(msg: Any, rows: Rows, fields: Any, step: int, height: int = 1) ->
 
 def _like(data: Any, rows: Rows) -> Any:
     """Give the bytes of the rows in the type that the message's own data has."""
-    plain = np.frombuffer(rows.tobytes(), np.uint8) if rows.size else np.empty(0, np.uint8)
+    plain = rows.view(np.uint8) if rows.size else np.empty(0, np.uint8)
     if isinstance(data, array):
         result = array('B')
         result.frombytes(plain.data)

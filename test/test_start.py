@@ -220,3 +220,16 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
         assert node.wait() == 1
     assert node.output[-1].startswith('outlier_filter_node: failed to initialize rcl: ')
     assert 'Traceback' not in '\n'.join(node.output)
+
+
+def test_memory_is_kept_for_the_next_cloud() -> None:
+    """What a large array has used is not asked of the system again."""
+    script = (
+        'import resource; from lidar_outlier_filter.start import keep_memory\n'
+        'def faults(): return resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n'
+        'def use(): bytearray(40_000_000)\n'
+        'keep_memory(); use(); before = faults(); use(); print(faults() - before)\n'
+    )
+    with Program('-c', script, env={}) as program:
+        assert int(program.wait_for('')) < 1000  # of 10 000 pages
+        assert program.wait() == 0

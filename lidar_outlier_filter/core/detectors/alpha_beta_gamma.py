@@ -124,14 +124,31 @@ def critical_values(significance: float, test: str) -> tuple[float, float]:
 def _series(points: Points, lines: Lines, pad: int) -> Series:
     # The links are copied: taking a point out must not be seen by other detectors.
     series = empty_series(pad, lines.before.copy(), lines.after.copy())
-    # Relative to the first point, nanoseconds are whole in a float64 too.
-    series.row(T)[:] = points.t - points.t[:1]
-    series.row(slice(X, X + 3))[:] = points.xyz.T
-    series.row(WEIGHT)[:] = 1 if points.sigma is None else points.sigma**-2.0
     known = lines.interval > 0
     rate = np.where(known, 1 / np.where(known, lines.interval, 1.0), 0.0)
-    series.row(RATE)[:] = np.repeat(rate, np.diff(lines.first))
+    _fill(points.t, points.xyz, lines.first, rate, series.row(slice(None)))
+    if points.sigma is not None:
+        series.row(WEIGHT)[:] = points.sigma**-2.0
     return series
+
+
+@kernel
+def _fill(
+    t: NDArray[np.int64],
+    xyz: NDArray[np.float64],
+    first: NDArray[np.int64],
+    rate: NDArray[np.float64],
+    columns: NDArray[np.float64],
+) -> None:
+    """Write points without a standard deviation of their own, of lines with these shot rates."""
+    for line in range(len(rate)):
+        for i in range(first[line], first[line + 1]):
+            # Relative to the first point, nanoseconds are whole in a float64 too.
+            columns[T, i] = t[i] - t[0]
+            for axis in range(3):
+                columns[X + axis, i] = xyz[i, axis]
+            columns[WEIGHT, i] = 1.0
+            columns[RATE, i] = rate[line]
 
 
 def _engine(parameters: AlphaBetaGamma) -> Residuals:

@@ -80,10 +80,15 @@ def residuals(
         the window is not usable.
 
     """
-    result = np.full((3, 3, len(which)), np.nan)
+    result = np.empty((3, 3, len(which)))
     before, after = series.before, series.after
     window = parameters.before, parameters.after, parameters.min_window, parameters.order
     either = parameters.sides == 'either'
+    reaches = {BEFORE: parameters.before, AFTER: parameters.after}
+    reaches[CENTRED] = sum(reaches.values())
+    for side, reach in reaches.items():
+        if reach < parameters.min_window or not (either or side == CENTRED):
+            result[side] = np.nan
     if len(which) == len(series):
         # All of them: nothing is rejected yet, and segments are without holes.
         _in_tiles(series.columns, series.pad, *window, either, result)
