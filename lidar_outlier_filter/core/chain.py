@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import scanlines
+from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.detectors import (
     alpha_beta_gamma,
     elevation,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 
 SECOND = 2  # phase of the hierarchical detector
+POINTS_AT_ONCE = 1 << 15  # that a thread takes at once, or a line: some milliseconds
 TEMPORAL = ('alpha_beta_gamma',)  # detectors that look along the line only: fast
 ALONG_LINES = (*TEMPORAL, 'evidence')  # detectors that need scan lines
 
@@ -127,14 +129,22 @@ class Chain:
         # A profile scanner's points come in this order: a copy less.
         unchanged = scanlines.is_unchanged(order)
         ordered = points if unchanged else points.take(order)
-        lines = scanlines.find_lines(ordered, parameters.gap_factor)
-        outcome = alpha_beta_gamma.detect(ordered, lines, parameters.alpha_beta_gamma)
-        self.passes = max(self.passes, outcome.passes)
-        if unchanged:
-            return _Told(outcome.score)
-        score = np.empty(len(points))
-        score[order] = outcome.score
-        return _Told(score)
+        first = scanlines.line_starts(ordered.line)
+        told = np.empty(len(points))
+
+        def judge(begin: int, end: int) -> int:
+            part = slice(first[begin], first[end])
+            mine = ordered.take(part)
+            lines = scanlines.find_lines(mine, parameters.gap_factor)
+            outcome = alpha_beta_gamma.detect(mine, lines, parameters.alpha_beta_gamma)
+            told[part if unchanged else order[part]] = outcome.score
+            return outcome.passes
+
+        # Lines know nothing of each other.
+        count = len(first) - 1
+        chunk = max(1, -(-count * POINTS_AT_ONCE // max(len(points), 1)))
+        self.passes = max(self.passes, *pool.run(judge, count, chunk, parameters.threads), 0)
+        return _Told(told)
 
 
 def _quadric(seen: _Seen, parameters: FilterParameters) -> _Told:

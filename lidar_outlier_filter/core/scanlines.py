@@ -75,12 +75,13 @@ def find_lines(points: Points, gap_factor: float) -> Lines:
     A segment ends before the next shot where that is more than ``gap_factor`` × the line's own shot
     interval later; exactly as much later does not end it.
     """
-    first = _line_starts(points.line)
+    first = line_starts(points.line)
     interval, before, after = _link(points.t, first, gap_factor)
     return Lines(first, interval, before, after)
 
 
-def _line_starts(line: NDArray[np.int64]) -> NDArray[np.int64]:
+def line_starts(line: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return where each line begins in points that are sorted by line, and their number."""
     if not len(line):
         return np.zeros(1, np.int64)
     inner = np.flatnonzero(line[1:] != line[:-1]) + 1
