@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ from lidar_outlier_filter.health import Backlog, Health, Report
 from lidar_outlier_filter.load import Inbox, Overload, Received, Treatment
 from lidar_outlier_filter.motion import make_motion
 from lidar_outlier_filter.pipeline import Answer, CloudFilter, Statistics
+from lidar_outlier_filter.serialized import read_cloud
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -147,8 +149,8 @@ class Channel:
         """Answer and publish all that was received, before the node goes."""
         received = self._unsubscribe()
         self._inbox.close()  # from now on nothing is too much
-        for msg in received:
-            self._receive(msg)
+        for data in received:
+            self._receive_bytes(data)
         self._join()
         self.raise_failure()
         self._publish(self.flush())
@@ -179,6 +181,12 @@ class Channel:
             self._clock.stop()
 
     # In the executor's thread -----------------------------------------------------------------
+
+    def _receive_bytes(self, data: bytes) -> None:
+        try:
+            self._receive(read_cloud(data))
+        except CloudError as err:
+            self._do(partial(self._filter.refused, err))
 
     def _receive(self, msg: PointCloud2) -> None:
         self.raise_failure()
@@ -347,8 +355,9 @@ class Channel:
             return self._node.create_subscription(
                 PointCloud2,
                 self.topic,
-                self._receive,
+                self._receive_bytes,
                 QoSProfile(depth=INPUT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
+                raw=True,
                 event_callbacks=events,
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
@@ -358,23 +367,19 @@ class Channel:
         except UnsupportedEventTypeError:  # not by every middleware
             return subscribe(SubscriptionEventCallbacks())
 
-    def _unsubscribe(self) -> list[PointCloud2]:
+    def _unsubscribe(self) -> list[bytes]:
         """Take the clouds that were received, but that no executor will serve any more."""
         if self._odometry is not None:
             for msg in self._end(self._odometry, Odometry):
                 self._receive_pose(msg)
             self._odometry = None
-        if self._subscription is None:
-            return []
-        received = self._end(self._subscription, PointCloud2)
-        self._subscription = None
-        return received
+        subscription, self._subscription = self._subscription, None
+        return [] if subscription is None else self._end(subscription, PointCloud2)
 
     def _end(self, subscription: Subscription, kind: type) -> list[Any]:
-        received = []
+        take = partial(subscription.handle.take_message, kind, subscription.raw)
         with subscription.handle:
-            while taken := subscription.handle.take_message(kind, False):  # noqa: FBT003
-                received.append(taken[0])
+            received = [taken[0] for taken in iter(take, None)]
         self._node.destroy_subscription(subscription)
         return received
 

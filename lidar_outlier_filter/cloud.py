@@ -190,9 +190,12 @@ def _with_rows(msg: Any, rows: Rows, fields: Any, step: int, height: int = 1) ->
 
 
 def _like(data: Any, rows: Rows) -> Any:
-    """Give the bytes of the rows in the type that the message's own data has."""
+    """Give the bytes of the rows in the type that the message's own data has.
+
+    A memoryview, of a cloud as it was received, becomes an array: that can be sent.
+    """
     plain = rows.view(np.uint8) if rows.size else np.empty(0, np.uint8)
-    if isinstance(data, array):
+    if isinstance(data, array | memoryview):
         result = array('B')
         result.frombytes(plain.data)
         return result

@@ -146,7 +146,7 @@ class CloudFilter:
         self._stream = Stream(parameters)
         self._moving = None
         if motion is not None:
-            self._moving = MovingStream(self._stream, motion, parameters, self._refuse)
+            self._moving = MovingStream(self._stream, motion, parameters, self.refused)
             self.statistics.poses = motion.refusals
         self._entrance = self._moving or self._stream
         self._decoder.compile()
@@ -260,7 +260,8 @@ class CloudFilter:
         if self._moving is not None:
             self._moving.wait_at_most(parameters.max_delay)
 
-    def _refuse(self, err: CloudError) -> None:
+    def refused(self, err: CloudError) -> None:
+        """Count and tell of a cloud that was refused elsewhere on its way."""
         self.statistics.refusals[err.what] += 1
         self.refuse(err)
 
