@@ -173,6 +173,8 @@ def measure(options: argparse.Namespace) -> int:
         collecting.wait_for('matched')
         next_status(listening)
         sensor.wait_for('ready')
+        # The sensor has found the filter; until the filter has found the sensor, clouds are lost.
+        time.sleep(2 * LOOK)
         programs = {'sensor': sensor, 'filter': node, 'listener': collecting}
         processes = {
             name: psutil.Process(program._process.pid)  # noqa: SLF001
