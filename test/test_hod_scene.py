@@ -16,7 +16,7 @@ from PIL import Image
 from lidar_outlier_filter.core.detectors import elevation, hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical import Outcome
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation import hod_picture, hod_scene
+from lidar_outlier_filter.evaluation import hod_picture, hod_scene, picture
 from lidar_outlier_filter.evaluation.hod_scene import FAR, NEAR, Errors, simulate
 from lidar_outlier_filter.parameters import Hierarchical
 
@@ -94,7 +94,7 @@ def test_picture(tmp_path: Path, least: int) -> None:
     with Image.open(tmp_path / 'picture.png') as image:
         assert image.size == (1400, 900)
         colours = {colour for _, colour in image.convert('RGB').getcolors(1000) or []}
-    lost = tuple(bytes.fromhex(hod_picture.LOST[1:]))
+    lost = tuple(bytes.fromhex(picture.LOST[1:]))
     assert (lost in colours) == (least == 400)
 
 

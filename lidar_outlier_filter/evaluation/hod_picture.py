@@ -10,14 +10,13 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from PIL import Image
 
 from lidar_outlier_filter.core.detectors import hierarchical
 from lidar_outlier_filter.core.detectors.gabriel import gabriel_graph
 from lidar_outlier_filter.core.detectors.hierarchical import clusters, limit
 from lidar_outlier_filter.core.detectors.spanning_tree import spanning_tree
 from lidar_outlier_filter.core.neighbours import Neighbourhood
-from lidar_outlier_filter.evaluation.picture import add_legend
+from lidar_outlier_filter.evaluation.picture import INK, LEFT, LOST, PAPER, add_legend, save
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,8 +33,7 @@ if TYPE_CHECKING:
 
 WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
 COLOURS = 64  # of the palette: keeps the file small
-FOUND, LEFT, LOST = '#0072b2', '#d81b1b', '#f0a30a'
-POINT, EDGE, INK, PAPER = '#5c6168', '#9aa0a6', '#30343a', '#ffffff'
+POINT, EDGE = '#5c6168', '#9aa0a6'
 AZIMUTH, ELEVATION = np.radians(-58.0), np.radians(16.0)  # from where it is seen
 
 
@@ -109,17 +107,7 @@ def draw(scene: Scene, parameters: Hierarchical, path: Path) -> None:
     lost = ~clean & ~scene.outlier
     axes.scatter(flat[lost, 0], flat[lost, 1], s=14, c=LOST, linewidths=0)
     _legend(figure, with_lost=bool(lost.any()))
-    canvas.draw()  # type: ignore[no-untyped-call]
-    pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-    _with_palette(Image.fromarray(pixels).convert('RGB')).save(path, optimize=True)
-
-
-def _with_palette(image: Image.Image) -> Image.Image:
-    """Take few colours, that of a lost point among them however rare it is."""
-    palette = Image.new('P', (1, 1))
-    chosen = image.quantize(COLOURS).getpalette() or []
-    palette.putpalette(chosen[: 3 * COLOURS] + list(bytes.fromhex(LOST[1:])))
-    return image.quantize(palette=palette, dither=Image.Dither.NONE)
+    save(canvas, path, COLOURS)
 
 
 def _project(xyz: Floats) -> Floats:

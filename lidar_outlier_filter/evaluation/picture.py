@@ -62,19 +62,19 @@ def draw(points: NDArray[np.void], rejected: Mask, path: Path, title: str = '') 
         scene.set_title(name, loc='left', fontsize=15, fontweight='bold', color=INK, pad=4)
     profile.set_xlabel('along the street, m', fontsize=12, color=INK, labelpad=1)
     _legend(figure, title)
+    save(canvas, path, COLOURS)
+
+
+def save(canvas: FigureCanvasAgg, path: Path, colours: int) -> None:
+    """Save what is drawn as PNG of few colours, those of the legend among them however rare."""
     canvas.draw()  # type: ignore[no-untyped-call]
     pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
     image = Image.fromarray(pixels).convert('RGB')
-    _with_palette(image).save(path, optimize=True)
-
-
-def _with_palette(image: Image.Image) -> Image.Image:
-    """Take few colours, those of the legend among them however rare they are."""
-    legend = [int(colour[i : i + 2], 16) for colour in (FOUND, LEFT, LOST) for i in (1, 3, 5)]
-    chosen = image.quantize(COLOURS).getpalette() or []
+    chosen = image.quantize(colours).getpalette() or []
     palette = Image.new('P', (1, 1))
-    palette.putpalette(chosen + legend)
-    return image.quantize(palette=palette, dither=Image.Dither.NONE)
+    legend = b''.join(bytes.fromhex(colour[1:]) for colour in (FOUND, LEFT, LOST))
+    palette.putpalette(chosen[: 3 * colours] + list(legend))
+    image.quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def _brightness(intensity: Floats) -> Floats:

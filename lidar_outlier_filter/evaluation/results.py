@@ -115,6 +115,14 @@ def _contest(options: argparse.Namespace, _pictures: Path, progress: Progress) -
     return section(options.presets, options.seeds, options.full, progress)
 
 
+def _failures(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_filter.evaluation.contest_tables import TARGETS
+    from lidar_outlier_filter.evaluation.gallery import section
+
+    wanted = [preset for preset in options.presets if preset in TARGETS]
+    return {'failures': section(wanted, options.seeds, pictures, progress)}
+
+
 def _neighbours(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
     from lidar_outlier_filter.evaluation.neighbour_curves import FEW, NEIGHBOURS, section
 
@@ -145,6 +153,7 @@ def _tuner(options: argparse.Namespace, _pictures: Path, progress: Progress) -> 
 
 SECTIONS: dict[str, Section] = {
     'contest': _contest,
+    'failures': _failures,
     'neighbours': _neighbours,
     'growth': _growth,
     'real': _real,

@@ -12,6 +12,7 @@ import numpy as np
 from lidar_outlier_filter.core.chain import ALONG_LINES
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.evaluation import presets
+from lidar_outlier_filter.evaluation.judged import SURFACE
 from lidar_outlier_filter.evaluation.report import STRETCHES
 from lidar_outlier_filter.evaluation.simulate import FRAME, TOPIC, to_message
 from lidar_outlier_filter.evaluation.training import Training, cut
@@ -46,6 +47,8 @@ class Sample:
         Cause of each outlier; 0 of good points.
     timed : whether its points have times, so that it has scan lines
     in_own_frame : whether its sensor is the origin, and each cloud a sweep that stands for itself
+    surface : (N,) uint8
+        What each point lies on, a :class:`Kind`; None where that is not known.
 
     """
 
@@ -55,6 +58,7 @@ class Sample:
     code: NDArray[np.int64]
     timed: bool
     in_own_frame: bool
+    surface: NDArray[np.uint8] | None = None
 
     def suits(self, chain: Sequence[str]) -> bool:
         """Tell whether all detectors of a chain can look at it."""
@@ -99,4 +103,7 @@ def _sample(name: str, preset: str, seed: int, clouds: Sequence[Cloud]) -> Sampl
     data = Training(
         points, code != 0, code == 0, cut(along, STRETCHES), STRETCHES, streamed=len(points) > 1
     )
-    return Sample(name, seed, data, code, timed, clouds[0].frame != FRAME)
+    surface = None
+    if SURFACE in (clouds[0].points.dtype.names or ()):
+        surface = np.concatenate([cloud.points[SURFACE] for cloud in clouds])[valid]
+    return Sample(name, seed, data, code, timed, clouds[0].frame != FRAME, surface)
