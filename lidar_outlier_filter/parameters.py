@@ -244,7 +244,7 @@ class Weights:
 class SpinningWeights(Weights):
     """The same for a spinning sensor."""
 
-    threshold: float = declare(10.2, 'Rejected above this weighted sum.', '', 1e-6, 1e6)
+    threshold: float = declare(10.3, 'Rejected above this weighted sum.', '', 1e-6, 1e6)
     passes: int = declare(
         1, 'How often the witnesses are heard, each time without the rejected.', '', 1, 10
     )
