@@ -28,8 +28,8 @@ from scipy.spatial import Delaunay, cKDTree
 from scipy.stats import norm
 
 from lidar_outlier_filter.core.detectors import elevation, hierarchical
+from lidar_outlier_filter.detector_parameters import Elevation, Hierarchical
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters import Elevation, Hierarchical
 
 if TYPE_CHECKING:
     from collections.abc import Callable

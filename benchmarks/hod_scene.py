@@ -14,8 +14,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from lidar_outlier_filter.detector_parameters import Hierarchical
 from lidar_outlier_filter.evaluation import hod_picture, hod_scene
-from lidar_outlier_filter.parameters import Hierarchical
 
 SEEDS = range(20)
 

@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma import Outcome, detect
 from lidar_outlier_filter.core.detectors.smoother_kernels import residuals
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.scanlines import find_lines, order_by_line
-from lidar_outlier_filter.parameters import AlphaBetaGamma
+from lidar_outlier_filter.detector_parameters import AlphaBetaGamma
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from scipy.spatial import Delaunay
 from lidar_outlier_filter.core.detectors import gabriel, hierarchical, spanning_tree
 from lidar_outlier_filter.core.detectors.hierarchical import Outcome, detect
 from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.detector_parameters import Hierarchical
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters import Hierarchical
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,10 +15,10 @@ from PIL import Image
 
 from lidar_outlier_filter.core.detectors import elevation, hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical import Outcome
+from lidar_outlier_filter.detector_parameters import Hierarchical
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation import hod_picture, hod_scene, picture
 from lidar_outlier_filter.evaluation.hod_scene import FAR, NEAR, Errors, simulate
-from lidar_outlier_filter.parameters import Hierarchical
 
 if TYPE_CHECKING:
     from types import ModuleType

@@ -21,7 +21,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core.detectors import lof
 from lidar_outlier_filter.core.neighbours import Neighbourhood
-from lidar_outlier_filter.parameters import Lof
+from lidar_outlier_filter.detector_parameters import Lof
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -22,7 +22,7 @@ from lidar_outlier_filter.cloud import structured
 from lidar_outlier_filter.core.detectors import lof, sor
 from lidar_outlier_filter.core.neighbours import Neighbourhood
 from lidar_outlier_filter.core.points import is_return
-from lidar_outlier_filter.parameters import Lof, Sor
+from lidar_outlier_filter.detector_parameters import Lof, Sor
 
 if TYPE_CHECKING:
     from pathlib import Path

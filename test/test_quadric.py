@@ -19,8 +19,8 @@ from lidar_outlier_filter.core.detectors.quadric_judge import judge
 from lidar_outlier_filter.core.detectors.quadric_kernels import empty_window
 from lidar_outlier_filter.core.neighbours import Neighbourhood
 from lidar_outlier_filter.core.tree_search import height
+from lidar_outlier_filter.detector_parameters import Quadric
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters import Quadric
 
 if TYPE_CHECKING:
     from collections.abc import Callable

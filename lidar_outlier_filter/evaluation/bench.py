@@ -25,10 +25,11 @@ from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors import alpha_beta_gamma, sor
 from lidar_outlier_filter.core.neighbours import Neighbourhood
 from lidar_outlier_filter.core.points import Points, is_return
+from lidar_outlier_filter.detector_parameters import Sor
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.simulate import clouds, to_message
 from lidar_outlier_filter.evaluation.street import SENSOR, demo_drive
-from lidar_outlier_filter.parameters import FilterParameters, Sor
+from lidar_outlier_filter.parameters import FilterParameters
 from lidar_outlier_filter.pipeline import CloudFilter
 
 if TYPE_CHECKING:

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.detector_parameters import Weights
     from lidar_outlier_filter.evaluation.contest import Progress
     from lidar_outlier_filter.evaluation.samples import Sample
-    from lidar_outlier_filter.parameters import Weights
 
     Floats = NDArray[np.float64]
     Mask = NDArray[np.bool_]

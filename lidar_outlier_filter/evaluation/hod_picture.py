@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.detector_parameters import Hierarchical
     from lidar_outlier_filter.evaluation.hod_scene import Scene
-    from lidar_outlier_filter.parameters import Hierarchical
 
     Floats = NDArray[np.float64]
     Bools = NDArray[np.bool_]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.hierarchical import Outcome
-    from lidar_outlier_filter.parameters import Hierarchical
+    from lidar_outlier_filter.detector_parameters import Hierarchical
 
     Floats = NDArray[np.float64]
     Bools = NDArray[np.bool_]

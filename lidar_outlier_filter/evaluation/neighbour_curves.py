@@ -15,13 +15,13 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors import lof, sor
 from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.detector_parameters import Lof, Sor
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.markdown import image, number, paragraphs, table
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.evaluation.samples import simulated
 from lidar_outlier_filter.evaluation.scene import Cause
-from lidar_outlier_filter.parameters import Lof, Sor
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.detector_parameters import Hierarchical
 from lidar_outlier_filter.evaluation import hod_scene
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.evaluation.contestants import (
@@ -18,7 +19,6 @@ from lidar_outlier_filter.evaluation.contestants import (
 )
 from lidar_outlier_filter.evaluation.markdown import paragraphs, table
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.parameters import Hierarchical
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.core.scanlines import Lines
-    from lidar_outlier_filter.parameters import AlphaBetaGamma
+    from lidar_outlier_filter.detector_parameters import AlphaBetaGamma
 
     Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
 
@@ -82,7 +82,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     ----------
     points : N points, sorted by line and time, all of them valid
     lines : their lines and segments
-    parameters : see :class:`~lidar_outlier_filter.parameters.AlphaBetaGamma`
+    parameters : see :class:`~lidar_outlier_filter.detector_parameters.AlphaBetaGamma`
 
     """
     before, after = parameters.before, parameters.after

@@ -37,7 +37,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters import Elevation
+    from lidar_outlier_filter.detector_parameters import Elevation
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -52,7 +52,7 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     Parameters
     ----------
     xyz : (N, 3) float64, finite, metres, z up
-    parameters : see :class:`~lidar_outlier_filter.parameters.Elevation`
+    parameters : see :class:`~lidar_outlier_filter.detector_parameters.Elevation`
     threads : at most so many, 0 for all cores; the scores do not depend on it
 
     Returns

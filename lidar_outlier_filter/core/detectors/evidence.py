@@ -56,7 +56,8 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.neighbours import Neighbourhood
     from lidar_outlier_filter.core.points import Points
-    from lidar_outlier_filter.parameters import FilterParameters, Weights
+    from lidar_outlier_filter.detector_parameters import Weights
+    from lidar_outlier_filter.parameters import FilterParameters
 
     Floats = NDArray[np.float64]
 

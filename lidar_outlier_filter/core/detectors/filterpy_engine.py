@@ -38,7 +38,7 @@ from lidar_outlier_filter.errors import FilterError, ParameterError
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.smoother_kernels import Series
-    from lidar_outlier_filter.parameters import AlphaBetaGamma
+    from lidar_outlier_filter.detector_parameters import AlphaBetaGamma
 
 Floats = NDArray[np.float64]
 

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters import Hierarchical
+    from lidar_outlier_filter.detector_parameters import Hierarchical
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -91,7 +91,7 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> Outcome:
     Parameters
     ----------
     xyz : (N, 3) float64, finite, metres; fewer than ``min_cluster`` points stay untested
-    parameters : see :class:`~lidar_outlier_filter.parameters.Hierarchical`
+    parameters : see :class:`~lidar_outlier_filter.detector_parameters.Hierarchical`
     threads : at most so many, 0 for all cores; the outcome does not depend on it
 
     Raises

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters import Lof
+    from lidar_outlier_filter.detector_parameters import Lof
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -83,7 +83,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~lidar_outlier_filter.parameters.Lof`
+    parameters : see :class:`~lidar_outlier_filter.detector_parameters.Lof`
 
     Returns
     -------

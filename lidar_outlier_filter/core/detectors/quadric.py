@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.neighbours import Neighbourhood
-    from lidar_outlier_filter.parameters import Quadric
+    from lidar_outlier_filter.detector_parameters import Quadric
 
     Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def detect(
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~lidar_outlier_filter.parameters.Quadric`
+    parameters : see :class:`~lidar_outlier_filter.detector_parameters.Quadric`
     variance : (N,) or (N, 3, 3) float64, optional
         Of each point: of any of its coordinates, or D of all three, m². Only their ratios count:
         σ̂0 is estimated in every window. None: unit weights.

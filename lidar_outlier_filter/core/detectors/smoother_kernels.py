@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.kernels import kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters import AlphaBetaGamma
+    from lidar_outlier_filter.detector_parameters import AlphaBetaGamma
 
     Sums = tuple[float, ...]
 

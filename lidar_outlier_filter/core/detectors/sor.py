@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.neighbours import Neighbourhood
-    from lidar_outlier_filter.parameters import Sor
+    from lidar_outlier_filter.detector_parameters import Sor
 
     Floats = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~lidar_outlier_filter.parameters.Sor`
+    parameters : see :class:`~lidar_outlier_filter.detector_parameters.Sor`
     range_m : (N,) float64, optional
         Distance of each point from the sensor, metres; ``range_scaled`` needs it.
 
