@@ -240,7 +240,7 @@ class Weights:
     """What the word of each witness weighs, for a profile scanner."""
 
     threshold: float = _statistic(17.0)
-    passes: int = _passes(2)
+    passes: int = _passes(4)
     spacing: float = _weight('spacing', 2.8)
     step: float = _weight('step', 1.8)
     lonely: float = _weight('lonely', 2.6)

@@ -98,7 +98,7 @@ def test_straightness() -> None:
     slanted = scan(xyz, list(range(30)), [i // 2 for i in range(30)])
     length = 0.05 * sqrt((15**2 - 1) / 12)
     result = naive.straightness(slanted, [0.05] * 30, 1.5)
-    assert result == pytest.approx([0.2 * length / 0.01] * 30)
+    assert result == pytest.approx([0.35 * length / 0.01] * 30)
     level = scan([(x, y, 0.0) for x, y, _ in xyz], list(slanted.t), list(slanted.line))
     assert all(isnan(one) for one in naive.straightness(level, [0.05] * 30, 1.5))
     few = slanted.take(range(20))

@@ -62,7 +62,8 @@ EXTRAS = {
 }
 WITH_RCLPY = {'rosgraph_msgs'}  # of ROS, and needed by rclpy itself
 WITHOUT_KEY = {'laspy', 'lzf', 'pyarrow'}  # unknown to rosdep: pip only
-BELOW_CORE = ('errors', 'parameters', 'core')  # all of the package that the core may know
+# All of the package that the core may know.
+BELOW_CORE = ('errors', 'parameters', 'detector_parameters', 'core')
 BUILD = 'import sys; from colcon_core.command import main; sys.exit(main())'
 
 

@@ -220,7 +220,7 @@ def statistic(ratio: Mapping[str, float], weights: Mapping[str, float]) -> float
 
 
 def straightness(scan: Scan, spacing: Sequence[float], gap_factor: float) -> list[float]:
-    """0.2 × length ÷ width of the slanted group that a point is in; NaN in none."""
+    """0.35 × length ÷ width of the slanted group that a point is in; NaN in none."""
     n = len(scan.xyz)
     near = [set(nearest(scan.xyz, i, 12)) for i in range(n)]
     for line in segments(scan, gap_factor):
@@ -249,16 +249,16 @@ def _straightness(xyz: Sequence[Point], line: Sequence[int]) -> float:
     centred = points - points.mean(axis=0)
     value, vector = np.linalg.eigh(centred.T @ centred / len(points))
     length, width = sqrt(max(value[2], 0.0)), sqrt(max(value[1], 0.0))
-    if not 0.15 < abs(vector[2, 2]) < 0.85 or sqrt(12) * length > 8:
+    if not 0.15 < abs(vector[2, 2]) < 0.92 or sqrt(12) * length > 8:
         return nan
     along = centred @ vector[:, 2]
     means = [
         np.mean([a for a, other in zip(along, line, strict=True) if other == one])
         for one in sorted(set(line))
     ]
-    if len(means) > 3 and np.std(means) < 0.3 * length:
+    if len(means) > 3 and np.std(means) < 0.95 * length:
         return nan
-    return 0.2 * length / max(width, 1e-9)
+    return 0.35 * length / max(width, 1e-9)
 
 
 def spins(scan: Scan) -> bool:

@@ -3,8 +3,8 @@
 """Groups of points that float free of everything else, thin, straight and slanted.
 
 A profile scanner sees what moves while it passes, such as the arm of a barrier, as a slanted line
-in the air: no less dense than what is around, but joined to nothing. What stands or is laid is
-vertical or level. z must be up.
+in the air: no less dense than what is around, but joined to nothing, and each scan line sees a
+piece of its own. What stands or is laid is vertical or level. z must be up.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 JOINED = 12  # nearest neighbours of which a point may be joined to any
 REACH = 4.0  # expected spacings up to which points are joined
 SMALLEST, LARGEST = 24, 3000  # points of a group
-NARROW = 0.2  # standard deviation across, of that along: thinner groups are straight
+NARROW = 0.35  # standard deviation across, of that along: thinner groups are straight
 LONGEST = 8.0  # metres
-LEVEL, STEEP = 0.15, 0.85  # sines of the slope: between them a group is slanted
+LEVEL, STEEP = 0.15, 0.92  # sines of the slope: between them a group is slanted
 FEW_LINES = 3
-ACROSS = 0.3  # of the length, from line to line: what every line sees is a part of something else
+ACROSS = 0.95  # spread of what the lines see on average ÷ that of all: each sees a piece of its own
 UNIFORM = np.sqrt(12.0)  # length of an even row ÷ its standard deviation
 
 
