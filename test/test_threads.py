@@ -2,16 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work in threads is done once, in any number of them, and its errors come out."""
 
+from __future__ import annotations
+
 import os
 import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
 
 import pytest
 
 from lidar_outlier_filter.core import threads
 from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 @pytest.mark.parametrize('number', [0, 1, 2, 7])
@@ -29,10 +35,32 @@ def test_work_is_done_at_the_same_time() -> None:
 
 
 def test_no_more_threads_than_asked_for() -> None:
-    """Fifty ranges are done by two threads at most, none of them the caller."""
-    workers = set(threads.run(lambda *_: threading.get_ident(), 50, 1, 2))
-    assert len(workers) <= 2
-    assert threading.get_ident() not in workers
+    """Fifty ranges are done by two threads at most, one of them the caller."""
+    barrier = threading.Barrier(2)
+
+    def work(begin: int, _: int) -> int:
+        if begin < 2:
+            barrier.wait(10)
+        return threading.get_ident()
+
+    workers = set(threads.run(work, 50, 1, 2))
+    assert len(workers) == 2
+    assert threading.get_ident() in workers
+
+
+def test_threads_are_kept() -> None:
+    """A hundred calls start no hundred threads."""
+    barrier = threading.Barrier(2)
+    known = {ident for _ in range(100) for ident in threads.run(_meet(barrier), 2, 1, 2)}
+    assert len(known) < 20
+
+
+def _meet(barrier: threading.Barrier) -> Callable[[int, int], int]:
+    def work(*_: int) -> int:
+        barrier.wait(10)
+        return threading.get_ident()
+
+    return work
 
 
 def test_one_range_is_done_by_the_caller() -> None:

@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING, TypeVar
 
 from lidar_outlier_filter.errors import FilterError
@@ -14,6 +15,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 Result = TypeVar('Result')
+
+MOST = 256  # helpers; they are started when there is work that no idle one takes
+
+
+class _Helpers:
+    """Threads that are kept: to start and end some for every call costs more than many calls."""
+
+    def __init__(self) -> None:
+        self.renew()
+
+    def renew(self) -> None:
+        """Forget the threads: a process that was forked off has none of them."""
+        self.pool = ThreadPoolExecutor(MOST, 'helper')
+
+
+_helpers = _Helpers()
+os.register_at_fork(after_in_child=_helpers.renew)
 
 
 def cores() -> int:
@@ -52,14 +70,28 @@ def run(
     if threads < 0:
         raise FilterError('threads', 'at least 0', threads)
     begins = range(0, count, chunk)
-    workers = min(threads or cores(), len(begins))
+    helpers = min(threads or cores(), len(begins)) - 1
+    if helpers <= 0:
+        return [work(begin, min(begin + chunk, count)) for begin in begins]
+    done: dict[int, Result] = {}
+    failed: dict[int, BaseException] = {}
+    numbers = itertools.count()  # taken by one thread each, because of the GIL
 
-    def one(begin: int) -> Result:
-        return work(begin, min(begin + chunk, count))
+    def some() -> None:
+        for number in numbers:
+            if number >= len(begins) or failed:
+                return
+            begin = begins[number]
+            try:
+                done[number] = work(begin, min(begin + chunk, count))
+            except BaseException as error:  # noqa: BLE001  it is raised below
+                failed[number] = error
 
-    if workers <= 1:
-        return [one(begin) for begin in begins]
-    # A pool of its own for every call costs 0.1 ms, and there is none to share: neither with a
-    # process forked off, which would inherit it without its threads, nor with other callers.
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(one, begins))
+    # The caller works as well: it waits for nobody who has not begun, so that work within work, or
+    # of many callers, cannot wait in a circle.
+    tasks = [_helpers.pool.submit(some) for _ in range(helpers)]
+    some()
+    wait([task for task in tasks if not task.cancel()])
+    if failed:
+        raise failed[min(failed)]
+    return [done[number] for number in range(len(begins))]
