@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.kernels import kernel, median_of_few
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,4 +98,4 @@ def usual(
         for j in range(max(first[line], i - WINDOW), min(first[line + 1], i + WINDOW + 1)):
             near[count] = values[j]
             count += j != i and values[j] < np.inf
-        result[i] = median(near, count) if count > 0 else values[i]
+        result[i] = median_of_few(near, count) if count > 0 else values[i]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.kernels import kernel, median_of_few
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -138,7 +138,7 @@ def _fit(near: Floats, room: Floats, plane: Floats) -> None:
             height = near[0, m] * plane[0] + near[1, m] * plane[1] + near[2, m] * plane[2]
             residual[m] = abs(height + plane[3])
             weight[m] = residual[m]
-        scale = MAD_TO_SIGMA * median(residual, K) + LEAST
+        scale = MAD_TO_SIGMA * median_of_few(residual, len(residual)) + LEAST
         if fit < FITS - 1:
             for m in range(K):
                 ratio = weight[m] / (REACH * scale)

@@ -10,9 +10,8 @@ import numpy as np
 
 from lidar_outlier_filter.core import scanlines, threads
 from lidar_outlier_filter.core.detectors import evidence_lines, evidence_surface
-from lidar_outlier_filter.core.detectors.distances import CHUNK
 from lidar_outlier_filter.core.detectors.evidence_surface import NEAR, K, Surroundings
-from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.kernels import kernel, median, median_of_few
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Bools = NDArray[np.bool_]
 
+CHUNK = 2048  # points that a thread takes at once
 WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone')
 SURFACE = WITNESSES.index('surface')
 # Where witnesses begin to speak, and beyond what they say no more; logarithms, except `surface`.
@@ -264,7 +264,7 @@ def _speak(
         # Where steps are lacking all around, that of a point tells nothing.
         ratio[1] = step[i] / usual.step[i] if usual.step[i] < np.inf else 0.0
         ratio[2] = around.some[i] / usual.some[i]
-        ratio[3] = median(near, K) / around.all[i]
+        ratio[3] = median_of_few(near, len(near)) / around.all[i]
         ratio[4] = along[i] / usual.along
         ratio[6] = (NEAR + 1) / (around.others[i] + 1)
         ratio[SURFACE] = 1.0

@@ -1,0 +1,19 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Medians in kernels are numpy's."""
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.core.kernels import median, median_of_few
+
+
+@pytest.mark.parametrize('count', [*range(1, 34), 100, 101])
+def test_medians(count: int) -> None:
+    """Of odd and even numbers of values, with and without ties, whatever stands behind them."""
+    dice = np.random.default_rng(count)
+    for values in (dice.normal(size=count), dice.integers(0, 4, count) / 3, np.full(count, -2.5)):
+        expected = np.median(values)
+        assert median(values.copy(), count) == expected
+        room = np.concatenate([values, [-1e9, 7.0, 1e9]])
+        assert median_of_few(room[: (count + 3) // 4 * 4], count) == expected
