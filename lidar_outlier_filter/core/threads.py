@@ -78,9 +78,8 @@ def run(
     numbers = itertools.count()  # taken by one thread each, because of the GIL
 
     def some() -> None:
-        for number in numbers:
-            if number >= len(begins) or failed:
-                return
+        # What is taken is done, so that none before one that failed is left out.
+        while not failed and (number := next(numbers)) < len(begins):
             begin = begins[number]
             try:
                 done[number] = work(begin, min(begin + chunk, count))
