@@ -15,11 +15,13 @@ from lidar_outlier_filter.evaluation.simulate import clouds, to_message
 from lidar_outlier_filter.evaluation.street import demo_drive
 
 
+@pytest.mark.slow
 def test_engines_agree() -> None:
     """The kernel is timed only because its answer is the Kalman filter's."""
     bench.compare_engines()
 
 
+@pytest.mark.slow
 def test_wrong_answers_are_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """An engine that finds no difference anywhere is noticed."""
     honest = filterpy_engine.residuals

@@ -301,6 +301,7 @@ def test_csv(tmp_path: Path) -> None:
 # Tiles
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['autzen_trim.laz', 'samp41-utm.pcd', 'source.ply'])
 def test_tiles_change_nothing(folder: Path, name: str) -> None:
     """In tiles the outputs are those of one piece, byte for byte."""
@@ -318,6 +319,7 @@ def test_tiles_change_nothing(folder: Path, name: str) -> None:
     assert not [name for name in names(folder) if name.startswith('.')]
 
 
+@pytest.mark.slow
 def test_tiles_along_lines(folder: Path) -> None:
     """The smoother, too, says the same in tiles."""
     path = folder / f'{SWEEP}.pcd'
@@ -502,6 +504,7 @@ def test_help_imports_nothing_heavy() -> None:
 # A terminal, and interruptions
 
 
+@pytest.mark.slow
 def test_progress_on_a_terminal_only(folder: Path) -> None:
     """A terminal sees a bar for each step, a file does not."""
     command = [sys.executable, '-c', COMMAND, 'clean', str(folder / 'plane.laz'), '--output']
@@ -526,6 +529,7 @@ def read_terminal(leader: int) -> bytes:
     return screen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 @pytest.mark.parametrize('tile', ['0', '10'])
 def test_interrupted(tmp_path: Path, number: signal.Signals, status: int, tile: str) -> None:

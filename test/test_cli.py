@@ -183,6 +183,7 @@ def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Captu
     assert 'damaged_cleaned' in names(tmp_path)
 
 
+@pytest.mark.slow
 def test_progress_on_a_terminal_only(drive: Path, tmp_path: Path) -> None:
     """A terminal sees a bar, a file does not."""
     command = [*RUN, 'replay', str(drive), '--output']
@@ -218,6 +219,7 @@ def small_clouds(recording: Path, number: int) -> Iterator[tuple[int, bytes]]:
         yield time, serialize_message(cloud)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupted(drive: Path, tmp_path: Path, number: signal.Signals, status: int) -> None:
     """Ctrl-C and SIGTERM in the middle of a run leave nothing, and no trace."""

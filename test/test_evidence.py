@@ -124,6 +124,7 @@ def test_finds_strays(make: Any) -> None:
     assert rejected[~stray].mean() < 0.005
 
 
+@pytest.mark.slow
 def test_one_threshold_for_either_sensor() -> None:
     """A part of the threshold is a multiple of the scores, of groups too; the twin agrees."""
     slanted, _ = arm(3)

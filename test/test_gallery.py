@@ -47,6 +47,7 @@ def test_the_worst() -> None:
     assert found == list(range(39, 29, -1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('threshold', 'lost'), [(0.4, True), (3.0, False)])
 def test_failures(sample: Sample, *, threshold: float, lost: bool) -> None:
     """Too strict, it loses good points, which lie on something; too lax, it misses outliers."""
@@ -68,6 +69,7 @@ def test_failures(sample: Sample, *, threshold: float, lost: bool) -> None:
         assert all(share > 0 for _, share in one.loudest)
 
 
+@pytest.mark.slow
 def test_the_surface_is_level(sample: Sample) -> None:
     """A panel looks along the surface: what is 4 cm above it is as much off on the picture."""
     parameters = FilterParameters().changed({'evidence.threshold': 3.0})

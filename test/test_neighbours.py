@@ -396,6 +396,7 @@ def test_tree_is_sound(cloud: Callable[[Dice, int], Floats]) -> None:
     assert_sound(Neighbourhood(cloud(np.random.default_rng(15), 2000), 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('cloud', [rows, heap, same, outlier])
 def test_large_tree_is_sound(cloud: Callable[[Dice, int], Floats]) -> None:
     """Also where it is joined from the work of several threads."""
@@ -641,6 +642,7 @@ def test_of_many_coincident_points_the_first_are_listed() -> None:
     assert tied.all()
 
 
+@pytest.mark.slow
 def test_memory() -> None:
     """At its peak, building and searching need at most 200 bytes a point for 20 neighbours."""
     program = """

@@ -177,6 +177,7 @@ def test_a_whole_number_serves_for_a_float(ros: Ros) -> None:
     assert values(node)['gap_factor'] == 2.0
 
 
+@pytest.mark.slow
 def test_ranges_have_no_steps(ros: Ros) -> None:
     """From 1e-15 to 0.5: both ends are allowed, and what is between."""
     ros.filter()

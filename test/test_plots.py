@@ -69,6 +69,7 @@ def test_a_verdict_without_rejections_has_no_dot(tmp_path: Path) -> None:
     assert colours(tmp_path / 'a.png')[plots.COLOURS[0]] > 500
 
 
+@pytest.mark.slow
 def test_many_curves_differ(tmp_path: Path) -> None:
     """More curves than colours differ by their dashes."""
     curves = {f'curve {i}': made(0.5 * i)[0] for i in range(9)}

@@ -56,6 +56,7 @@ def count(some: Rows) -> dict[Cause, int]:
     return {cause: int(numbers[cause]) for cause in Cause if cause and numbers[cause]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'total', 'outliers'),
     [

@@ -36,6 +36,7 @@ def test_statistics() -> None:
         np.testing.assert_array_equal(found[f'{name}2'], np.abs(found[name] - middle))
 
 
+@pytest.mark.slow
 def test_neighbours_of_a_sample(tmp_path: Path) -> None:
     """Areas are those of the scores, the best is the largest, and both pictures are drawn."""
     (sample,) = simulated('sotoodeh-hod', 1)
@@ -78,6 +79,7 @@ def test_labelled_clouds(recordings: Path) -> None:
     assert real_clouds.labelled(recordings / 'clouds' / 'plane.laz') is None
 
 
+@pytest.mark.slow
 def test_clean_recordings(recordings: Path) -> None:
     """All points of all clouds are judged, none is bad."""
     data = real_clouds.recorded(recordings / 'bags' / 'vlp16_mrpt_mcap', {})

@@ -113,6 +113,7 @@ def test_the_promise_is_kept(names: tuple[str, ...]) -> None:
     assert np.mean(promised) == pytest.approx(np.mean(others), abs=0.04)
 
 
+@pytest.mark.slow
 def test_the_same_answer_twice() -> None:
     """Nothing is left to chance."""
     one, other = (small(road(1), chain('alpha_beta_gamma', 'sor')) for _ in range(2))
@@ -178,6 +179,7 @@ def test_the_start_stays_where_nothing_is_better() -> None:
     np.testing.assert_array_equal(again.before, again.after)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('vote', [0, 1, 2])
 def test_detectors_that_must_agree(vote: int) -> None:
     """Whether one is enough or two must agree: the pair is worth more than at the start."""

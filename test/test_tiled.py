@@ -149,6 +149,7 @@ def test_no_valid_point() -> None:
     assert_same(verdict, Verdict.untested(COUNT))
 
 
+@pytest.mark.slow
 def test_the_way_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor do the width of the halo, or how much is done at once."""
     cloud = points('grid')

@@ -315,6 +315,7 @@ def test_a_step_that_is_refused_comes_all_the_same() -> None:
 # A terminal -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_progress_and_interrupt(bag: Path, tmp_path: Path) -> None:
     """A terminal sees a bar; Ctrl-C ends the search without a trace and without a file."""
     output = tmp_path / 'tuned.yaml'
