@@ -22,7 +22,7 @@ import numpy as np
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cloud import DETECTORS, SCORE
-from lidar_outlier_filter.core.chain import ALONG_LINES, Chain
+from lidar_outlier_filter.core.chain import Chain, along_lines
 from lidar_outlier_filter.core.tiled import TiledChain
 from lidar_outlier_filter.core.verdict import BITS, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
@@ -218,7 +218,7 @@ def _load(  # noqa: PLR0913  all that a run knows by then
 ) -> tuple[points.Loaded, FilterParameters]:
     """Read the points, and choose the chain: without scan lines, or in tiles, there is another."""
     chosen = 'chain' in wanted.parameters
-    along = ', '.join(name for name in parameters.chain if name in ALONG_LINES)
+    along = along_lines(parameters.chain)
     loaded = points.load(
         file,
         coordinates,

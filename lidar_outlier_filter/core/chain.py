@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.verdict import BITS, SECOND_PHASE, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -37,6 +37,11 @@ SECOND = 2  # phase of the hierarchical detector
 POINTS_AT_ONCE = 1 << 15  # that a thread takes at once, or a line: some milliseconds
 TEMPORAL = ('alpha_beta_gamma',)  # detectors that look along the line only: fast
 ALONG_LINES = (*TEMPORAL, 'evidence')  # detectors that need scan lines
+
+
+def along_lines(chain: Sequence[str]) -> str:
+    """List those detectors of a chain that need scan lines, for people; empty: none does."""
+    return ', '.join(name for name in chain if name in ALONG_LINES)
 
 
 class _Seen:

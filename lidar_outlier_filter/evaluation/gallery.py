@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors import evidence_witnesses as witnesses
+from lidar_outlier_filter.core.detectors.evidence import hear_first
 from lidar_outlier_filter.core.detectors.evidence_surface import K
 from lidar_outlier_filter.core.neighbours import Neighbourhood
 from lidar_outlier_filter.core.points import concatenate
 from lidar_outlier_filter.evaluation import gallery_picture
 from lidar_outlier_filter.evaluation.gallery_picture import Cutout
 from lidar_outlier_filter.evaluation.markdown import image, number, paragraphs, table
+from lidar_outlier_filter.evaluation.report import words
 from lidar_outlier_filter.evaluation.samples import simulated
 from lidar_outlier_filter.evaluation.scene import Cause, Kind
 from lidar_outlier_filter.parameters import FilterParameters
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.points import Points
-    from lidar_outlier_filter.detector_parameters import Weights
     from lidar_outlier_filter.evaluation.contest import Progress
     from lidar_outlier_filter.evaluation.samples import Sample
 
@@ -99,17 +100,13 @@ def failures(sample: Sample, parameters: FilterParameters) -> list[Failure]:
         found.append(
             Failure(
                 lost,
-                _words(Cause(code) if code or kind is None else kind),
+                words((Cause(code) if code or kind is None else kind).name),
                 float(verdict.score[i]),
                 *_testimony(points.take(block), here, parameters),
                 _cutout(points.xyz[block], here, bad[block], rejected[block]),
             )
         )
     return found
-
-
-def _words(what: Cause | Kind) -> str:
-    return what.name.lower().replace('_', ' ')
 
 
 def _block(points: Points, i: int, parameters: FilterParameters) -> NDArray[np.intp]:
@@ -127,9 +124,7 @@ def _testimony(
         return np.nan, np.nan, ()
     neighbourhood = Neighbourhood(points.xyz, K)
     scan = witnesses.see(neighbourhood, points, parameters.gap_factor)
-    spinning = witnesses.is_interleaved(scan)
-    told = witnesses.hear(scan, spinning=spinning)
-    weights: Weights = parameters.evidence_spinning if spinning else parameters.evidence_profile
+    weights, told = hear_first(scan, parameters)
     at = int(np.flatnonzero(neighbourhood.order == i)[0])
     threshold = parameters.evidence.threshold * weights.threshold
     shares = {

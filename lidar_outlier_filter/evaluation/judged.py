@@ -30,6 +30,7 @@ from lidar_outlier_filter.evaluation.labels import (
     read_column,
     usual_column,
 )
+from lidar_outlier_filter.evaluation.report import words
 from lidar_outlier_filter.evaluation.scene import Cause
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 CLEANED, OUTLIERS = '/cleaned', '/outliers'
 SURFACE, OUTLIER = 'surface', 'outlier'
 # What the label of a simulated drive says.
-CAUSES = Codes(names={cause: cause.name.lower().replace('_', ' ') for cause in Cause})
+CAUSES = Codes(names={cause: words(cause.name) for cause in Cause})
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from lidar_outlier_filter.detector_parameters import Lof, Sor
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.markdown import image, number, paragraphs, table
-from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.evaluation.report import percent, words
 from lidar_outlier_filter.evaluation.samples import simulated
 from lidar_outlier_filter.evaluation.scene import Cause
 
@@ -108,7 +108,7 @@ def _by_cause(sample: Sample, values: Floats) -> dict[str, float]:
     """Reject the good points beyond the quantile; say which outliers go with them."""
     limit = np.quantile(values[sample.data.good], 1 - CLOSE)
     return {
-        cause.name.lower().replace('_', ' '): float(np.mean(values[sample.code == cause] > limit))
+        words(cause.name): float(np.mean(values[sample.code == cause] > limit))
         for cause in Cause
         if cause and np.any(sample.code == cause)
     }

@@ -116,7 +116,7 @@ def _surfaces(points: Judged) -> dict[str, Share]:
     surface, rejected = points.surface[~points.bad], points.rejected[~points.bad]
     total = np.bincount(surface, minlength=256)
     lost = np.bincount(surface[rejected], minlength=256)
-    known = {int(kind): _words(kind.name) for kind in Kind}
+    known = {int(kind): words(kind.name) for kind in Kind}
     return {
         known.get(one, f'surface {one}'): Share(int(lost[one]), int(total[one]))
         for one in np.flatnonzero(total).tolist()
@@ -336,5 +336,6 @@ def _of(share: Share) -> str:
     return f'{share.part} of {share.total}  {percent(share.ratio):>8}'
 
 
-def _words(name: str) -> str:
+def words(name: str) -> str:
+    """Write the name of a cause or a surface in words."""
     return name.lower().replace('_', ' ')

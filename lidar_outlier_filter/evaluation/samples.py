@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.chain import ALONG_LINES
+from lidar_outlier_filter.core.chain import along_lines
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.evaluation import presets
 from lidar_outlier_filter.evaluation.judged import SURFACE
@@ -62,7 +62,7 @@ class Sample:
 
     def suits(self, chain: Sequence[str]) -> bool:
         """Tell whether all detectors of a chain can look at it."""
-        return self.timed or not set(chain) & set(ALONG_LINES)
+        return self.timed or not along_lines(chain)
 
     @property
     def clouds(self) -> list[Floats]:

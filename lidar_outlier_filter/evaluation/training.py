@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from lidar_outlier_filter.bags import Recording
 from lidar_outlier_filter.cloud import is_empty, structured
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import ALONG_LINES, Chain
+from lidar_outlier_filter.core.chain import Chain, along_lines
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import CloudError, RecordingError
@@ -294,7 +294,7 @@ def from_file(  # noqa: PLR0913  what the command line offers
 
     """
     file = open_cloud(path)
-    along = ', '.join(name for name in parameters.chain if name in ALONG_LINES)
+    along = along_lines(parameters.chain)
     timed = bool(along)
     names = file_points.choose_coordinates(file, ())
     loaded = file_points.load(file, names, parameters, timed=timed)

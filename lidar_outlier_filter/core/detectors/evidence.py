@@ -30,7 +30,7 @@ With d3, d5 and d20 the mean distances to so many nearest neighbours, the ratios
 ``alone``
     9 ÷ (1 + how many of the 8 nearest neighbours are of other lines).
 
-"Usual" is the median of the points up to ten places away in the line. A profile scanner and a
+"Usual" is the median of the points up to eight places away in the line. A profile scanner and a
 spinning sensor have weights of their own, those of a logistic regression on simulated drives.
 """
 
@@ -54,6 +54,7 @@ from lidar_outlier_filter.core.detectors.evidence_witnesses import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.evidence_witnesses import Scan, Testimony
     from lidar_outlier_filter.core.neighbours import Neighbourhood
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.detector_parameters import Weights
@@ -90,11 +91,8 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
     if len(points) <= K:
         return score
     scan = see(neighbourhood, points, parameters.gap_factor)
-    sensor = parameters.evidence.sensor
-    spinning = is_interleaved(scan) if sensor == 'auto' else sensor == 'spinning'
-    weights = parameters.evidence_spinning if spinning else parameters.evidence_profile
+    weights, told = hear_first(scan, parameters)
     threshold = parameters.evidence.threshold * weights.threshold
-    told = hear(scan, spinning=spinning)
     statistic = weigh(told.words, _weights(weights)) / threshold
     where = np.arange(len(points))
     for _ in range(weights.passes - 1):
@@ -114,6 +112,14 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
         statistic = np.fmax(statistic, straight)
     score[where[scan.neighbourhood.order]] = statistic
     return score
+
+
+def hear_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Testimony]:
+    """Choose the weights of the sensor that saw all points, and hear what is said of them."""
+    sensor = parameters.evidence.sensor
+    spinning = is_interleaved(scan) if sensor == 'auto' else sensor == 'spinning'
+    weights = parameters.evidence_spinning if spinning else parameters.evidence_profile
+    return weights, hear(scan, spinning=spinning)
 
 
 def _weights(weights: Weights) -> Floats:
