@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.kernels import median, median_of_few
+from lidar_outlier_filter.core.kernels import median
 
 
 @pytest.mark.parametrize('count', [*range(1, 34), 100, 101])
@@ -13,7 +13,4 @@ def test_medians(count: int) -> None:
     """Of odd and even numbers of values, with and without ties, whatever stands behind them."""
     dice = np.random.default_rng(count)
     for values in (dice.normal(size=count), dice.integers(0, 4, count) / 3, np.full(count, -2.5)):
-        expected = np.median(values)
-        assert median(values.copy(), count) == expected
-        room = np.concatenate([values, [-1e9, 7.0, 1e9]])
-        assert median_of_few(room[: (count + 3) // 4 * 4], count) == expected
+        assert median(values.copy(), count) == np.median(values)

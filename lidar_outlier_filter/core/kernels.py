@@ -7,11 +7,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar, cast
 
 import numba
-import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy as np
     from numpy.typing import NDArray
 
 SMALL = 16  # values that are sorted rather than partitioned
@@ -82,32 +82,4 @@ def median(values: NDArray[np.float64], count: int) -> float:
     lower = values[0]
     for i in range(1, half):
         lower = max(lower, values[i])
-    return float((lower + upper) / 2)
-
-
-@kernel
-def median_of_few(values: NDArray[np.float64], count: int) -> float:
-    """Return what :func:`median` returns, of a few dozen finite values, but faster.
-
-    ``values`` has room for a multiple of four. How many are smaller is counted for four of them at
-    a time, without a branch for any: the k-th smallest is the largest that at most k are below.
-    """
-    size = (count + 3) // 4 * 4
-    for i in range(count, size):
-        values[i] = np.inf
-    half = count // 2
-    low = half - 1 + count % 2
-    lower = upper = -np.inf
-    for i in range(0, size, 4):
-        a, b, c, d = values[i], values[i + 1], values[i + 2], values[i + 3]
-        below_a = below_b = below_c = below_d = 0
-        for j in range(size):
-            other = values[j]
-            below_a += other < a
-            below_b += other < b
-            below_c += other < c
-            below_d += other < d
-        for value, below in ((a, below_a), (b, below_b), (c, below_c), (d, below_d)):
-            upper = max(upper, value if below <= half else -np.inf)
-            lower = max(lower, value if below <= low else -np.inf)
     return float((lower + upper) / 2)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel, median_of_few
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.lanes import LANES, fill, network, sort
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
 
 WINDOW = 8  # points of the line on either side that tell what is usual
+ALL = network(2 * WINDOW, range(2 * WINDOW))
 
 
 @kernel
@@ -87,15 +89,25 @@ def usual(
     ``first`` (L + 1,) tells where lines begin. Infinite values do not count; where there is no
     other, the median is the point's own value.
     """
-    near = np.empty(2 * WINDOW)
+    points, counts = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
+    near = np.empty((2 * WINDOW, LANES))
     line = np.searchsorted(first, begin, side='right') - 1
-    for i in range(begin, end):
-        if not wanted[i]:
-            continue
-        while i >= first[line + 1]:
-            line += 1
-        count = 0
-        for j in range(max(first[line], i - WINDOW), min(first[line + 1], i + WINDOW + 1)):
-            near[count] = values[j]
-            count += j != i and values[j] < np.inf
-        result[i] = median_of_few(near, count) if count > 0 else values[i]
+    while begin < end:
+        count, begin = fill(points, wanted, begin, end)
+        if count == 0:
+            break
+        for lane in range(len(points)):
+            i = points[lane]
+            while i >= first[line + 1]:
+                line += 1
+            count = 0
+            for j in range(max(first[line], i - WINDOW), min(first[line + 1], i + WINDOW + 1)):
+                near[count, lane] = values[j]
+                count += j != i and values[j] < np.inf
+            near[count:, lane] = np.inf
+            counts[lane] = count
+        sort(near, ALL)
+        for lane in range(len(points)):
+            i, count = points[lane], counts[lane]
+            median = (near[(count - 1) // 2, lane] + near[count // 2, lane]) / 2
+            result[i] = median if count > 0 else values[i]

@@ -5,6 +5,8 @@
 The surface is the plane through the neighbours, the point left out, or the straight line where they
 lie on one. It is fitted twice, the second time with weights (Cauchy's, squared) that fall with the
 distance from the first one, so that it is that of most of them.
+
+Arrays are [quantity, neighbour, lane]: many points are measured side by side.
 """
 
 from __future__ import annotations
@@ -13,12 +15,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel, median_of_few
+from lidar_outlier_filter.core.detectors.evidence_eigen import eigenvalues, eigenvectors
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.lanes import LANES, fill, network, sort
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
     Index = NDArray[np.int32]
 
 K = 20  # neighbours
@@ -30,6 +35,7 @@ MAD_TO_SIGMA = 1.4826
 NARROW = 1e-6  # ratio of variances across and along, below which neighbours lie on a line
 AMIDST = 1.5
 BEYOND = 1.2  # times the distance of the farthest neighbour, where none is of another line
+MIDDLE = network(K, range(K // 2 - 1, K // 2 + 1))  # the two whose mean is the median of K
 
 
 class Surroundings(NamedTuple):
@@ -79,154 +85,176 @@ def measure(
     end: int,
     xyz: Floats,
     nearest: Index,
-    line: NDArray[np.int64],
+    line: Ints,
     wanted: NDArray[np.bool_],
     out: Surroundings,
 ) -> None:
     """Measure the wanted of a range of points from their lists of neighbours, nearest first."""
-    near = np.empty((3, K))
-    room = np.empty((2, K))
-    plane = np.empty(6)
-    for i in range(begin, end):
-        if not wanted[i]:
-            continue
+    points = np.empty(LANES, np.int64)
+    near, weight, residual = np.empty((3, K, LANES)), np.empty((K, LANES)), np.empty((K, LANES))
+    plane, aside = np.empty((4, LANES)), np.empty(LANES)
+    while begin < end:
+        count, begin = fill(points, wanted, begin, end)
+        if count > 0:
+            _gather(points, xyz, nearest, near)
+            _distances(points, near, nearest, line, residual, out)
+            _fit(points, near, weight, residual, plane, aside, out)
+
+
+@kernel
+def _gather(points: Ints, xyz: Floats, nearest: Index, near: Floats) -> None:
+    """Put the neighbours side by side, relative to their points."""
+    for lane in range(len(points)):
+        i = points[lane]
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
         for m in range(K):
             j = nearest[i, m]
-            for axis in range(3):
-                near[axis, m] = xyz[j, axis] - xyz[i, axis]
-        _distances(i, near, nearest, line, out)
-        _fit(near, room, plane)
-        out.off[i], out.scale[i], out.amidst[i] = abs(plane[3]), plane[4], plane[5]
+            near[0, m, lane] = xyz[j, 0] - x
+            near[1, m, lane] = xyz[j, 1] - y
+            near[2, m, lane] = xyz[j, 2] - z
 
 
 @kernel
 def _distances(
-    i: int, near: Floats, nearest: Index, line: NDArray[np.int64], out: Surroundings
+    points: Ints,
+    near: Floats,
+    nearest: Index,
+    line: Ints,
+    distance: Floats,
+    out: Surroundings,
 ) -> None:
-    total, other, others = 0.0, -1.0, 0
+    total = np.zeros(len(points))
     for m in range(K):
-        x, y, z = near[0, m], near[1, m], near[2, m]
-        distance = np.sqrt((x * x + y * y) + z * z)
-        total += distance
-        if line[nearest[i, m]] != line[i]:
-            others += m < NEAR
-            if other < 0:
-                other = distance
+        for lane in range(near.shape[2]):
+            x, y, z = near[0, m, lane], near[1, m, lane], near[2, m, lane]
+            distance[m, lane] = np.sqrt((x * x + y * y) + z * z)
+        for lane in range(distance.shape[1]):
+            total[lane] += distance[m, lane]
         if m == FEW - 1:
-            out.few[i] = total / FEW
+            for lane in range(len(points)):
+                out.few[points[lane]] = total[lane] / FEW
         elif m == SOME - 1:
-            out.some[i] = total / SOME
-    out.all[i] = total / K
-    out.other[i] = other if other >= 0 else BEYOND * distance
-    out.others[i] = others
+            for lane in range(len(points)):
+                out.some[points[lane]] = total[lane] / SOME
+    for lane in range(len(points)):
+        i = points[lane]
+        first, others = K, 0
+        for m in range(K):
+            is_other = line[nearest[i, m]] != line[i]
+            first = min(first, m if is_other else K)
+            others += is_other and m < NEAR
+        out.all[i], out.others[i] = total[lane] / K, others
+        out.other[i] = distance[first, lane] if first < K else BEYOND * distance[K - 1, lane]
 
 
 @kernel
-def _fit(near: Floats, room: Floats, plane: Floats) -> None:
-    """Fit the surface to the neighbours, given relative to the point.
-
-    Writes its normal, the height of the point above it, the scale of the residuals, and how much
-    the point is amidst its neighbours.
-    """
-    weight, residual = room[0], room[1]
+def _fit(
+    points: Ints,
+    near: Floats,
+    weight: Floats,
+    residual: Floats,
+    plane: Floats,
+    aside: Floats,
+    out: Surroundings,
+) -> None:
+    """Fit surfaces to the neighbours, and tell how far each point is from its own."""
+    scale = np.empty(len(points))
     weight[:] = 1.0
     for fit in range(FITS):
-        aside = _fit_weighted(near, weight, plane)
+        _fit_weighted(near, weight, plane, aside)
         if fit == 0:
-            plane[5] = min(max(AMIDST * (1 - aside), 0.0), 1.0)
-        for m in range(K):
-            height = near[0, m] * plane[0] + near[1, m] * plane[1] + near[2, m] * plane[2]
-            residual[m] = abs(height + plane[3])
-            weight[m] = residual[m]
-        scale = MAD_TO_SIGMA * median_of_few(residual, len(residual)) + LEAST
+            for lane in range(len(points)):
+                out.amidst[points[lane]] = min(max(AMIDST * (1 - aside[lane]), 0.0), 1.0)
+        _residuals(near, plane, residual)
+        weight[:] = residual
+        sort(residual, MIDDLE)
+        for lane in range(len(points)):
+            middle = (residual[K // 2 - 1, lane] + residual[K // 2, lane]) / 2
+            scale[lane] = MAD_TO_SIGMA * middle + LEAST
         if fit < FITS - 1:
-            for m in range(K):
-                ratio = weight[m] / (REACH * scale)
-                weight[m] = 1 / (1 + ratio * ratio) ** 2
-    plane[4] = scale
+            _weigh(weight, scale)
+    for lane in range(len(points)):
+        i = points[lane]
+        out.off[i], out.scale[i] = abs(plane[3, lane]), scale[lane]
 
 
 @kernel
-def _fit_weighted(near: Floats, weight: Floats, plane: Floats) -> float:
-    """Write the normal of the weighted neighbours, and the height of the point above them.
+def _residuals(near: Floats, plane: Floats, residual: Floats) -> None:
+    for m in range(K):
+        for lane in range(near.shape[2]):
+            x, y, z = near[0, m, lane], near[1, m, lane], near[2, m, lane]
+            height = x * plane[0, lane] + y * plane[1, lane] + z * plane[2, lane]
+            residual[m, lane] = abs(height + plane[3, lane])
 
-    Returns how far their mean is aside of the point, in parts of their spread along the surface.
+
+@kernel
+def _weigh(weight: Floats, scale: Floats) -> None:
+    """Turn residuals into weights."""
+    for m in range(K):
+        for lane in range(len(scale)):
+            ratio = weight[m, lane] / (REACH * scale[lane])
+            weight[m, lane] = 1 / (1 + ratio * ratio) ** 2
+
+
+@kernel
+def _fit_weighted(near: Floats, weight: Floats, plane: Floats, aside: Floats) -> None:
+    """Write the normals of the weighted neighbours, and the heights of the points above them.
+
+    And how far their mean is aside of the point, in parts of their spread along the surface.
     """
-    total = sx = sy = sz = 0.0
+    lanes = near.shape[2]
+    total, mean = np.zeros(lanes), np.zeros((3, lanes))
     for m in range(K):
-        w = weight[m]
-        total += w
-        sx += w * near[0, m]
-        sy += w * near[1, m]
-        sz += w * near[2, m]
-    sx, sy, sz = sx / total, sy / total, sz / total
-    xx = yy = zz = xy = xz = yz = 0.0
+        for lane in range(lanes):
+            w = weight[m, lane]
+            total[lane] += w
+            mean[0, lane] += w * near[0, m, lane]
+            mean[1, lane] += w * near[1, m, lane]
+            mean[2, lane] += w * near[2, m, lane]
+    for axis in range(3):
+        for lane in range(lanes):
+            mean[axis, lane] /= total[lane]
+    moment, value = np.zeros((6, lanes)), np.empty((3, lanes))
     for m in range(K):
-        x, y, z, w = near[0, m] - sx, near[1, m] - sy, near[2, m] - sz, weight[m] / total
-        xx += w * x * x
-        yy += w * y * y
-        zz += w * z * z
-        xy += w * x * y
-        xz += w * x * z
-        yz += w * y * z
-    low, middle, high = _eigenvalues(xx, yy, zz, xy, xz, yz)
-    if middle > NARROW * high:
-        plane[0], plane[1], plane[2] = _eigenvector(xx, yy, zz, xy, xz, yz, low)
+        for lane in range(lanes):
+            w = weight[m, lane] / total[lane]
+            x = near[0, m, lane] - mean[0, lane]
+            y = near[1, m, lane] - mean[1, lane]
+            z = near[2, m, lane] - mean[2, lane]
+            moment[0, lane] += w * x * x
+            moment[1, lane] += w * y * y
+            moment[2, lane] += w * z * z
+            moment[3, lane] += w * x * y
+            moment[4, lane] += w * x * z
+            moment[5, lane] += w * y * z
+    eigenvalues(moment, value)
+    eigenvectors(moment, value, NARROW, plane)
+    _heights(mean, value, plane, aside)
+
+
+@kernel
+def _heights(mean: Floats, value: Floats, plane: Floats, aside: Floats) -> None:
+    for lane in range(len(aside)):
+        if not value[1, lane] > NARROW * value[2, lane]:
+            _turn(lane, mean, plane)
+    for lane in range(len(aside)):
+        sx, sy, sz = mean[0, lane], mean[1, lane], mean[2, lane]
+        height = sx * plane[0, lane] + sy * plane[1, lane] + sz * plane[2, lane]
+        plane[3, lane] = -height
+        spread = value[1, lane] + value[2, lane]
+        along = max((sx * sx + sy * sy + sz * sz) - height * height, 0.0)
+        aside[lane] = np.sqrt(along / spread) if spread > 0 else 0.0
+
+
+@kernel
+def _turn(lane: int, mean: Floats, plane: Floats) -> None:
+    """Replace the direction of a line by that of its normal that the point lies on."""
+    sx, sy, sz = mean[0, lane], mean[1, lane], mean[2, lane]
+    a, b, c = plane[0, lane], plane[1, lane], plane[2, lane]
+    along = a * sx + b * sy + c * sz
+    a, b, c = sx - along * a, sy - along * b, sz - along * c
+    length = np.sqrt(a * a + b * b + c * c)
+    if length > 0:
+        plane[0, lane], plane[1, lane], plane[2, lane] = a / length, b / length, c / length
     else:
-        # The neighbours lie on a line: its normal is the one that the point lies on.
-        a, b, c = _eigenvector(xx, yy, zz, xy, xz, yz, high)
-        along = a * sx + b * sy + c * sz
-        a, b, c = sx - along * a, sy - along * b, sz - along * c
-        length = np.sqrt(a * a + b * b + c * c)
-        if length > 0:
-            plane[0], plane[1], plane[2] = a / length, b / length, c / length
-        else:
-            plane[0], plane[1], plane[2] = 0.0, 0.0, 1.0
-    height = sx * plane[0] + sy * plane[1] + sz * plane[2]
-    plane[3] = -height
-    spread = middle + high
-    if not spread > 0:
-        return 0.0
-    aside = max((sx * sx + sy * sy + sz * sz) - height * height, 0.0)
-    return float(np.sqrt(aside / spread))
-
-
-@kernel
-def _eigenvalues(
-    xx: float, yy: float, zz: float, xy: float, xz: float, yz: float
-) -> tuple[float, float, float]:
-    """Return the eigenvalues of a symmetric matrix, ascending (Smith 1961)."""
-    mean = (xx + yy + zz) / 3
-    a, b, c = xx - mean, yy - mean, zz - mean
-    size = np.sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
-    if size == 0:
-        return mean, mean, mean
-    a, b, c, d, e, f = a / size, b / size, c / size, xy / size, xz / size, yz / size
-    half = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2
-    angle = np.arccos(min(max(half, -1.0), 1.0)) / 3
-    high = mean + 2 * size * np.cos(angle)
-    low = mean + 2 * size * np.cos(angle + 2 * np.pi / 3)
-    return low, 3 * mean - low - high, high
-
-
-@kernel
-def _eigenvector(
-    xx: float, yy: float, zz: float, xy: float, xz: float, yz: float, value: float
-) -> tuple[float, float, float]:
-    """Return the unit eigenvector of a symmetric matrix: the longest product of two rows."""
-    a, b, c = xx - value, yy - value, zz - value
-    x, y, z, best = 0.0, 0.0, 1.0, 0.0
-    for rows in range(3):
-        if rows == 0:
-            u, v, w = xy * yz - xz * b, xz * xy - a * yz, a * b - xy * xy
-        elif rows == 1:
-            u, v, w = xy * c - xz * yz, xz * xz - a * c, a * yz - xy * xz
-        else:
-            u, v, w = b * c - yz * yz, yz * xz - xy * c, xy * yz - b * xz
-        square = u * u + v * v + w * w
-        if square > best:
-            x, y, z, best = u, v, w, square
-    if best == 0:
-        return 0.0, 0.0, 1.0
-    length = np.sqrt(best)
-    return x / length, y / length, z / length
+        plane[0, lane], plane[1, lane], plane[2, lane] = 0.0, 0.0, 1.0

@@ -10,8 +10,9 @@ import numpy as np
 
 from lidar_outlier_filter.core import scanlines, threads
 from lidar_outlier_filter.core.detectors import evidence_lines, evidence_surface
-from lidar_outlier_filter.core.detectors.evidence_surface import NEAR, K, Surroundings
-from lidar_outlier_filter.core.kernels import kernel, median, median_of_few
+from lidar_outlier_filter.core.detectors.evidence_surface import MIDDLE, NEAR, K, Surroundings
+from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.lanes import LANES, fill, sort
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,6 +33,7 @@ SURFACE = WITNESSES.index('surface')
 # Where witnesses begin to speak, and beyond what they say no more; logarithms, except `surface`.
 LEAST = np.array([0.0, 0.0, 0.0, -1.2, 0.7, 0.0, 0.0])
 MOST = np.array([3.0, 2.0, 1.2, 0.0, 2.8, 6.0, np.log(NEAR + 1)])
+QUIET = np.exp(LEAST) * (1 - 1e-9)  # ratios up to which no logarithm need be taken
 SIGMA_FLOOR = 0.002  # metres, of the median difference along the line and from the surface
 SPACING_FLOOR = 0.001  # metres
 FEW_SIGMA, MANY_SIGMA = 2.0, 8.0  # from the surface: how far it begins and ends to tell
@@ -250,26 +252,29 @@ def _speak(
     words: Floats,
 ) -> None:
     """Write what the witnesses say of the wanted of a range of points."""
-    near, ratio = np.empty(K), np.empty(len(least))
-    for i in range(begin, end):
-        if not wanted[i]:
-            continue
-        for m in range(K):
-            near[m] = around.some[nearest[i, m]]
-        off = around.off[i]
-        own = around.scale[i] + OF_ALL * usual.surface
-        even = min(EVEN * usual.surface / own, 1.0)
-        sigmas = min(off / usual.surface, 2 * off / own, MANY_SIGMA) - FEW_SIGMA
-        ratio[0] = around.few[i] / usual.spacing[i]
-        # Where steps are lacking all around, that of a point tells nothing.
-        ratio[1] = step[i] / usual.step[i] if usual.step[i] < np.inf else 0.0
-        ratio[2] = around.some[i] / usual.some[i]
-        ratio[3] = median_of_few(near, len(near)) / around.all[i]
-        ratio[4] = along[i] / usual.along
-        ratio[6] = (NEAR + 1) / (around.others[i] + 1)
-        ratio[SURFACE] = 1.0
-        for w in range(len(least)):
-            # A comparison with NaN, 0 ÷ 0 where all points coincide, is false: it says nothing.
-            word = np.log(ratio[w]) if ratio[w] > 0 else -np.inf
-            words[i, w] = min(max(word, least[w]), most[w]) - least[w]
-        words[i, SURFACE] = max(sigmas, 0.0) * even * around.amidst[i]
+    points, near, ratio = np.empty(LANES, np.int64), np.empty((K, LANES)), np.empty(len(least))
+    while begin < end:
+        count, begin = fill(points, wanted, begin, end)
+        for lane in range(count):
+            for m in range(K):
+                near[m, lane] = around.some[nearest[points[lane], m]]
+        sort(near, MIDDLE)
+        for lane in range(count):
+            i = points[lane]
+            off = around.off[i]
+            own = around.scale[i] + OF_ALL * usual.surface
+            even = min(EVEN * usual.surface / own, 1.0)
+            sigmas = min(off / usual.surface, 2 * off / own, MANY_SIGMA) - FEW_SIGMA
+            ratio[0] = around.few[i] / usual.spacing[i]
+            # Where steps are lacking all around, that of a point tells nothing.
+            ratio[1] = step[i] / usual.step[i] if usual.step[i] < np.inf else 0.0
+            ratio[2] = around.some[i] / usual.some[i]
+            ratio[3] = (near[K // 2 - 1, lane] + near[K // 2, lane]) / 2 / around.all[i]
+            ratio[4] = along[i] / usual.along
+            ratio[6] = (NEAR + 1) / (around.others[i] + 1)
+            ratio[SURFACE] = 1.0
+            for w in range(len(least)):
+                # A comparison with NaN, 0 ÷ 0 where all points coincide, is false: it says nothing.
+                word = np.log(ratio[w]) if ratio[w] > QUIET[w] else least[w]
+                words[i, w] = min(max(word, least[w]), most[w]) - least[w]
+            words[i, SURFACE] = max(sigmas, 0.0) * even * around.amidst[i]

@@ -1,0 +1,51 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Points in lanes: each lane is sorted by itself, and each wanted point has its turn."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from lidar_outlier_filter.core import lanes
+
+
+@pytest.mark.parametrize('count', [1, 2, 3, 7, 16, 20, 33])
+def test_sorts_every_lane(count: int) -> None:
+    """Values with ties, zeros and inf, whatever the other lanes hold."""
+    dice = np.random.default_rng(count)
+    values = dice.integers(0, 9, (count, lanes.LANES)) / 3
+    values[dice.random(values.shape) < 0.1] = np.inf
+    expected = np.sort(values, axis=0)
+    lanes.sort(values, lanes.network(count, range(count)))
+    assert_array_equal(values, expected)
+
+
+@pytest.mark.parametrize('count', [2, 5, 12])
+def test_networks_sort_all_zeros_and_ones(count: int) -> None:
+    """What sorts these sorts everything (Knuth 5.3.4, theorem Z)."""
+    lane = np.arange(2**count)
+    values = (lane >> np.arange(count)[:, None] & 1).astype(np.float64)
+    expected = np.sort(values, axis=0)
+    for wanted in (range(count), range(1, 2), range(count // 2 - 1, count // 2 + 1)):
+        told = values.copy()
+        lanes.sort(told, lanes.network(count, wanted))
+        assert_array_equal(told[wanted], expected[wanted])
+
+
+def test_the_middle_needs_less_than_all() -> None:
+    """Pairs that the wanted ranks do not depend on are left out."""
+    assert len(lanes.network(20, range(9, 11))) < len(lanes.network(20, range(20)))
+
+
+@pytest.mark.parametrize('share', [0.0, 0.1, 1.0])
+@pytest.mark.parametrize('size', [1, 4, 32])
+def test_fills_lanes_with_the_wanted(share: float, size: int) -> None:
+    """Each wanted point once, in order; lanes that are left over repeat the last."""
+    wanted = np.random.default_rng(7).random(150) < share
+    begin, end, seen = 3, 141, []
+    points = np.empty(size, np.int64)
+    while begin < end:
+        count, begin = lanes.fill(points, wanted, begin, end)
+        seen += points[:count].tolist()
+        assert_array_equal(points[count:], seen[-1:] * (size - count) if count else points)
+    assert seen == [i for i in range(3, 141) if wanted[i]]
