@@ -167,10 +167,11 @@ class Neighbourhood:
         if old is None:
             return Neighbourhood(given[~rejected], self._most, self._threads)
         kept = ~rejected[old.order]
-        xyz = old.xyz[kept]
+        left = np.flatnonzero(kept)
+        xyz = np.take(old.xyz, left, axis=0)
         result = Neighbourhood(xyz, self._most, self._threads)
         number = np.cumsum(~rejected) - 1
-        result._sorted = _Sorted(number[old.order[kept]], xyz, prune(old.tree, kept, xyz))
+        result._sorted = _Sorted(number[old.order[left]], xyz, prune(old.tree, kept, xyz))
         result._given = xyz[:0]
         few = len(xyz) > self._most and len(xyz) >= (1 - FEW_REJECTED) * self._count
         if self._nearest is not None and few:

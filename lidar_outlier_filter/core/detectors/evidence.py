@@ -48,6 +48,7 @@ from lidar_outlier_filter.core.detectors.evidence_witnesses import (
     hear_again,
     is_interleaved,
     see,
+    see_without,
     weigh,
 )
 
@@ -94,23 +95,22 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
     weights, told = hear_first(scan, parameters)
     threshold = parameters.evidence.threshold * weights.threshold
     statistic = weigh(told.words, _weights(weights)) / threshold
-    where = np.arange(len(points))
+    where = neighbourhood.order
     for _ in range(weights.passes - 1):
         rejected = statistic > 1
-        if not rejected.any() or np.count_nonzero(~rejected) <= K:
+        left = np.flatnonzero(~rejected)
+        if len(left) == len(where) or len(left) <= K:
             break
-        score[where[scan.neighbourhood.order]] = statistic
-        as_given = score[where] > 1
+        score[where] = statistic
         nearest = scan.neighbourhood.nearest(K).index
-        where, points = where[~as_given], points.take(~as_given)
-        scan = see(scan.neighbourhood.without(as_given), points, parameters.gap_factor)
+        scan = see_without(scan, rejected, parameters.gap_factor)
         told = hear_again(scan, told, nearest, rejected)
         again = weigh(told.words, _weights(weights)) / threshold
-        statistic = np.where(told.wanted, again, statistic[~rejected])
+        where, statistic = where[left], np.where(told.wanted, again, statistic[left])
     if weights.slanted:
         straight = straightness(scan, told.usual.spacing) / parameters.evidence.threshold
         statistic = np.fmax(statistic, straight)
-    score[where[scan.neighbourhood.order]] = statistic
+    score[where] = statistic
     return score
 
 

@@ -82,12 +82,13 @@ def usual(
     first: Ints,
     values: Floats,
     wanted: NDArray[np.bool_],
+    back: Ints,
     result: Floats,
 ) -> None:
     """Write the median of the others up to WINDOW places away in the line, for the wanted points.
 
-    ``first`` (L + 1,) tells where lines begin. Infinite values do not count; where there is no
-    other, the median is the point's own value.
+    ``first`` (L + 1,) tells where lines begin, and ``back`` (N,) where in the result each point is.
+    Infinite values do not count; where there is no other, the median is the point's own value.
     """
     points, counts = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     near = np.empty((2 * WINDOW, LANES))
@@ -110,4 +111,4 @@ def usual(
         for lane in range(len(points)):
             i, count = points[lane], counts[lane]
             median = (near[(count - 1) // 2, lane] + near[count // 2, lane]) / 2
-            result[i] = median if count > 0 else values[i]
+            result[back[i]] = median if count > 0 else values[i]

@@ -74,8 +74,10 @@ def has_lost(nearest: Index, rejected: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Tell which points have rejected neighbours."""
     result = np.zeros(len(nearest), np.bool_)
     for i in range(len(nearest)):
+        lost = False
         for m in range(K):
-            result[i] |= rejected[nearest[i, m]]
+            lost |= rejected[nearest[i, m]]
+        result[i] = lost
     return result
 
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -52,6 +52,8 @@ class Scan(NamedTuple):
     lines : of the ordered
     place : (N,) int64
         Of each point in tree order, its place among the ordered.
+    back : (N,) int64
+        Of each of the ordered, its place in tree order.
 
     """
 
@@ -59,6 +61,7 @@ class Scan(NamedTuple):
     ordered: Points
     lines: Lines
     place: Ints
+    back: Ints
 
 
 class Usual(NamedTuple):
@@ -106,8 +109,22 @@ def see(neighbourhood: Neighbourhood, points: Points, gap_factor: float) -> Scan
     """Find the lines of points, which are those of the neighbourhood, in the order given."""
     order = scanlines.order_by_line(points)
     ordered = points.take(order)
+    back = scanlines.inverse(neighbourhood.order)[order]
     lines = scanlines.find_lines(ordered, gap_factor)
-    return Scan(neighbourhood, ordered, lines, scanlines.inverse(order)[neighbourhood.order])
+    return Scan(neighbourhood, ordered, lines, scanlines.inverse(back), back)
+
+
+def see_without(scan: Scan, rejected: Bools, gap_factor: float) -> Scan:
+    """Find the lines of the points that are left, ``rejected`` being in tree order."""
+    as_given = np.empty_like(rejected)
+    as_given[scan.neighbourhood.order] = rejected
+    left = np.flatnonzero(~rejected[scan.back])
+    ordered = scan.ordered.take(left)
+    # Both orders stay what they were.
+    back = (np.cumsum(~rejected) - 1)[scan.back[left]]
+    lines = scanlines.find_lines(ordered, gap_factor)
+    neighbourhood = scan.neighbourhood.without(as_given)
+    return Scan(neighbourhood, ordered, lines, scanlines.inverse(back), back)
 
 
 def is_interleaved(scan: Scan) -> bool:
@@ -156,7 +173,7 @@ def hear_again(
         their tree order
 
     """
-    left = ~rejected
+    left = np.flatnonzero(~rejected)
     wanted = evidence_surface.has_lost(nearest, rejected)[left]
     around = Surroundings(*(values[left] for values in before.around))
     _measure(scan, wanted, around)
@@ -167,11 +184,13 @@ def hear_again(
     return _ask(scan, wanted, around, usual)
 
 
+@kernel
 def weigh(words: Floats, weights: Floats) -> Floats:
     """Sum up what the witnesses say, each times its weight: (N,)."""
     result = np.zeros(len(words))
-    for word, weight in zip(words.T, weights, strict=True):
-        result += weight * word
+    for i in range(len(words)):
+        for w in range(len(weights)):
+            result[i] += weights[w] * words[i, w]
     return result
 
 
@@ -183,24 +202,24 @@ def _measure(scan: Scan, wanted: Bools, around: Surroundings) -> None:
 
 def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> Testimony:
     """Find out what is usual for the wanted points, and let the witnesses speak of them."""
-    place, lines, ordered = scan.place, scan.lines, scan.ordered
-    step, along = np.empty(len(place)), np.empty(len(place))
+    lines, ordered = scan.lines, scan.ordered
+    step, along = np.empty(len(wanted)), np.empty(len(wanted))
     links = lines.before, lines.after
     _run(scan, evidence_lines.follow, ordered.xyz, ordered.t, *links, step, along)
-    wanted_there = _put(wanted, place)
+    wanted_there = wanted[scan.back]
 
     def compare(values: Floats, known: Floats) -> Floats:
-        result = _put(known, place)
-        _run(scan, evidence_lines.usual, lines.first, values, wanted_there, result)
-        return result[place]
+        result = known.copy()
+        _run(scan, evidence_lines.usual, lines.first, values, wanted_there, scan.back, result)
+        return result
 
     steps = compare(step, usual.step)
+    others = compare(around.other[scan.back], usual.spacing)
     if np.isnan(usual.part):
-        others = compare(_put(around.other, place), usual.spacing)
         spacing = np.where(wanted, np.maximum(np.where(steps < np.inf, steps, 0.0), others), others)
     else:
-        spacing = usual.part * ordered.range[place]
-    some = compare(_put(around.some, place), usual.some)
+        spacing = usual.part * ordered.range[scan.place]
+    some = compare(around.some[scan.back], usual.some)
     sigma = _typical(along[along < np.inf]) if np.isnan(usual.along) else usual.along
     usual = Usual(
         np.maximum(spacing, SPACING_FLOOR),
@@ -210,9 +229,9 @@ def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> Testi
         sigma,
         usual.surface,
     )
-    words = np.zeros((len(place), len(WITNESSES)))
+    words = np.zeros((len(wanted), len(WITNESSES)))
     nearest = scan.neighbourhood.nearest(K).index
-    own = wanted, step[place], along[place]
+    own = wanted, scan.place, step, along
     _run(scan, _speak, nearest, around, *own, usual, LEAST, MOST, words)
     return Testimony(wanted, words, around, usual)
 
@@ -224,12 +243,6 @@ def _run(scan: Scan, work: Callable[..., None], *arguments: object) -> None:
         CHUNK,
         scan.neighbourhood.threads,
     )
-
-
-def _put(values: NDArray[Any], place: Ints) -> NDArray[Any]:
-    result = np.empty_like(values)
-    result[place] = values
-    return result
 
 
 def _typical(values: Floats) -> float:
@@ -244,6 +257,7 @@ def _speak(
     nearest: NDArray[np.int32],
     around: Surroundings,
     wanted: Bools,
+    place: Ints,
     step: Floats,
     along: Floats,
     usual: Usual,
@@ -261,16 +275,17 @@ def _speak(
         sort(near, MIDDLE)
         for lane in range(count):
             i = points[lane]
+            here = place[i]
             off = around.off[i]
             own = around.scale[i] + OF_ALL * usual.surface
             even = min(EVEN * usual.surface / own, 1.0)
             sigmas = min(off / usual.surface, 2 * off / own, MANY_SIGMA) - FEW_SIGMA
             ratio[0] = around.few[i] / usual.spacing[i]
             # Where steps are lacking all around, that of a point tells nothing.
-            ratio[1] = step[i] / usual.step[i] if usual.step[i] < np.inf else 0.0
+            ratio[1] = step[here] / usual.step[i] if usual.step[i] < np.inf else 0.0
             ratio[2] = around.some[i] / usual.some[i]
             ratio[3] = (near[K // 2 - 1, lane] + near[K // 2, lane]) / 2 / around.all[i]
-            ratio[4] = along[i] / usual.along
+            ratio[4] = along[here] / usual.along
             ratio[6] = (NEAR + 1) / (around.others[i] + 1)
             ratio[SURFACE] = 1.0
             for w in range(len(least)):
