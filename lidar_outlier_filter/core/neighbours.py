@@ -27,7 +27,8 @@ __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 
 LARGEST = 1e150  # metres: squares stay finite
 MOST_POINTS = 2**31 - 1  # their places are int32
-LEAVES, ROWS = 64, 1 << 14  # that a thread takes at once: about a millisecond
+# What a thread takes at once, about a millisecond: leaves where all points are wanted, and rows.
+LEAVES, ROWS = 64, 1 << 14
 # Up to this share it pays to keep the lists that are still right. Measured on the simulated street,
 # k = 20, points rejected at random: of 1 %, keeping takes 0.4 times as long as searching all again,
 # of 3 %, 0.65, of 10 %, 1.07, because then 88 % of the lists have lost a point.
@@ -259,7 +260,7 @@ class Neighbourhood:
                 xyz, order, tree, leaves[i:j], levels, wanted, nearest.index, nearest.tied
             ),
             len(leaves),
-            LEAVES,
+            LEAVES * len(self) // max(int(np.count_nonzero(wanted)), 1),
             self._threads,
         )
 

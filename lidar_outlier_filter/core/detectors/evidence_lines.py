@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
+    Bools = NDArray[np.bool_]
 
 WINDOW = 8  # points of the line on either side that tell what is usual
 ALL = network(2 * WINDOW, range(2 * WINDOW))
@@ -25,6 +26,7 @@ ALL = network(2 * WINDOW, range(2 * WINDOW))
 def follow(
     begin: int,
     end: int,
+    wanted: Bools,
     xyz: Floats,
     t: Ints,
     before: Ints,
@@ -36,9 +38,13 @@ def follow(
 
     Writes the distance to the nearer of the two neighbours in the segment; and the smallest of the
     differences from three predictions, each divided by what the noise of its two points adds: from
-    the two in front, the two behind, and from one on either side. inf where there is none.
+    the two in front, the two behind, and from one on either side. inf where there is none. Nothing
+    is written of points that are in the window of no wanted one.
     """
+    asked = _around(wanted, begin, end)
     for i in range(begin, end):
+        if not asked[i - begin]:
+            continue
         a, b = before[i], after[i]
         nearer = best = np.inf
         if a >= 0:
@@ -52,6 +58,19 @@ def follow(
         if a >= 0 and b >= 0:
             best = min(best, _difference(xyz, t, i, a, b))
         step[i], along[i] = nearer, best
+
+
+@kernel
+def _around(wanted: Bools, begin: int, end: int) -> Bools:
+    """Tell of a range of points which are up to WINDOW places away from a wanted one."""
+    result = np.zeros(end - begin, np.bool_)
+    done = begin
+    for i in range(max(begin - WINDOW, 0), min(end + WINDOW, len(wanted))):
+        if wanted[i]:
+            for j in range(max(done, i - WINDOW), min(i + WINDOW + 1, end)):
+                result[j - begin] = True
+            done = max(done, i + WINDOW + 1)
+    return result
 
 
 @kernel
@@ -79,36 +98,42 @@ def _difference(xyz: Floats, t: Ints, i: int, j: int, k: int) -> float:
 def usual(
     begin: int,
     end: int,
+    wanted: Bools,
     first: Ints,
     values: Floats,
-    wanted: NDArray[np.bool_],
     back: Ints,
     result: Floats,
 ) -> None:
-    """Write the median of the others up to WINDOW places away in the line, for the wanted points.
+    """Write medians of the others up to WINDOW places away in the line, for the wanted points.
 
     ``first`` (L + 1,) tells where lines begin, and ``back`` (N,) where in the result each point is.
-    Infinite values do not count; where there is no other, the median is the point's own value.
+    Of each row of ``values`` (Q, N), infinite ones do not count; where there is no other, the
+    median is the point's own value.
     """
-    points, counts = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
+    points = np.empty(LANES, np.int64)
+    low, high, count = np.empty_like(points), np.empty_like(points), np.empty_like(points)
     near = np.empty((2 * WINDOW, LANES))
     line = np.searchsorted(first, begin, side='right') - 1
     while begin < end:
-        count, begin = fill(points, wanted, begin, end)
-        if count == 0:
+        found, begin = fill(points, wanted, begin, end)
+        if found == 0:
             break
         for lane in range(len(points)):
             i = points[lane]
             while i >= first[line + 1]:
                 line += 1
-            count = 0
-            for j in range(max(first[line], i - WINDOW), min(first[line + 1], i + WINDOW + 1)):
-                near[count, lane] = values[j]
-                count += j != i and values[j] < np.inf
-            near[count:, lane] = np.inf
-            counts[lane] = count
-        sort(near, ALL)
-        for lane in range(len(points)):
-            i, count = points[lane], counts[lane]
-            median = (near[(count - 1) // 2, lane] + near[count // 2, lane]) / 2
-            result[back[i]] = median if count > 0 else values[i]
+            low[lane] = max(first[line], i - WINDOW)
+            high[lane] = min(first[line + 1], i + WINDOW + 1)
+        for row in range(len(values)):
+            for lane in range(len(points)):
+                i, c = points[lane], 0
+                for j in range(low[lane], high[lane]):
+                    near[c, lane] = values[row, j]
+                    c += j != i and values[row, j] < np.inf
+                near[c:, lane] = np.inf
+                count[lane] = c
+            sort(near, ALL)
+            for lane in range(len(points)):
+                i, c = points[lane], count[lane]
+                median = (near[(c - 1) // 2, lane] + near[c // 2, lane]) / 2
+                result[row, back[i]] = median if c > 0 else values[row, i]

@@ -85,10 +85,10 @@ def has_lost(nearest: Index, rejected: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def measure(
     begin: int,
     end: int,
+    wanted: NDArray[np.bool_],
     xyz: Floats,
     nearest: Index,
     line: Ints,
-    wanted: NDArray[np.bool_],
     out: Surroundings,
 ) -> None:
     """Measure the wanted of a range of points from their lists of neighbours, nearest first."""

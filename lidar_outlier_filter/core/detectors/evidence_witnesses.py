@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Bools = NDArray[np.bool_]
 
-CHUNK = 2048  # points that a thread takes at once
+CHUNK = 2048  # wanted points that a thread takes at once
 WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone')
 SURFACE = WITNESSES.index('surface')
 # Where witnesses begin to speak, and beyond what they say no more; logarithms, except `surface`.
@@ -187,39 +187,39 @@ def hear_again(
 @kernel
 def weigh(words: Floats, weights: Floats) -> Floats:
     """Sum up what the witnesses say, each times its weight: (N,)."""
-    result = np.zeros(len(words))
+    result = np.empty(len(words))
     for i in range(len(words)):
+        total = 0.0
         for w in range(len(weights)):
-            result[i] += weights[w] * words[i, w]
+            total += weights[w] * words[i, w]
+        result[i] = total
     return result
 
 
 def _measure(scan: Scan, wanted: Bools, around: Surroundings) -> None:
     hood = scan.neighbourhood
     line = scan.ordered.line[scan.place]
-    _run(scan, evidence_surface.measure, hood.xyz, hood.nearest(K).index, line, wanted, around)
+    _run(scan, evidence_surface.measure, wanted, hood.xyz, hood.nearest(K).index, line, around)
 
 
 def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> Testimony:
     """Find out what is usual for the wanted points, and let the witnesses speak of them."""
-    lines, ordered = scan.lines, scan.ordered
-    step, along = np.empty(len(wanted)), np.empty(len(wanted))
-    links = lines.before, lines.after
-    _run(scan, evidence_lines.follow, ordered.xyz, ordered.t, *links, step, along)
-    wanted_there = wanted[scan.back]
-
-    def compare(values: Floats, known: Floats) -> Floats:
-        result = known.copy()
-        _run(scan, evidence_lines.usual, lines.first, values, wanted_there, scan.back, result)
-        return result
-
-    steps = compare(step, usual.step)
-    others = compare(around.other[scan.back], usual.spacing)
-    if np.isnan(usual.part):
-        spacing = np.where(wanted, np.maximum(np.where(steps < np.inf, steps, 0.0), others), others)
-    else:
+    lines, ordered, spins = scan.lines, scan.ordered, not np.isnan(usual.part)
+    there = wanted[scan.back]
+    values, along = np.empty((2 if spins else 3, len(wanted))), np.empty(len(wanted))
+    links, told = (lines.before, lines.after), (values[0], along)
+    _run(scan, evidence_lines.follow, there, ordered.xyz, ordered.t, *links, *told)
+    values[1] = around.some[scan.back]
+    if not spins:
+        values[2] = around.other[scan.back]
+    medians = np.stack([usual.step, usual.some, usual.spacing][: len(values)])
+    _run(scan, evidence_lines.usual, there, lines.first, values, scan.back, medians)
+    steps, some = medians[:2]
+    if spins:
         spacing = usual.part * ordered.range[scan.place]
-    some = compare(around.some[scan.back], usual.some)
+    else:
+        known = np.maximum(np.where(steps < np.inf, steps, 0.0), medians[2])
+        spacing = np.where(wanted, known, medians[2])
     sigma = _typical(along[along < np.inf]) if np.isnan(usual.along) else usual.along
     usual = Usual(
         np.maximum(spacing, SPACING_FLOOR),
@@ -231,16 +231,17 @@ def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> Testi
     )
     words = np.zeros((len(wanted), len(WITNESSES)))
     nearest = scan.neighbourhood.nearest(K).index
-    own = wanted, scan.place, step, along
-    _run(scan, _speak, nearest, around, *own, usual, LEAST, MOST, words)
+    own = scan.place, *told
+    _run(scan, _speak, wanted, nearest, around, *own, usual, LEAST, MOST, words)
     return Testimony(wanted, words, around, usual)
 
 
-def _run(scan: Scan, work: Callable[..., None], *arguments: object) -> None:
+def _run(scan: Scan, work: Callable[..., None], wanted: Bools, *arguments: object) -> None:
+    """Do work for the wanted points in threads, few of them by the caller alone."""
     threads.run(
-        lambda begin, end: work(begin, end, *arguments),
-        len(scan.place),
-        CHUNK,
+        lambda begin, end: work(begin, end, wanted, *arguments),
+        len(wanted),
+        CHUNK * len(wanted) // max(int(np.count_nonzero(wanted)), 1),
         scan.neighbourhood.threads,
     )
 
@@ -254,9 +255,9 @@ def _typical(values: Floats) -> float:
 def _speak(
     begin: int,
     end: int,
+    wanted: Bools,
     nearest: NDArray[np.int32],
     around: Surroundings,
-    wanted: Bools,
     place: Ints,
     step: Floats,
     along: Floats,
