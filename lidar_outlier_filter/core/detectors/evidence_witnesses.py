@@ -175,7 +175,7 @@ def hear_again(
     """
     left = np.flatnonzero(~rejected)
     wanted = evidence_surface.has_lost(nearest, rejected)[left]
-    around = Surroundings(*(values[left] for values in before.around))
+    around = Surroundings(*(np.take(values, left) for values in before.around))
     _measure(scan, wanted, around)
     usual = before.usual
     usual = usual._replace(
