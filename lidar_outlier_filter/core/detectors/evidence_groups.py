@@ -15,7 +15,6 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence_surface import K
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.scanlines import inverse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -54,18 +53,17 @@ def straightness(scan: Scan, spacing: Floats) -> Floats:
     xyz, line = scan.neighbourhood.xyz, scan.ordered.line[scan.place]
     nearest = scan.neighbourhood.nearest(K).index
     after = scan.lines.after[scan.place]
-    after = np.where(after >= 0, inverse(scan.place)[after], -1)
+    after = np.where(after >= 0, scan.back[after], -1)
     root = _join(xyz, nearest[:, :JOINED], REACH * spacing, after)
-    _, group, count = np.unique(root, return_inverse=True, return_counts=True)
-    right = (count >= SMALLEST) & (count <= LARGEST)
-    result = np.full(len(count), np.nan)
-    members = np.flatnonzero(right[group])
-    members = members[np.argsort(group[members], kind='stable')]
-    ends = np.flatnonzero(np.diff(group[members], append=-1)) + 1
+    count = np.bincount(root)[root]
+    members = np.flatnonzero((count >= SMALLEST) & (count <= LARGEST))
+    members = members[np.argsort(root[members], kind='stable')]
+    ends = np.flatnonzero(np.diff(root[members], append=-1)) + 1
+    result = np.full(len(root), np.nan)
     for begin, end in zip([0, *ends[:-1]], ends, strict=False):
         some = members[begin:end]
-        result[group[some[0]]] = _straightness(xyz[some], line[some])
-    return result[group]
+        result[some] = _straightness(xyz[some], line[some])
+    return result
 
 
 def _straightness(xyz: Floats, line: Ints) -> float:
