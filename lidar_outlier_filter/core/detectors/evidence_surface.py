@@ -167,8 +167,7 @@ def _fit(
         if fit == 0:
             for lane in range(len(points)):
                 out.amidst[points[lane]] = min(max(AMIDST * (1 - aside[lane]), 0.0), 1.0)
-        _residuals(near, plane, residual)
-        weight[:] = residual
+        _residuals(near, plane, residual, weight)
         sort(residual, MIDDLE)
         for lane in range(len(points)):
             middle = (residual[K // 2 - 1, lane] + residual[K // 2, lane]) / 2
@@ -181,12 +180,13 @@ def _fit(
 
 
 @kernel
-def _residuals(near: Floats, plane: Floats, residual: Floats) -> None:
+def _residuals(near: Floats, plane: Floats, residual: Floats, copy: Floats) -> None:
+    """Write distances from the surface twice, because the search for their median reorders one."""
     for m in range(K):
         for lane in range(near.shape[2]):
             x, y, z = near[0, m, lane], near[1, m, lane], near[2, m, lane]
             height = x * plane[0, lane] + y * plane[1, lane] + z * plane[2, lane]
-            residual[m, lane] = abs(height + plane[3, lane])
+            residual[m, lane] = copy[m, lane] = abs(height + plane[3, lane])
 
 
 @kernel
