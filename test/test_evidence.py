@@ -91,8 +91,8 @@ def test_against_loops(seed: int, sensor: str) -> None:
         )
 
 
-def arm(seed: int) -> tuple[Points, Bools]:
-    """Hang a slanted tube above a road, where lines cross it."""
+def arm(seed: int, *, beside: bool = False) -> tuple[Points, Bools]:
+    """Hang a slanted tube above a road, where lines cross it, or with its end beside a panel."""
     points, _ = road(seed, lines=24, strays=0.0)
     dice = np.random.default_rng(seed)
     place, count = np.arange(len(points)) % 40, len(points)
@@ -101,13 +101,17 @@ def arm(seed: int) -> tuple[Points, Bools]:
     xyz = points.xyz.copy()
     xyz[slanted, 1] = -1.2 + 0.8 * along[slanted]
     xyz[slanted, 2] = 1.0 + 0.6 * along[slanted]
-    xyz[slanted] += dice.normal(0, 0.004, (count, 3))[slanted]
+    panel = beside & (place >= 20) & (place < 28) & (points.line >= 18)
+    xyz[panel, 1], xyz[panel, 2] = 1.35, 2.5 + 0.05 * (place[panel] - 20)
+    moved = slanted | panel
+    xyz[moved] += dice.normal(0, 0.004, (count, 3))[moved]
     return points_of(xyz, points.t, points.line), slanted
 
 
-def test_slanted_groups_against_loops() -> None:
+@pytest.mark.parametrize('beside', [False, True])
+def test_slanted_groups_against_loops(*, beside: bool) -> None:
     """The arm of a barrier is found as a group, by the twin too, and only where it is asked for."""
-    points, slanted = arm(3)
+    points, slanted = arm(3, beside=beside)
     score = detect(points)
     assert_allclose(score, naively(points), rtol=1e-7)
     assert (score[slanted] > 1).mean() > 0.9

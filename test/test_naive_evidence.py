@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from math import inf, isnan, sqrt
+from math import inf, isnan, nan, sqrt
 
 import pytest
 from naive import evidence as naive
@@ -92,7 +92,7 @@ def test_spins() -> None:
 
 
 def test_straightness() -> None:
-    """A slope of 3 : 4, two points wide; level or short of points it is no group."""
+    """A slope of 3 : 4, two points wide; level, wide, a wire or short of points it is no group."""
     along = [i * 0.05 for i in range(15)]
     xyz = [(side * 0.02, 0.8 * a, 0.6 * a) for a in along for side in (0, 1)]
     slanted = scan(xyz, list(range(30)), [i // 2 for i in range(30)])
@@ -101,5 +101,26 @@ def test_straightness() -> None:
     assert result == pytest.approx([0.35 * length / 0.01] * 30)
     level = scan([(x, y, 0.0) for x, y, _ in xyz], list(slanted.t), list(slanted.line))
     assert all(isnan(one) for one in naive.straightness(level, [0.05] * 30, 1.5))
+    # Two rows so far apart are √3 times as wide as they are apart, if spread evenly: 0.25 at most.
+    for apart, expected in ((0.14, 0.35 * length / 0.07), (0.15, nan)):
+        wide = scan([(apart / 0.02 * x, y, z) for x, y, z in xyz], slanted.t, slanted.line)
+        result = naive.straightness(wide, [0.1] * 30, 1.5)
+        assert result == pytest.approx([expected] * 30, nan_ok=True)
+    wire = scan(xyz, list(slanted.t), list(range(30)))
+    assert all(isnan(one) for one in naive.straightness(wire, [0.05] * 30, 1.5))
     few = slanted.take(range(20))
     assert all(isnan(one) for one in naive.straightness(few, [0.05] * 20, 1.5))
+
+
+def test_straightness_beside_a_car() -> None:
+    """An arm 0.15 from a wall is one group with it within 4 × 0.05, and free within 1.5 × 0.05."""
+    along = [i * 0.05 for i in range(15)]
+    arm = [(side * 0.02, 0.8 * a, 0.6 * a) for a in along for side in (0, 1)]
+    wall = [(-0.15, 0.05 * (i // 6), 0.05 * (i % 6)) for i in range(30)]
+    both = scan(
+        arm + wall, list(range(60)), [i // 2 for i in range(30)] + [i // 6 for i in range(30)]
+    )
+    result = naive.straightness(both, [0.05] * 60, 1.5)
+    length = 0.05 * sqrt((15**2 - 1) / 12)
+    assert result[:30] == pytest.approx([0.35 * length / 0.01] * 30)
+    assert not any(one > 1 for one in result[30:])

@@ -220,7 +220,20 @@ def statistic(ratio: Mapping[str, float], weights: Mapping[str, float]) -> float
 
 
 def straightness(scan: Scan, spacing: Sequence[float], gap_factor: float) -> list[float]:
-    """0.35 × length ÷ width of the slanted group that a point is in; NaN in none."""
+    """0.35 × length ÷ width of the slanted group that a point is in; NaN in none.
+
+    Joined up to 4 and up to 1.5 expected spacings, the greater of both.
+    """
+    wide, narrow = (_straightness_of(scan, spacing, gap_factor, reach) for reach in (4.0, 1.5))
+    return [
+        max(a, b) if not isnan(a) and not isnan(b) else (b if isnan(a) else a)
+        for a, b in zip(wide, narrow, strict=True)
+    ]
+
+
+def _straightness_of(
+    scan: Scan, spacing: Sequence[float], gap_factor: float, spacings: float
+) -> list[float]:
     n = len(scan.xyz)
     near = [set(nearest(scan.xyz, i, 12)) for i in range(n)]
     for line in segments(scan, gap_factor):
@@ -230,7 +243,7 @@ def straightness(scan: Scan, spacing: Sequence[float], gap_factor: float) -> lis
     group = list(range(n))
     for i in range(n):
         for j in near[i]:
-            reach = 4 * min(spacing[i], spacing[j])
+            reach = spacings * min(spacing[i], spacing[j])
             if squared(scan.xyz[i], scan.xyz[j]) <= reach * reach and group[i] != group[j]:
                 old, new = group[i], group[j]
                 group = [new if one == old else one for one in group]
@@ -249,7 +262,11 @@ def _straightness(xyz: Sequence[Point], line: Sequence[int]) -> float:
     centred = points - points.mean(axis=0)
     value, vector = np.linalg.eigh(centred.T @ centred / len(points))
     length, width = sqrt(max(value[2], 0.0)), sqrt(max(value[1], 0.0))
-    if not 0.15 < abs(vector[2, 2]) < 0.92 or sqrt(12) * length > 8:
+    if len(line) < 1.5 * len(set(line)):
+        return nan
+    if not 0.1 < abs(vector[2, 2]) < 0.92:
+        return nan
+    if sqrt(12) * length > 8 or sqrt(12) * width > 0.25:
         return nan
     along = centred @ vector[:, 2]
     means = [

@@ -4,7 +4,9 @@
 
 A profile scanner sees what moves while it passes, such as the arm of a barrier, as a slanted line
 in the air: no less dense than what is around, but joined to nothing, and each scan line sees a
-piece of its own. What stands or is laid is vertical or level. z must be up.
+piece of its own. What stands or is laid is vertical or level; a wire, which is as thin as the beam,
+is met but once by each line. Points are joined twice: widely, so that a group stays whole, and
+narrowly, so that it comes free of a car that it nearly touches. z must be up.
 """
 
 from __future__ import annotations
@@ -25,11 +27,12 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
 
 JOINED = 12  # nearest neighbours of which a point may be joined to any
-REACH = 4.0  # expected spacings up to which points are joined
+REACHES = (4.0, 1.5)  # expected spacings up to which points are joined
 SMALLEST, LARGEST = 24, 3000  # points of a group
 NARROW = 0.35  # standard deviation across, of that along: thinner groups are straight
-LONGEST = 8.0  # metres
-LEVEL, STEEP = 0.15, 0.92  # sines of the slope: between them a group is slanted
+LONGEST, WIDEST = 8.0, 0.25  # metres
+LEVEL, STEEP = 0.1, 0.92  # sines of the slope: between them a group is slanted
+OF_LINE = 1.5  # points that a line sees of a group, at least and on average: more than a wire's
 FEW_LINES = 3
 ACROSS = 0.95  # spread of what the lines see on average ÷ that of all: each sees a piece of its own
 UNIFORM = np.sqrt(12.0)  # length of an even row ÷ its standard deviation
@@ -46,15 +49,23 @@ def straightness(scan: Scan, spacing: Floats) -> Floats:
     Returns
     -------
     (N,) float64
-        In tree order, NARROW × length ÷ width of the group, more than 1 where it is straight; NaN
-        for points in none that is slanted and of the right size.
+        In tree order, NARROW × length ÷ width of the group, more than 1 where it is straight, the
+        greater of both; NaN for points in none that is slanted and of the right size.
 
     """
     xyz, line = scan.neighbourhood.xyz, scan.ordered.line[scan.place]
     nearest = scan.neighbourhood.nearest(K).index
     after = scan.lines.after[scan.place]
     after = np.where(after >= 0, scan.back[after], -1)
-    root = _join(xyz, nearest[:, :JOINED], REACH * spacing, after)
+    result = np.full(len(xyz), np.nan)
+    for reach in REACHES:
+        root = _join(xyz, nearest[:, :JOINED], reach * spacing, after)
+        result = np.fmax(result, _of_groups(xyz, line, root))
+    return result
+
+
+def _of_groups(xyz: Floats, line: Ints, root: Ints) -> Floats:
+    """Tell of each point how straight the group is that its root names."""
     count = np.bincount(root)[root]
     members = np.flatnonzero((count >= SMALLEST) & (count <= LARGEST))
     members = members[np.argsort(root[members], kind='stable')]
@@ -67,13 +78,15 @@ def straightness(scan: Scan, spacing: Floats) -> Floats:
 
 
 def _straightness(xyz: Floats, line: Ints) -> float:
-    """Return how straight a group is, or NaN if it is not slanted, or too long."""
+    """Return how straight a group is, or NaN if it is a wire, or not slanted, or too large."""
+    _, of_line, count = np.unique(line, return_inverse=True, return_counts=True)
+    if len(line) < OF_LINE * len(count):
+        return np.nan
     value, vector = np.linalg.eigh(np.cov(xyz.T, bias=True))
     length, width = np.sqrt(max(value[2], 0.0)), np.sqrt(max(value[1], 0.0))
     slanted = LEVEL < abs(vector[2, 2]) < STEEP
-    if not slanted or UNIFORM * length > LONGEST:
+    if not slanted or UNIFORM * length > LONGEST or UNIFORM * width > WIDEST:
         return np.nan
-    _, of_line, count = np.unique(line, return_inverse=True, return_counts=True)
     along = (xyz - xyz.mean(axis=0)) @ vector[:, 2]
     means = np.bincount(of_line, along) / count
     if len(count) > FEW_LINES and means.std() < ACROSS * length:
