@@ -214,6 +214,7 @@ _WITNESSES = {
     'along': 'Difference from the line against the median.',
     'surface': 'Standard deviations from an even surface all around.',
     'alone': 'Few neighbours of other lines.',
+    'company': 'From the second pass on: more than a third of the neighbours rejected.',
 }
 
 
@@ -239,7 +240,7 @@ def _slanted(*, default: bool) -> Any:
 class Weights:
     """What the word of each witness weighs, for a profile scanner."""
 
-    threshold: float = _statistic(17.0)
+    threshold: float = _statistic(18.0)
     passes: int = _passes(4)
     spacing: float = _weight('spacing', 2.8)
     step: float = _weight('step', 1.8)
@@ -248,6 +249,7 @@ class Weights:
     along: float = _weight('along', 3.4)
     surface: float = _weight('surface', 1.6)
     alone: float = _weight('alone', 1.5)
+    company: float = _weight('company', 9.0)
     slanted: bool = _slanted(default=True)
 
 
@@ -264,4 +266,5 @@ class SpinningWeights(Weights):
     along: float = _weight('along', 0.3)
     surface: float = _weight('surface', 0.3)
     alone: float = _weight('alone', 0.0)
+    company: float = _weight('company', 3.0)
     slanted: bool = _slanted(default=False)

@@ -10,7 +10,7 @@ import pytest
 from naive import evidence as naive
 
 FLAT = [(float(x), float(y), 0.0) for x in range(5) for y in range(4)]
-NOTHING = dict.fromkeys(naive.WITNESSES, 1.0) | {'amid': 0.1, 'surface': 0.0}
+NOTHING = dict.fromkeys(naive.WITNESSES, 1.0) | {'amid': 0.1, 'surface': 0.0, 'company': 0.0}
 ONCE = dict.fromkeys(naive.WITNESSES, 1.0)
 
 
@@ -81,6 +81,20 @@ def test_statistic() -> None:
     assert naive.statistic(NOTHING | {'along': inf}, ONCE | {'along': 3.0}) == pytest.approx(6.3)
     assert naive.statistic(NOTHING | {'step': 0.0}, ONCE) == 0
     assert naive.statistic(NOTHING | {'surface': 2.5}, ONCE | {'surface': 2.0}) == 5.0
+    assert naive.statistic(NOTHING | {'surface': -0.5, 'step': 1e9}, ONCE) == pytest.approx(1.5)
+    assert naive.statistic(NOTHING | {'company': 0.5}, ONCE | {'company': 9.0}) == 4.5
+    assert naive.statistic(NOTHING | {'surface': -0.5}, ONCE) == 0
+
+
+def test_bereaved() -> None:
+    """Of 22 in a row, two rejected: all but the farthest are near a point, itself not."""
+    xyz = [(i * 1.0, 0.0, 0.0) for i in range(22)]
+    names = [10 + i for i in range(22)]
+    score = [0.0] * 10 + [2.0, nan, *[1.0] * 18, 3.0, 0.5]
+    lost = naive.bereaved(xyz, names, score)
+    assert lost[10] == 1  # 30, not itself
+    assert lost[31] == 1  # 30; 10 is the farthest
+    assert lost[20] == 2
 
 
 def test_spins() -> None:
@@ -103,7 +117,9 @@ def test_straightness() -> None:
     assert all(isnan(one) for one in naive.straightness(level, [0.05] * 30, 1.5))
     # Two rows so far apart are √3 times as wide as they are apart, if spread evenly: 0.25 at most.
     for apart, expected in ((0.14, 0.35 * length / 0.07), (0.15, nan)):
-        wide = scan([(apart / 0.02 * x, y, z) for x, y, z in xyz], slanted.t, slanted.line)
+        wide = scan(
+            [(apart / 0.02 * x, y, z) for x, y, z in xyz], list(slanted.t), list(slanted.line)
+        )
         result = naive.straightness(wide, [0.1] * 30, 1.5)
         assert result == pytest.approx([expected] * 30, nan_ok=True)
     wire = scan(xyz, list(slanted.t), list(range(30)))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 Point = Sequence[float]
-WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone')
+WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone', 'company')
 BOUNDS = {
     'spacing': (1.0, exp(3.0)),
     'step': (1.0, exp(2.0)),
@@ -203,7 +203,7 @@ def ratios(
                 'lonely': d5[i] / max(fives[i], 0.001),
                 'amid': five / d20[i] if d20[i] > 0 else nan,
                 'along': along[i] / sigma_along,
-                'surface': max(sigmas, 0.0) * min(1.3 * sigma / own, 1.0) * amidst,
+                'surface': max(sigmas, -1.0) * min(1.3 * sigma / own, 1.0) * amidst,
                 'alone': 9 / (1 + beside),
             }
         )
@@ -211,12 +211,13 @@ def ratios(
 
 
 def statistic(ratio: Mapping[str, float], weights: Mapping[str, float]) -> float:
-    """Weighted sum of the logarithms, within their bounds, and of what the surface says."""
+    """Weighted sum of the logarithms, within their bounds, and of what the other two say; or 0."""
     total = weights['surface'] * ratio['surface']
+    total += weights['company'] * ratio.get('company', 0.0)
     for name, (least, most) in BOUNDS.items():
         held = min(max(ratio[name], least), most) if ratio[name] > least else least
         total += weights[name] * log(held / least)
-    return total
+    return max(total, 0.0)
 
 
 def straightness(scan: Scan, spacing: Sequence[float], gap_factor: float) -> list[float]:
@@ -287,6 +288,13 @@ def spins(scan: Scan) -> bool:
     return spans > 2 * (max(scan.t) - min(scan.t))
 
 
+def bereaved(xyz: Sequence[Point], names: Sequence[int], score: Sequence[float]) -> dict[int, int]:
+    """How many of the 20 nearest of each point, by its name, score above 1."""
+    return {
+        name: sum(score[names[j]] > 1 for j in nearest(xyz, i, 20)) for i, name in enumerate(names)
+    }
+
+
 def detect(
     scan: Scan,
     weights: Mapping[bool, Mapping[str, float]],
@@ -311,16 +319,15 @@ def detect(
     said, spacing, usually = ratios(scan, gap_factor, spinning=spinning)
     for i, one in enumerate(said):
         score[i] = statistic(one, how) / (part * how['threshold'])
+    lost = [0] * len(score)
     for _ in range(int(how['passes']) - 1):
         kept = [i for i in where if score[i] <= 1]
         if len(kept) == len(where) or len(kept) <= 20:
             break
         before = scan.take(where)
-        bereft = {
-            i
-            for m, i in enumerate(where)
-            if any(score[where[j]] > 1 for j in nearest(before.xyz, m, 20))
-        }
+        newly = bereaved(before.xyz, where, score)
+        bereft = {i for i, count in newly.items() if count > 0}
+        lost = [count + newly.get(i, 0) for i, count in enumerate(lost)]
         said, now, _ = ratios(scan.take(kept), gap_factor, spinning=spinning, first=usually)
         # Only points that lost a neighbour are heard again; the others' spacing stays, too.
         spacing = [
@@ -335,6 +342,7 @@ def detect(
         where = kept
         for i, one in zip(where, said, strict=True):
             if i in bereft:
+                one['company'] = min(lost[i] / 20, 1.0) - 1 / 3
                 score[i] = statistic(one, how) / (part * how['threshold'])
     if how['slanted']:
         # Those of the last pass are groups no more.

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Witnesses, weighed: what the scan line, the neighbours and their surface say of a point.
 
-All witnesses but one are logarithms of a ratio that is about 1 for a good point. Each is silent up
-to a least value and says no more beyond a largest one, so that none condemns a point alone:
+Most witnesses are logarithms of a ratio that is about 1 for a good point. Each is silent up to a
+least value and says no more beyond a largest one, so that none condemns a point alone:
 
-    statistic = Σ weight · (min(max(log ratio, least), most) - least)
+    statistic = Σ weight · (min(max(log ratio, least), most) - least), at least 0
 
 With d3, d5 and d20 the mean distances to so many nearest neighbours, the ratios are
 
@@ -24,11 +24,16 @@ With d3, d5 and d20 the mean distances to so many nearest neighbours, the ratios
     Difference from the best of three predictions along the line ÷ the median difference.
 ``surface``
     No logarithm, because noise ends so abruptly: how many standard deviations the point is from the
-    surface of the 20 neighbours, of the typical ones or half their own, whichever is less, above 2
-    and up to 8; times how even the surface is (1.3 × the typical standard deviation ÷ their own, at
-    most 1), and how much the point is amidst them: at edges the surface is no measure.
+    surface of the 20 neighbours, of the typical ones or half their own, whichever is less, from 1
+    to 8, less 2, so that a point on it is spoken for; times how even the surface is (1.3 × the
+    typical standard deviation ÷ their own, at most 1), and how much the point is amidst them: at
+    edges the surface is no measure.
 ``alone``
     9 ÷ (1 + how many of the 8 nearest neighbours are of other lines).
+``company``
+    No logarithm either, and heard from the second pass on: how many of its neighbours were rejected
+    ÷ 20, at most 1, less a third. The inside of a dense cloud of outliers follows its rim, and a
+    good point does not follow the few outliers beside it.
 
 "Usual" is the median of the points up to eight places away in the line. A profile scanner and a
 spinning sensor have weights of their own, those of a logistic regression on simulated drives.

@@ -70,14 +70,14 @@ def empty(count: int) -> Surroundings:
 
 
 @kernel
-def has_lost(nearest: Index, rejected: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell which points have rejected neighbours."""
-    result = np.zeros(len(nearest), np.bool_)
+def lost(nearest: Index, rejected: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Count the rejected neighbours of each point."""
+    result = np.zeros(len(nearest), np.int64)
     for i in range(len(nearest)):
-        lost = False
+        count = 0
         for m in range(K):
-            lost |= rejected[nearest[i, m]]
-        result[i] = lost
+            count += rejected[nearest[i, m]]
+        result[i] = count
     return result
 
 

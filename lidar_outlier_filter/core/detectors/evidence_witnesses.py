@@ -28,17 +28,20 @@ if TYPE_CHECKING:
     Bools = NDArray[np.bool_]
 
 CHUNK = 2048  # wanted points that a thread takes at once
-WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone')
-SURFACE = WITNESSES.index('surface')
-# Where witnesses begin to speak, and beyond what they say no more; logarithms, except `surface`.
+WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone', 'company')
+SURFACE, COMPANY = WITNESSES.index('surface'), WITNESSES.index('company')
+# Where witnesses begin to speak, and beyond what they say no more: logarithms, those of `surface`
+# and `company` apart.
 LEAST = np.array([0.0, 0.0, 0.0, -1.2, 0.7, 0.0, 0.0])
 MOST = np.array([3.0, 2.0, 1.2, 0.0, 2.8, 6.0, np.log(NEAR + 1)])
 QUIET = np.exp(LEAST) * (1 - 1e-9)  # ratios up to which no logarithm need be taken
 SIGMA_FLOOR = 0.002  # metres, of the median difference along the line and from the surface
 SPACING_FLOOR = 0.001  # metres
-FEW_SIGMA, MANY_SIGMA = 2.0, 8.0  # from the surface: how far it begins and ends to tell
+FEW_SIGMA, MANY_SIGMA = 2.0, 8.0  # from the surface: where it begins and ends to tell against
+FOR = -1.0  # the most that a surface speaks for a point
 EVEN = 1.3  # × the typical standard deviation: a surface up to which is even
 OF_ALL = 0.3  # part of the σ of all points that is added to that of the neighbours
+FEW_LOST = 1 / 3  # of the neighbours: more speak against a point, fewer for it
 INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
 
 
@@ -92,8 +95,11 @@ class Testimony(NamedTuple):
     ----------
     wanted : (N,) bool
         Points that it was asked of.
-    words : (N, 7) float64
-        What each witness says of them, 0 to MOST - LEAST; nothing of others.
+    words : (N, 8) float64
+        What each witness says of them, 0 to MOST - LEAST, `surface` from FOR, and `company` from
+        -FEW_LOST to 1 - FEW_LOST; nothing of others.
+    lost : (N,) int64
+        How many neighbours of each were rejected, pass after pass.
     around : what was measured of the neighbours of all
     usual : what the witnesses compare with
 
@@ -101,6 +107,7 @@ class Testimony(NamedTuple):
 
     wanted: Bools
     words: Floats
+    lost: Ints
     around: Surroundings
     usual: Usual
 
@@ -155,7 +162,8 @@ def hear(scan: Scan, *, spinning: bool) -> Testimony:
         part = median(parts, count)
     unknown = np.empty((3, count))
     usual = Usual(unknown[0], unknown[1], unknown[2], part, np.nan, _typical(around.scale))
-    return _ask(scan, wanted, around, usual)
+    words, usual = _ask(scan, wanted, around, usual)
+    return Testimony(wanted, words, np.zeros(count, np.int64), around, usual)
 
 
 def hear_again(
@@ -174,25 +182,28 @@ def hear_again(
 
     """
     left = np.flatnonzero(~rejected)
-    wanted = evidence_surface.has_lost(nearest, rejected)[left]
+    newly = evidence_surface.lost(nearest, rejected)[left]
+    wanted, lost = newly > 0, before.lost[left] + newly
     around = Surroundings(*(np.take(values, left) for values in before.around))
     _measure(scan, wanted, around)
     usual = before.usual
     usual = usual._replace(
         spacing=usual.spacing[left], step=usual.step[left], some=usual.some[left]
     )
-    return _ask(scan, wanted, around, usual)
+    words, usual = _ask(scan, wanted, around, usual)
+    words[wanted, COMPANY] = np.minimum(lost[wanted] / K, 1.0) - FEW_LOST
+    return Testimony(wanted, words, lost, around, usual)
 
 
 @kernel
 def weigh(words: Floats, weights: Floats) -> Floats:
-    """Sum up what the witnesses say, each times its weight: (N,)."""
+    """Sum up what the witnesses say, each times its weight: (N,), at least 0."""
     result = np.empty(len(words))
     for i in range(len(words)):
         total = 0.0
         for w in range(len(weights)):
             total += weights[w] * words[i, w]
-        result[i] = total
+        result[i] = max(total, 0.0)
     return result
 
 
@@ -202,7 +213,7 @@ def _measure(scan: Scan, wanted: Bools, around: Surroundings) -> None:
     _run(scan, evidence_surface.measure, wanted, hood.xyz, hood.nearest(K).index, line, around)
 
 
-def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> Testimony:
+def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> tuple[Floats, Usual]:
     """Find out what is usual for the wanted points, and let the witnesses speak of them."""
     lines, ordered, spins = scan.lines, scan.ordered, not np.isnan(usual.part)
     there = wanted[scan.back]
@@ -233,7 +244,7 @@ def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> Testi
     nearest = scan.neighbourhood.nearest(K).index
     own = scan.place, *told
     _run(scan, _speak, wanted, nearest, around, *own, usual, LEAST, MOST, words)
-    return Testimony(wanted, words, around, usual)
+    return words, usual
 
 
 def _run(scan: Scan, work: Callable[..., None], wanted: Bools, *arguments: object) -> None:
@@ -293,4 +304,4 @@ def _speak(
                 # A comparison with NaN, 0 ÷ 0 where all points coincide, is false: it says nothing.
                 word = np.log(ratio[w]) if ratio[w] > QUIET[w] else least[w]
                 words[i, w] = min(max(word, least[w]), most[w]) - least[w]
-            words[i, SURFACE] = max(sigmas, 0.0) * even * around.amidst[i]
+            words[i, SURFACE] = max(sigmas, FOR) * even * around.amidst[i]
