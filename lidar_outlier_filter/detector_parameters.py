@@ -258,7 +258,7 @@ class SpinningWeights(Weights):
     """The same for a spinning sensor."""
 
     threshold: float = _statistic(10.3)
-    passes: int = _passes(1)
+    passes: int = _passes(2)
     spacing: float = _weight('spacing', 2.5)
     step: float = _weight('step', 1.5)
     lonely: float = _weight('lonely', 1.0)
