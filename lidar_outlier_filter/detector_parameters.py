@@ -241,7 +241,7 @@ class Weights:
     """What the word of each witness weighs, for a profile scanner."""
 
     threshold: float = _statistic(18.0)
-    passes: int = _passes(4)
+    passes: int = _passes(6)
     spacing: float = _weight('spacing', 2.8)
     step: float = _weight('step', 1.8)
     lonely: float = _weight('lonely', 2.6)
