@@ -131,11 +131,11 @@ def test_finds_strays(make: Any) -> None:
 @pytest.mark.slow
 def test_one_threshold_for_either_sensor() -> None:
     """A part of the threshold is a multiple of the scores, of groups too; the twin agrees."""
-    slanted, _ = arm(3)
-    score = detect(slanted, evidence_profile__passes=1)
-    assert_allclose(2 * detect(slanted, evidence_profile__passes=1, evidence__threshold=2), score)
-    turning, _ = sweep(1, 6, 60)
-    assert_allclose(2 * detect(turning, evidence__threshold=2.0), detect(turning))
+    slanted, turning = arm(3)[0], sweep(1, 6, 60)[0]
+    once: dict[str, Any] = {'evidence_profile__passes': 1, 'evidence_spinning__passes': 1}
+    for points in (slanted, turning):
+        score = detect(points, **once)
+        assert_allclose(2 * detect(points, **once, evidence__threshold=2.0), score)
     for points in (road(7, 14, 30)[0], turning, slanted):
         assert_allclose(
             detect(points, evidence__threshold=0.7),
@@ -210,3 +210,16 @@ def test_moves_and_turns_do_not_matter() -> None:
     turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
     moved = points_of(points.xyz @ turn.T + [64.0, -128.0, 16.0], points.t, points.line)
     assert_allclose(detect(moved), detect(points), rtol=1e-6)
+
+
+def test_company() -> None:
+    """A dense cloud above the road is followed from its rim to its end, and that by its company."""
+    points, _ = road(5, lines=30, shots=60, strays=0.0)
+    dice = np.random.default_rng(5)
+    cloud = (np.abs(np.arange(len(points)) % 60 - 25) < 10) & (np.abs(points.line - 15) < 10)
+    cloud &= dice.random(len(points)) < 0.35
+    xyz = points.xyz.copy()
+    xyz[cloud] += dice.normal((0, 0, 0.9), (0.2, 0.2, 0.25), (np.count_nonzero(cloud), 3))
+    points = points_of(xyz, points.t, points.line)
+    assert_array_equal(detect(points) > 1, cloud)
+    assert (detect(points, evidence_profile__company=0.0)[cloud] > 1).mean() < 0.9
