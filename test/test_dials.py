@@ -45,7 +45,7 @@ FORMS: list[dict[str, object]] = [
         'sor.range_factor': 0.005,
     },
     {'chain': ['evidence'], 'evidence_profile.passes': 1},
-    {'chain': ['evidence'], 'evidence.sensor': 'spinning'},
+    {'chain': ['evidence'], 'evidence.sensor': 'spinning', 'evidence_spinning.passes': 1},
 ]
 
 
