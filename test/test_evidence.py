@@ -78,7 +78,7 @@ def naively(points: Points, **changed: Any) -> list[float]:
 
 
 @pytest.mark.parametrize('sensor', ['auto', 'profile', 'spinning'])
-@pytest.mark.parametrize('seed', range(2))
+@pytest.mark.parametrize('seed', [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_against_loops(seed: int, sensor: str) -> None:
     """Scores are those of the twin, for lines in turn, interleaved, shuffled and with gaps."""
     dice = np.random.default_rng(seed)
@@ -108,7 +108,7 @@ def arm(seed: int, *, beside: bool = False) -> tuple[Points, Bools]:
     return points_of(xyz, points.t, points.line), slanted
 
 
-@pytest.mark.parametrize('beside', [False, True])
+@pytest.mark.parametrize('beside', [pytest.param(False, marks=pytest.mark.slow), True])
 def test_slanted_groups_against_loops(*, beside: bool) -> None:
     """The arm of a barrier is found as a group, by the twin too, and only where it is asked for."""
     points, slanted = arm(3, beside=beside)

@@ -104,7 +104,7 @@ def test_shares_of_streets(rings: int) -> None:
             {Cause.EXHAUST, Cause.REFLECTION, Cause.NEAR_SURFACE, Cause.BARRIER},
             marks=SLOW,
         ),
-        ('leslar-b', {Cause.REFLECTION, Cause.NEAR_SURFACE, Cause.BARRIER}),
+        pytest.param('leslar-b', {Cause.REFLECTION, Cause.NEAR_SURFACE, Cause.BARRIER}, marks=SLOW),
         pytest.param('leslar-c', {Cause.NEAR_SURFACE}, marks=SLOW),
         pytest.param('pirotti-sfm', {Cause.SINGLE, Cause.CLUSTER}, marks=SLOW),
         ('pirotti-fcd', {Cause.SINGLE, Cause.DETOUR}),

@@ -351,6 +351,7 @@ def test_demo_drive_has_every_cause() -> None:
     assert 0.005 < (points['label'] != Cause.GOOD).mean() < 0.05
 
 
+@pytest.mark.slow
 def test_demo_drive_is_as_it_was() -> None:
     """The demo's figures in the documentation are those of these points."""
     drive = demo_drive()

@@ -101,7 +101,7 @@ def assert_same(one: Verdict, other: Verdict) -> None:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-@pytest.mark.parametrize('side', [4.0, 11.0])
+@pytest.mark.parametrize('side', [pytest.param(4.0, marks=pytest.mark.slow), 11.0])
 @pytest.mark.parametrize('name', CLOUDS)
 @pytest.mark.parametrize('chain', CHAINS)
 def test_same_as_in_one_piece(name: str, chain: str, side: float) -> None:
