@@ -53,6 +53,7 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
     assert max(look['delay since stamp, p50, ms'] for look in looks) > 1e9
 
 
+@pytest.mark.slow
 def test_once_in_a_second(ros: Ros) -> None:
     """Of real time; silent, then a warning, then an error."""
     node = ros.filter('-p', 'health.silence_warn:=0.0', '-p', 'health.silence_error:=4.9')

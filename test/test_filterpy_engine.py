@@ -140,6 +140,7 @@ def test_missing_filterpy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         filterpy_engine.check_installed()
 
 
+@pytest.mark.slow
 def test_filterpy_is_imported_on_first_use_only() -> None:
     """Importing the engine must not need the optional package."""
     name = filterpy_engine.__name__

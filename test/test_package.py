@@ -144,6 +144,7 @@ def test_setup_lists_what_is_imported() -> None:
         assert name in requirement_names(extras[EXTRAS[module]])
 
 
+@pytest.mark.slow
 def test_what_tests_import_is_listed() -> None:
     """Every module of others that a test imports is a test_depend, and in the extra `test`."""
     package = parse_package(str(ROOT))
