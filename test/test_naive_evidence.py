@@ -12,6 +12,9 @@ from naive import evidence as naive
 FLAT = [(float(x), float(y), 0.0) for x in range(5) for y in range(4)]
 NOTHING = dict.fromkeys(naive.WITNESSES, 1.0) | {'amid': 0.1, 'surface': 0.0, 'company': 0.0}
 ONCE = dict.fromkeys(naive.WITNESSES, 1.0)
+# Two rows of 15 points, 0.02 apart, on a slope of 3 : 4; the standard deviation of their length.
+ARM = [(side * 0.02, 0.8 * i * 0.05, 0.6 * i * 0.05) for i in range(15) for side in (0, 1)]
+LENGTH = 0.05 * sqrt((15**2 - 1) / 12)
 
 
 def scan(xyz: list[tuple[float, float, float]], t: list[int], line: list[int]) -> naive.Scan:
@@ -107,22 +110,19 @@ def test_spins() -> None:
 
 def test_straightness() -> None:
     """A slope of 3 : 4, two points wide; level, wide, a wire or short of points it is no group."""
-    along = [i * 0.05 for i in range(15)]
-    xyz = [(side * 0.02, 0.8 * a, 0.6 * a) for a in along for side in (0, 1)]
-    slanted = scan(xyz, list(range(30)), [i // 2 for i in range(30)])
-    length = 0.05 * sqrt((15**2 - 1) / 12)
+    slanted = scan(ARM, list(range(30)), [i // 2 for i in range(30)])
     result = naive.straightness(slanted, [0.05] * 30, 1.5)
-    assert result == pytest.approx([0.35 * length / 0.01] * 30)
-    level = scan([(x, y, 0.0) for x, y, _ in xyz], list(slanted.t), list(slanted.line))
+    assert result == pytest.approx([0.35 * LENGTH / 0.01] * 30)
+    level = scan([(x, y, 0.0) for x, y, _ in ARM], list(slanted.t), list(slanted.line))
     assert all(isnan(one) for one in naive.straightness(level, [0.05] * 30, 1.5))
     # Two rows so far apart are √3 times as wide as they are apart, if spread evenly: 0.25 at most.
-    for apart, expected in ((0.14, 0.35 * length / 0.07), (0.15, nan)):
+    for apart, expected in ((0.14, 0.35 * LENGTH / 0.07), (0.15, nan)):
         wide = scan(
-            [(apart / 0.02 * x, y, z) for x, y, z in xyz], list(slanted.t), list(slanted.line)
+            [(apart / 0.02 * x, y, z) for x, y, z in ARM], list(slanted.t), list(slanted.line)
         )
         result = naive.straightness(wide, [0.1] * 30, 1.5)
         assert result == pytest.approx([expected] * 30, nan_ok=True)
-    wire = scan(xyz, list(slanted.t), list(range(30)))
+    wire = scan(ARM, list(slanted.t), list(range(30)))
     assert all(isnan(one) for one in naive.straightness(wire, [0.05] * 30, 1.5))
     few = slanted.take(range(20))
     assert all(isnan(one) for one in naive.straightness(few, [0.05] * 20, 1.5))
@@ -130,13 +130,10 @@ def test_straightness() -> None:
 
 def test_straightness_beside_a_car() -> None:
     """An arm 0.15 from a wall is one group with it within 4 × 0.05, and free within 1.5 × 0.05."""
-    along = [i * 0.05 for i in range(15)]
-    arm = [(side * 0.02, 0.8 * a, 0.6 * a) for a in along for side in (0, 1)]
     wall = [(-0.15, 0.05 * (i // 6), 0.05 * (i % 6)) for i in range(30)]
     both = scan(
-        arm + wall, list(range(60)), [i // 2 for i in range(30)] + [i // 6 for i in range(30)]
+        ARM + wall, list(range(60)), [i // 2 for i in range(30)] + [i // 6 for i in range(30)]
     )
     result = naive.straightness(both, [0.05] * 60, 1.5)
-    length = 0.05 * sqrt((15**2 - 1) / 12)
-    assert result[:30] == pytest.approx([0.35 * length / 0.01] * 30)
+    assert result[:30] == pytest.approx([0.35 * LENGTH / 0.01] * 30)
     assert not any(one > 1 for one in result[30:])
