@@ -194,7 +194,7 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
     assert [row['by evidence'] == '' for row in table] == [False, False, True]
 
 
-@pytest.mark.parametrize(('chain', 'fewest'), [('alpha_beta_gamma', 100), ('evidence', 15)])
+@pytest.mark.parametrize(('chain', 'fewest'), [('alpha_beta_gamma', 100), ('evidence', 19)])
 def test_lines_are_seen_as_by_the_replay(folder: Path, chain: str, fewest: int) -> None:
     """The verdict along lines is that of the points with their time and ring."""
     path = folder / f'{SWEEP}.pcd'

@@ -3,8 +3,8 @@
 """THE table of what can be tuned: for each detector its threshold, and the settings to try.
 
 A threshold is a parameter that divides a score and does nothing else to it, so that one run tells
-what every value of it would reject. Where that holds only nearly (the smoother and the quadrics
-look again without what they rejected), the tuner runs again at the value that it found.
+what every value of it would reject. Where that holds only nearly (the smoother, the quadrics and
+the witnesses look again without what they rejected), the tuner runs again at the value it found.
 """
 
 from __future__ import annotations
