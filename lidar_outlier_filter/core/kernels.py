@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 import numba
 
+from lidar_outlier_filter.core.kernel_cache import stamp
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -22,9 +24,14 @@ Function = TypeVar('Function', bound='Callable[..., object]')
 def kernel(function: Function) -> Function:
     """Compile with numba: cached on disk, without the GIL, floating point in the order written.
 
-    No fast-math flag: it would forbid NaN, and let the answer depend on the machine.
+    No fast-math flag: it would forbid NaN, and let the answer depend on the machine. What is cached
+    is valid for the sources that it was made from, those of other files too.
     """
     compiled = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
+    # numba offers no other place for a stamp. There is no cache where NUMBA_DISABLE_JIT is set.
+    cache = getattr(compiled, '_cache', None)
+    if cache is not None:
+        cache._cache_file._source_stamp = stamp(function.__module__)  # noqa: SLF001
     return cast('Function', compiled)
 
 
