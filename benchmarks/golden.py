@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Golden verdicts: a hash of what every detector finds in real recordings and simulated clouds.
+
+    scripts/environment python benchmarks/golden.py           # compares; exit status 1 if different
+    scripts/environment python benchmarks/golden.py --write   # writes test/golden/verdicts.json
+    scripts/environment python benchmarks/golden.py --small   # small real recordings only
+
+The hash covers the bits of the detectors and the float32 score of every point, so that a change of
+the last bit is seen.
+"""
+# ruff: noqa: INP001, T201  a script, no package
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.bags import Recording
+from lidar_outlier_filter.core.blocks import Stream
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.points import concatenate
+from lidar_outlier_filter.decoder import Decoder
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.evaluation.samples import simulated
+from lidar_outlier_filter.parameters import FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.verdict import Verdict
+
+ROOT = Path(__file__).resolve().parent.parent
+GOLDEN = ROOT / 'test' / 'golden' / 'verdicts.json'
+BAGS = ROOT.parent / 'shared' / 'data' / 'bags'
+SMALL = ('vlp16_mrpt_mcap', 'vlp32_nebula.bag', 'os0_32.bag')
+LARGE = ('hdl32_mrpt_mcap', 'os1_128_db3', 'hesai_xt32_nebula_mcap', 'cloudini_lidar_link_mcap')
+PRESETS = ('sotoodeh-hod', 'pirotti-fcd', 'leslar-b', 'leslar-c', 'street-16', 'street-32')
+DETECTORS = ('alpha_beta_gamma', 'quadric', 'lof', 'sor', 'hierarchical', 'elevation', 'evidence')
+CHAINS: dict[str, dict[str, object]] = {
+    **{name: {'chain': (name,)} for name in DETECTORS},
+    'paper smoother': {'chain': ('alpha_beta_gamma',), 'alpha_beta_gamma.sides': 'both'},
+    'quadric patches': {'chain': ('quadric',), 'quadric.window': 'patch'},
+    'lof2': {'chain': ('lof',), 'lof.statistic': 'lof2', 'lof.threshold': 0.5},
+    'sor2 by range': {'chain': ('sor',), 'sor.statistic': 'sor2', 'sor.range_scaled': True},
+    'three of a chain': {'chain': ('alpha_beta_gamma', 'quadric', 'lof')},
+    'vote': {'chain': ('sor', 'lof', 'alpha_beta_gamma'), 'vote': 2},
+    'by message': {'chain': ('alpha_beta_gamma', 'sor'), 'blocks': 'message'},
+}
+SEED = 7
+SLOW_FROM = 100_000  # points of a preset above which patches are left out
+
+
+def recording(name: str, parameters: FilterParameters) -> Iterator[Points]:
+    """Decode the clouds of a real recording."""
+    store, decoder = get_typestore(Stores.ROS2_JAZZY), Decoder(parameters)
+    with Recording(BAGS / name) as source:
+        for topic, _, data in source.messages():
+            if topic.msgtype == 'sensor_msgs/msg/PointCloud2':
+                yield decoder.decode(store.deserialize_cdr(data, topic.msgtype))
+
+
+def digest(verdicts: list[Verdict]) -> str:
+    """Hash verdicts: how many points each rejects goes first, to be read."""
+    total = hashlib.sha256()
+    rejected = 0
+    for verdict in verdicts:
+        total.update(np.ascontiguousarray(verdict.detectors, '<u2').tobytes())
+        total.update(np.ascontiguousarray(verdict.undecided, '<u2').tobytes())
+        total.update(np.ascontiguousarray(verdict.score, '<f4').tobytes())
+        rejected += int(np.count_nonzero(verdict.rejected))
+    return f'{rejected} {total.hexdigest()[:32]}'
+
+
+def stream(clouds: list[Points], parameters: FilterParameters) -> list[Verdict]:
+    """Judge clouds as the filter does."""
+    pushed = Stream(parameters)
+    verdicts: list[Verdict] = []
+    for cloud in clouds:
+        try:
+            verdicts += [verdict for _, verdict in pushed.push(cloud)]
+        except CloudError:
+            continue
+    return verdicts + [verdict for _, verdict in pushed.flush()]
+
+
+def of_recordings(names: tuple[str, ...]) -> dict[str, str]:
+    """Hash the verdicts of all chains on real recordings."""
+    found = {}
+    for name in names:
+        for chain, values in CHAINS.items():
+            parameters = FilterParameters().changed(values)
+            if chain == 'quadric patches' and name not in SMALL:
+                continue
+            verdicts = stream(list(recording(name, parameters)), parameters)
+            found[f'{name}, {chain}'] = digest(verdicts)
+            print(f'{name}, {chain}: {found[f"{name}, {chain}"]}', flush=True)
+    return found
+
+
+def of_presets(names: tuple[str, ...]) -> dict[str, str]:
+    """Hash the verdicts of all chains on simulated clouds."""
+    found = {}
+    for name in names:
+        for sample in simulated(name, SEED):
+            for chain, values in CHAINS.items():
+                parameters = FilterParameters().changed(values)
+                many = len(sample.code) > SLOW_FROM
+                if (many and chain == 'quadric patches') or not sample.suits(parameters.chain):
+                    continue
+                clouds = list(sample.data.clouds)
+                if sample.data.streamed:
+                    verdicts = stream(clouds, parameters)
+                else:
+                    verdicts = [Chain(parameters).judge(concatenate(clouds))]
+                found[f'{sample.name}, {chain}'] = digest(verdicts)
+                print(f'{sample.name}, {chain}: {found[f"{sample.name}, {chain}"]}', flush=True)
+    return found
+
+
+def main() -> int:
+    """Compare, or write; return the exit status."""
+    parser = argparse.ArgumentParser(description='Compare golden verdicts.')
+    parser.add_argument('--write', action='store_true', help='write the file anew')
+    parser.add_argument('--small', action='store_true', help='small real recordings only')
+    arguments = parser.parse_args()
+    found = of_recordings(SMALL)
+    if not arguments.small:
+        found |= of_recordings(LARGE) | of_presets(PRESETS)
+    if arguments.write:
+        GOLDEN.parent.mkdir(exist_ok=True)
+        GOLDEN.write_text(json.dumps(found, indent=1) + '\n')
+        return 0
+    golden = json.loads(GOLDEN.read_text())
+    different = [name for name, value in found.items() if golden.get(name) != value]
+    for name in different:
+        print(f'different: {name}: {found[name]}, was {golden.get(name)}')
+    print(f'{len(found)} verdicts, {len(different)} different')
+    return 1 if different else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
