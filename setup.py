@@ -94,8 +94,8 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            f'lidar-outlier-filter = {NAME}.cli:main',
-            f'outlier_filter_node = {NAME}.start:main',
+            f'lidar-outlier-filter = {NAME}.cli.main:main',
+            f'outlier_filter_node = {NAME}.ros.executable:main',
         ],
     },
 )

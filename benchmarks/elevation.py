@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from lidar_outlier_filter.core.detectors import elevation
-from lidar_outlier_filter.detector_parameters import Elevation
+from lidar_outlier_filter.parameters.detectors import Elevation
 
 RUNS = 5
 # Share eliminated and seconds; how many points there were is not said.

@@ -23,14 +23,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.bags import Recording
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.points import concatenate
-from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.evaluation.samples import simulated
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.results.samples import simulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

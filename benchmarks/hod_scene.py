@@ -14,8 +14,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from lidar_outlier_filter.detector_parameters import Hierarchical
-from lidar_outlier_filter.evaluation import hod_picture, hod_scene
+from lidar_outlier_filter.parameters.detectors import Hierarchical
+from lidar_outlier_filter.results import sotoodeh_picture as hod_picture
+from lidar_outlier_filter.simulation import sotoodeh_clusters as hod_scene
 
 SEEDS = range(20)
 

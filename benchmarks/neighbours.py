@@ -25,10 +25,10 @@ from rich.table import Table
 from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.simulate import clouds
-from lidar_outlier_filter.evaluation.street import demo_drive
+from lidar_outlier_filter.simulation.demo_street import demo_drive
+from lidar_outlier_filter.simulation.recording import clouds
 
 if TYPE_CHECKING:
     from collections.abc import Callable

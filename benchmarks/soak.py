@@ -31,8 +31,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
 from live import clouds  # noqa: E402
 
-from lidar_outlier_filter.node import OutlierFilterNode  # noqa: E402
-from lidar_outlier_filter.parameter_files import parse  # noqa: E402
+from lidar_outlier_filter.parameters.yaml_files import parse  # noqa: E402
+from lidar_outlier_filter.ros.node import OutlierFilterNode  # noqa: E402
 
 SECOND = 10**9
 PAUSE = 3 * 10**8  # between the last cloud and the first of the next loop, nanoseconds

@@ -17,7 +17,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.node import NODE_NAME, remappings
+from lidar_outlier_filter.ros.node import NODE_NAME, remappings
 
 PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'  # of Fast DDS before 3: that of Jazzy
 CONFIG = Path(__file__).parents[1] / 'config'

@@ -22,14 +22,14 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 
-from lidar_outlier_filter.node import OutlierFilterNode
-from lidar_outlier_filter.parameter_files import NODE_NAME
+from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
+from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.channel import Channel
-    from lidar_outlier_filter.pipeline import Answer
+    from lidar_outlier_filter.ros.channel import Channel
+    from lidar_outlier_filter.stream.cloud_filter import Answer
 
 
 class Diagnosis:

@@ -28,8 +28,8 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from lidar_outlier_filter.bags import LATCHED, NewBag, Recording, Topic
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -334,7 +334,7 @@ def test_messages_are_written_as_they_come(tmp_path: Path) -> None:
 FULL = """
 import resource, sys
 from pathlib import Path
-from lidar_outlier_filter.bags import NewBag, Topic
+from lidar_outlier_filter.recordings.bags import NewBag, Topic
 from lidar_outlier_filter.errors import RecordingError
 resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
 topic = Topic('/t', 'std_msgs/msg/String', 'string data', '')

@@ -8,11 +8,12 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.detectors import filterpy_engine, sor
+from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filterpy_engine
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation import bench
-from lidar_outlier_filter.evaluation.simulate import clouds, to_message
-from lidar_outlier_filter.evaluation.street import demo_drive
+from lidar_outlier_filter.results import bench
+from lidar_outlier_filter.simulation.demo_street import demo_drive
+from lidar_outlier_filter.simulation.recording import clouds, to_message
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.points import SECOND, Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -11,9 +11,9 @@ import pytest
 from naive import raycast as naive
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.caster import PANE, dice
-from lidar_outlier_filter.evaluation.scene import Kind, Rays, Scene
-from lidar_outlier_filter.evaluation.surfaces import (
+from lidar_outlier_filter.simulation.caster import PANE, dice
+from lidar_outlier_filter.simulation.scene import Kind, Rays, Scene
+from lidar_outlier_filter.simulation.surfaces import (
     Ball,
     BarrierArm,
     Box,
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.evaluation.scene import Hits, Surface
+    from lidar_outlier_filter.simulation.scene import Hits, Surface
 
     Floats = NDArray[np.float64]
     Vector = tuple[float, float, float]

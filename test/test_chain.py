@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.detectors import hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.verdict import ALL, BITS, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SPATIAL = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation', 'evidence')
 EVERY = ('alpha_beta_gamma', *SPATIAL)
@@ -209,7 +209,7 @@ COMPILING = """
 import sys
 import numpy as np
 from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from test_evidence import arm, road, sweep
 
 

@@ -20,11 +20,11 @@ import pytest
 from cloud_files import columns
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.cli import main
+from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.parameters import FilterParameters, describe
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ SWEEP = 'actual_scan_20240820_cloud'
 AIRBORNE = 'test_semis_2021_0382_6565_LA93_IGN69_cropped'
 COMMAND = """
 import signal, sys
-from lidar_outlier_filter.cli import main
+from lidar_outlier_filter.cli.main import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.exit(main(sys.argv[1:]))
 """
@@ -489,7 +489,7 @@ def test_faces_keep_their_vertices(tmp_path: Path, capsys: Capture) -> None:
 def test_help_imports_nothing_heavy() -> None:
     """Help is instant."""
     program = (
-        'import sys\nfrom lidar_outlier_filter.cli import main\n'
+        'import sys\nfrom lidar_outlier_filter.cli.main import main\n'
         "try:\n    main(['clean', '--help'])\nfinally:\n"
         "    heavy = {'numpy', 'numba', 'laspy', 'pyarrow', 'rich', 'yaml', 'scipy', 'sqlite3'}\n"
         '    sys.stderr.write(repr(heavy & set(sys.modules)))'

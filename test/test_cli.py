@@ -19,8 +19,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.bags import NewBag, Recording
-from lidar_outlier_filter.cli import main
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # A process that was started in the background of a shell would ignore SIGINT.
 COMMAND = """
 import signal, sys
-from lidar_outlier_filter.cli import main
+from lidar_outlier_filter.cli.main import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.exit(main(sys.argv[1:]))
 """
@@ -64,7 +64,7 @@ def test_help_imports_nothing_heavy() -> None:
     """Help is instant: no numpy, no numba, no ROS, no rosbags, no rich."""
     heavy = "{'numpy', 'numba', 'rclpy', 'rosbags', 'rich', 'yaml', 'scipy'}"
     program = (
-        'import sys\nfrom lidar_outlier_filter.cli import main\n'
+        'import sys\nfrom lidar_outlier_filter.cli.main import main\n'
         "try:\n    main(['replay', '--help'])\nfinally:\n"
         f'    sys.stderr.write(repr({heavy} & set(sys.modules)))'
     )

@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock
 if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
-    from lidar_outlier_filter.node import OutlierFilterNode
+    from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 # Chain that tells the outlier of 10 ms of a line that is alone.
 SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')

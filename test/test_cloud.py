@@ -24,9 +24,9 @@ from clouds import (
 )
 from sensor_msgs.msg import PointCloud2, PointField
 
-from lidar_outlier_filter.cloud import split, structured
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.messages.cloud import split, structured
 
 if TYPE_CHECKING:
     from collections.abc import Callable

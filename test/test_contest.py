@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.evaluation import contest, contest_tables, papers
 from lidar_outlier_filter.evaluation.confusion import Confusion
-from lidar_outlier_filter.evaluation.contest import Record, Standing, compete, score, standings
-from lidar_outlier_filter.evaluation.contest_section import entries, written
-from lidar_outlier_filter.evaluation.contest_tables import Target
-from lidar_outlier_filter.evaluation.contestants import (
+from lidar_outlier_filter.results import contest, contest_tables, papers
+from lidar_outlier_filter.results.contest import Record, Standing, compete, score, standings
+from lidar_outlier_filter.results.contest_section import entries, written
+from lidar_outlier_filter.results.contest_tables import Target
+from lidar_outlier_filter.results.contestants import (
     DEFAULT,
     FORM_A,
     KANG_60,
@@ -26,10 +26,10 @@ from lidar_outlier_filter.evaluation.contestants import (
     ablations,
     peers,
 )
-from lidar_outlier_filter.evaluation.samples import simulated
+from lidar_outlier_filter.results.samples import simulated
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.evaluation.samples import Sample
+    from lidar_outlier_filter.results.samples import Sample
 
 
 def record(name: str, counts: tuple[int, int, int, int], seed: int = 1, **more: str) -> Record:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence_witnesses import WITNESSES
+from lidar_outlier_filter.core.detectors.evidence.features import WITNESSES
 from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.evaluation import contestants
-from lidar_outlier_filter.evaluation.contestants import (
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.results import contestants
+from lidar_outlier_filter.results.contestants import (
     DEFAULT,
     OURS,
     WEIGHTS,
@@ -22,9 +23,8 @@ from lidar_outlier_filter.evaluation.contestants import (
     missing,
     peers,
 )
-from lidar_outlier_filter.evaluation.samples import Sample
-from lidar_outlier_filter.evaluation.training import Training
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.results.samples import Sample
+from lidar_outlier_filter.tuning.training import Training
 
 if TYPE_CHECKING:
     import pytest

@@ -12,10 +12,16 @@ import numpy as np
 import pytest
 from clouds import SECOND, STAMP, cloud, dump, table, to_rosbags
 
-from lidar_outlier_filter.decoder import LINE_NAMES, TIME_NAMES, Decoder, guess_unit, to_nanoseconds
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.parameter_files import read_yaml
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.messages.decoder import (
+    LINE_NAMES,
+    TIME_NAMES,
+    Decoder,
+    guess_unit,
+    to_nanoseconds,
+)
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable

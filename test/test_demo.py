@@ -16,16 +16,17 @@ from PIL import Image
 from rich.console import Console
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation import demo, picture
+from lidar_outlier_filter.evaluation import pictures as picture
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.evaluation.judged import read_recording
-from lidar_outlier_filter.evaluation.street import demo_drive
-from lidar_outlier_filter.evaluation.trajectory import Trajectory
-from lidar_outlier_filter.parameter_files import read_yaml
-from lidar_outlier_filter.replay import replay
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.results import demo
+from lidar_outlier_filter.simulation.demo_street import demo_drive
+from lidar_outlier_filter.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.evaluation.drive import Drive
+    from lidar_outlier_filter.simulation.drive import Drive
 
 OUTPUT = Path('demo_output')
 FILES = {'.lidar_outlier_filter_demo', 'drive', 'paper', 'default', 'demo.yaml', 'before_after.png'}

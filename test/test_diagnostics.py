@@ -14,7 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
-from lidar_outlier_filter.health import ERROR, OK, PLOTTED, WARN
+from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
 
 if TYPE_CHECKING:
     from nodes import Diagnosis

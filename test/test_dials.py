@@ -12,9 +12,9 @@ import pytest
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.evaluation.dials import TABLE, decades, searches
-from lidar_outlier_filter.evaluation.model import levels
-from lidar_outlier_filter.parameters import FilterParameters, describe
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
+from lidar_outlier_filter.tuning.dials import TABLE, decades, searches
+from lidar_outlier_filter.tuning.model import levels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

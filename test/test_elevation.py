@@ -14,8 +14,8 @@ from naive import elevation as naive
 
 from lidar_outlier_filter.core.detectors import elevation
 from lidar_outlier_filter.core.detectors.elevation import body, detect
-from lidar_outlier_filter.detector_parameters import Elevation
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.detectors import Elevation
 
 if TYPE_CHECKING:
     from pathlib import Path

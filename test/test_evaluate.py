@@ -15,11 +15,11 @@ import pytest
 from labelled import REJECTED, SCORED, TRUTH, answers, rows, write
 from sklearn import metrics
 
-from lidar_outlier_filter.cli import main
-from lidar_outlier_filter.evaluation.evaluate import label_files
+from lidar_outlier_filter.cli.evaluate import label_files
+from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.evaluation.judged import read_recording
-from lidar_outlier_filter.evaluation.simulate import record
-from lidar_outlier_filter.evaluation.street import SENSOR, demo_drive
+from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive
+from lidar_outlier_filter.simulation.recording import record
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -177,7 +177,7 @@ def test_help_imports_nothing_heavy() -> None:
     for command in ('evaluate', 'tune'):
         program = (
             'import argparse, sys\n'
-            f'from lidar_outlier_filter.evaluation.{command} import add_{command}\n'
+            f'from lidar_outlier_filter.cli.{command} import add_{command}\n'
             f'add_{command}(argparse.ArgumentParser().add_subparsers())\n'
             f'sys.stderr.write(repr({heavy} & set(sys.modules)))'
         )

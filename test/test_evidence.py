@@ -12,10 +12,10 @@ import pytest
 from naive import evidence as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lidar_outlier_filter.core.detectors import evidence
-from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.core.detectors.evidence import detector as evidence
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

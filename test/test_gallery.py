@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lidar_outlier_filter.evaluation import gallery, gallery_picture
-from lidar_outlier_filter.evaluation.gallery_picture import Cutout
-from lidar_outlier_filter.evaluation.picture import LEFT, LOST
-from lidar_outlier_filter.evaluation.samples import Sample, simulated
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.evaluation.pictures import LEFT, LOST
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.results import gallery, gallery_picture
+from lidar_outlier_filter.results.gallery_picture import Cutout
+from lidar_outlier_filter.results.samples import Sample, simulated
 
 if TYPE_CHECKING:
     from pathlib import Path

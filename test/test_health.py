@@ -9,10 +9,10 @@ from collections import Counter
 import pytest
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.health import ERROR, OK, PLOTTED, WARN, Backlog, Health
-from lidar_outlier_filter.node_parameters import Health as Limits
-from lidar_outlier_filter.parameters import FilterParameters
-from lidar_outlier_filter.pipeline import Statistics
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.node import Health as Limits
+from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN, Backlog, Health
+from lidar_outlier_filter.stream.cloud_filter import Statistics
 
 NOTHING = Backlog(0, 0.0, 0)
 MAX_DELAY = 1.0

@@ -13,11 +13,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import Delaunay
 
-from lidar_outlier_filter.core.detectors import gabriel, hierarchical, spanning_tree
-from lidar_outlier_filter.core.detectors.hierarchical import Outcome, detect
-from lidar_outlier_filter.core.neighbours import Neighbourhood
-from lidar_outlier_filter.detector_parameters import Hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical import gabriel, spanning_tree
+from lidar_outlier_filter.core.detectors.hierarchical.detector import Outcome, detect
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.detectors import Hierarchical
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.inject import Injection, inject
-from lidar_outlier_filter.evaluation.scene import Cause
+from lidar_outlier_filter.simulation.scene import Cause
+from lidar_outlier_filter.tuning.inject import Injection, inject
 
 SECOND = 1_000_000_000
 

@@ -12,7 +12,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.health import PLOTTED
+from lidar_outlier_filter.ros.health import PLOTTED
 
 if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from labelled import BAD, POINT, REJECTED, SCORED, TRUTH, answers, rows, write
 
-from lidar_outlier_filter.cloud import split
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.judged import (
@@ -20,7 +19,8 @@ from lidar_outlier_filter.evaluation.judged import (
     read_recording,
 )
 from lidar_outlier_filter.evaluation.labels import Codes
-from lidar_outlier_filter.evaluation.simulate import to_message
+from lidar_outlier_filter.messages.cloud import split
+from lidar_outlier_filter.simulation.recording import to_message
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -20,8 +20,8 @@ from neighbour_clouds import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core.detectors import lof
-from lidar_outlier_filter.core.neighbours import Neighbourhood
-from lidar_outlier_filter.detector_parameters import Lof
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.parameters.detectors import Lof
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation import markdown
+from lidar_outlier_filter.results import markdown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -64,7 +64,7 @@ def test_pictures_go_beside_the_page(tmp_path: Path) -> None:
     """Page, folder and pictures are made, and replaced."""
     picture = tmp_path / 'some.png'
     picture.write_bytes(b'PNG')
-    page = tmp_path / 'docs' / 'page.md'
+    page = tmp_path / 'doc' / 'page.md'
     page.parent.mkdir()
     for text in ('first', 'second'):
         markdown.write(page, 'one', text, [picture])

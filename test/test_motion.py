@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from profile_scanner import MOUNTING, SHOTS, Drive, seconds
 
-from lidar_outlier_filter.cloud import structured
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.motion import Odometry, make_motion
-from lidar_outlier_filter.parameters import FilterParameters
-from lidar_outlier_filter.pipeline import Answer, CloudFilter
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
+from lidar_outlier_filter.stream.motion import Odometry, make_motion
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

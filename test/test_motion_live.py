@@ -16,14 +16,14 @@ from rosbags.typesys import Stores, get_typestore
 from test_motion import MOVING, Moving, rejected
 
 from lidar_outlier_filter.errors import ParameterError, RecordingError
-from lidar_outlier_filter.replay import replay
+from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from rclpy.publisher import Publisher
 
-    from lidar_outlier_filter.node import OutlierFilterNode
+    from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 
 def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor, Publisher]:

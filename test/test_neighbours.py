@@ -15,10 +15,10 @@ from naive import neighbours as naive
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core import neighbours
-from lidar_outlier_filter.core.neighbours import Nearest, Neighbourhood
-from lidar_outlier_filter.core.tree_build import LEAF, SUBTREE
-from lidar_outlier_filter.core.tree_search import height
+from lidar_outlier_filter.core.neighbours import neighbourhood as neighbours
+from lidar_outlier_filter.core.neighbours.neighbourhood import Nearest, Neighbourhood
+from lidar_outlier_filter.core.neighbours.tree_build import LEAF, SUBTREE
+from lidar_outlier_filter.core.neighbours.tree_search import height
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -647,7 +647,7 @@ def test_memory() -> None:
     """At its peak, building and searching need at most 200 bytes a point for 20 neighbours."""
     program = """
 import numpy as np
-from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 def peak():  # bytes, ever
     with open('/proc/self/status') as status:

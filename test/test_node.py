@@ -20,9 +20,9 @@ from rclpy.context import Context
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
-from lidar_outlier_filter import node as node_module
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.node import OutlierFilterNode, remappings
+from lidar_outlier_filter.ros import node as node_module
+from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,13 +15,13 @@ from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameter_files import write_yaml
-from lidar_outlier_filter.parameters import describe
+from lidar_outlier_filter.parameters.filter import describe
+from lidar_outlier_filter.parameters.yaml_files import write_yaml
 
 if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.node import OutlierFilterNode
+    from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 # A window that is as small as order 1 allows.
 LINEAR = {

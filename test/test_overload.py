@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.node import OutlierFilterNode
+    from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 # Blocks of one cloud, which no halo holds up; half of the queue is five clouds.
 SHORT = {'block': 0.01, 'halo': 0.0, 'max_delay': 60.0, 'load.clouds': 10}

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.errors import FilterError, ParameterError
-from lidar_outlier_filter.parameter_files import NODE_NAME, read_yaml, table, write_yaml
-from lidar_outlier_filter.parameters import PAPER, FilterParameters, describe
+from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters, describe
+from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, read_yaml, table, write_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from lidar_outlier_filter.parameter import Parameter
+    from lidar_outlier_filter.parameters.declaration import Parameter
 
 CONFIG = Path(__file__).parents[1] / 'config'
 FILES = sorted(CONFIG.glob('*.yaml'))

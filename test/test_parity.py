@@ -18,11 +18,11 @@ from neighbour_clouds import corner, scattered, sheet
 from rosbags.highlevel import AnyReader
 from sklearn.neighbors import LocalOutlierFactor
 
-from lidar_outlier_filter.cloud import structured
 from lidar_outlier_filter.core.detectors import lof, sor
-from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import is_return
-from lidar_outlier_filter.detector_parameters import Lof, Sor
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.detectors import Lof, Sor
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -27,10 +27,10 @@ from clouds import (
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import PointCloud2, PointField
 
-from lidar_outlier_filter.cloud import structured
 from lidar_outlier_filter.errors import CloudError, ParameterError
-from lidar_outlier_filter.parameters import PAPER, FilterParameters
-from lidar_outlier_filter.pipeline import Answer, CloudFilter
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
+from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -14,13 +14,14 @@ from naive import quadric as naive
 from neighbour_clouds import CLOUDS, UTM, rotation
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lidar_outlier_filter.core.detectors import quadric, quadric_windows
-from lidar_outlier_filter.core.detectors.quadric_judge import judge
-from lidar_outlier_filter.core.detectors.quadric_kernels import empty_window
-from lidar_outlier_filter.core.neighbours import Neighbourhood
-from lidar_outlier_filter.core.tree_search import height
-from lidar_outlier_filter.detector_parameters import Quadric
+from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windows
+from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
+from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.tree_search import height
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.detectors import Quadric
 
 if TYPE_CHECKING:
     from collections.abc import Callable

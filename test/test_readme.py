@@ -5,7 +5,7 @@
 import re
 from pathlib import Path
 
-from lidar_outlier_filter import parameter_files
+from lidar_outlier_filter.parameters import yaml_files as parameter_files
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / 'README.md').read_text(encoding='utf-8')
@@ -23,6 +23,6 @@ def test_parameters_are_those_of_the_code() -> None:
 def test_files_are_there() -> None:
     """Every file that the README links or names is in the project."""
     linked = re.findall(r'\]\((?!http)([^)#]+)\)', README)
-    named = re.findall(r'`((?:config|scripts|docs)/[\w./]*)`', README)
+    named = re.findall(r'`((?:config|scripts|doc)/[\w./]*)`', README)
     assert linked
     assert [name for name in linked + named if not (ROOT / name).exists()] == []

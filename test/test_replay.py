@@ -22,9 +22,9 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import PointCloud2, PointField
 
-from lidar_outlier_filter.bags import LATCHED, NewBag, Recording, Topic
 from lidar_outlier_filter.errors import ParameterError, RecordingError
-from lidar_outlier_filter.replay import CLOUD, replay
+from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.replay import CLOUD, replay
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -306,7 +306,7 @@ def test_nothing_of_ros_is_left(tmp_path: Path) -> None:
 HOUR = """
 import sys
 from pathlib import Path
-from lidar_outlier_filter.replay import replay
+from lidar_outlier_filter.recordings.replay import replay
 replay(Path(sys.argv[1]), Path(sys.argv[2]))
 # Not getrusage: its peak is inherited from the process that started this one.
 print(Path('/proc/self/status').read_text())

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.cli import main
-from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.evaluation import growth, neighbour_curves, real_clouds
 from lidar_outlier_filter.evaluation.curves import curve
-from lidar_outlier_filter.evaluation.samples import simulated
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.results import growth, neighbour_curves, real_clouds
+from lidar_outlier_filter.results.samples import simulated
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,17 +14,17 @@ import pytest
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
-from lidar_outlier_filter.evaluation.dials import searches
-from lidar_outlier_filter.evaluation.model import AUC, Goal, Model, levels, middle_of_best
-from lidar_outlier_filter.evaluation.search import fold_of_each, tune
-from lidar_outlier_filter.evaluation.training import Training, together
-from lidar_outlier_filter.evaluation.tuner_proof import AIM, BAD_START, prove, run
-from lidar_outlier_filter.parameters import FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.results.tuner_proof import AIM, BAD_START, prove, run
+from lidar_outlier_filter.tuning.dials import searches
+from lidar_outlier_filter.tuning.model import AUC, Goal, Model, levels, middle_of_best
+from lidar_outlier_filter.tuning.search import fold_of_each, tune
+from lidar_outlier_filter.tuning.training import Training, together
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from lidar_outlier_filter.evaluation.search import Tuned
+    from lidar_outlier_filter.tuning.search import Tuned
 
 SMALL: dict[str, list[object]] = {
     'alpha_beta_gamma.before': [3, 5],

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core import smallest
+from lidar_outlier_filter.core.neighbours import smallest
 
 Floats = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from neighbour_clouds import CLOUDS, corner, grid, rotation, scattered, stacks
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core.detectors import sor
-from lidar_outlier_filter.core.neighbours import Neighbourhood
-from lidar_outlier_filter.detector_parameters import Sor
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.detectors import Sor
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.drive import Disturbances, Drive, Returns, simulate
-from lidar_outlier_filter.evaluation.scene import Cause, Kind, Scene
-from lidar_outlier_filter.evaluation.sensors import SpinningScanner
-from lidar_outlier_filter.evaluation.simulate import messages
-from lidar_outlier_filter.evaluation.streets import SENSORS, rings
-from lidar_outlier_filter.evaluation.surfaces import Box, Ground, Pole
-from lidar_outlier_filter.evaluation.trajectory import Route
+from lidar_outlier_filter.simulation.drive import Disturbances, Drive, Returns, simulate
+from lidar_outlier_filter.simulation.recording import messages
+from lidar_outlier_filter.simulation.scene import Cause, Kind, Scene
+from lidar_outlier_filter.simulation.sensors import SpinningScanner
+from lidar_outlier_filter.simulation.spinning_streets import SENSORS, rings
+from lidar_outlier_filter.simulation.surfaces import Box, Ground, Pole
+from lidar_outlier_filter.simulation.trajectory import Route
 
 QUIET = Disturbances(reflection=0.0, near_surface=0.0)
 FLAT = Scene((Ground(-500.0, 500.0, 500.0),))

@@ -13,14 +13,14 @@ from labelled import POINT, write
 from sklearn import metrics
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.inject import Injection
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import Codes
-from lidar_outlier_filter.evaluation.scene import Cause
-from lidar_outlier_filter.evaluation.simulate import to_message
-from lidar_outlier_filter.evaluation.training import from_file, from_recording, together
-from lidar_outlier_filter.parameters import FilterParameters
-from lidar_outlier_filter.replay import replay
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.simulation.recording import to_message
+from lidar_outlier_filter.simulation.scene import Cause
+from lidar_outlier_filter.tuning.inject import Injection
+from lidar_outlier_filter.tuning.training import from_file, from_recording, together
 
 if TYPE_CHECKING:
     from pathlib import Path

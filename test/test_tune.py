@@ -18,16 +18,16 @@ import pytest
 import yaml
 from labelled import POINT, write
 
-from lidar_outlier_filter.cli import main
+from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.judged import read_recording
-from lidar_outlier_filter.evaluation.scene import Cause
-from lidar_outlier_filter.evaluation.simulate import to_message
-from lidar_outlier_filter.evaluation.tuned import ros_lines
-from lidar_outlier_filter.parameter_files import read_yaml
-from lidar_outlier_filter.parameters import PAPER, FilterParameters, describe
-from lidar_outlier_filter.replay import replay
+from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters, describe
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.simulation.recording import to_message
+from lidar_outlier_filter.simulation.scene import Cause
+from lidar_outlier_filter.tuning.output import ros_lines
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,7 +50,7 @@ SEARCH = [
 # A process that was started in the background of a shell would ignore SIGINT.
 COMMAND = """
 import signal, sys
-from lidar_outlier_filter.cli import main
+from lidar_outlier_filter.cli.main import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.exit(main(sys.argv[1:]))
 """

@@ -13,8 +13,8 @@ import yaml
 from nodes import line
 
 from lidar_outlier_filter.core.verdict import BITS
-from lidar_outlier_filter.health import PLOTTED
-from lidar_outlier_filter.parameter_files import NODE_NAME
+from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
+from lidar_outlier_filter.ros.health import PLOTTED
 
 if TYPE_CHECKING:
     from nodes import Ros

@@ -27,7 +27,7 @@ from lidar_outlier_filter.errors import CloudError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters import FilterParameters
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 MOST_BLOCKS = 10_000  # in one cloud: wild times must not stall the stream
 BEGINNING = -(2**62)  # before any time, nanoseconds

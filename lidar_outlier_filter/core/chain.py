@@ -8,18 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core import scanlines
+from lidar_outlier_filter.core import scan_lines as scanlines
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.detectors import (
-    alpha_beta_gamma,
-    elevation,
-    evidence,
-    hierarchical,
-    lof,
-    quadric,
-    sor,
-)
-from lidar_outlier_filter.core.neighbours import Neighbourhood
+from lidar_outlier_filter.core.detectors import elevation, lof, sor
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
+from lidar_outlier_filter.core.detectors.evidence import detector as evidence
+from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.verdict import BITS, SECOND_PHASE, Verdict
 
@@ -28,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters import FilterParameters
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Detect = Callable[['_Seen', FilterParameters], '_Told']
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.cloud import is_empty, structured
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.labels import read_codes
+from lidar_outlier_filter.messages.cloud import is_empty, structured
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

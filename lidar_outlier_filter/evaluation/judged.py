@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.bags import Recording
-from lidar_outlier_filter.cloud import AXES, DETECTORS, SCORE
 from lidar_outlier_filter.core.points import is_return
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.join import Joiner
@@ -31,7 +29,9 @@ from lidar_outlier_filter.evaluation.labels import (
     usual_column,
 )
 from lidar_outlier_filter.evaluation.report import words
-from lidar_outlier_filter.evaluation.scene import Cause
+from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE
+from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.simulation.scene import Cause
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -24,7 +24,7 @@ from lidar_outlier_filter.evaluation.confusion import (
     tally,
 )
 from lidar_outlier_filter.evaluation.curves import curve
-from lidar_outlier_filter.evaluation.scene import Kind
+from lidar_outlier_filter.simulation.scene import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.points import Points, is_return
-from lidar_outlier_filter.decoder import LINE_NAMES, TIME_NAMES, guess_unit, to_nanoseconds
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file, scan
+from lidar_outlier_filter.messages.decoder import LINE_NAMES, TIME_NAMES, guess_unit, to_nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.files.cloud_file import CloudFile
-    from lidar_outlier_filter.parameters import FilterParameters
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Columns = Mapping[str, NDArray[Any]]
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.tree_walks import squared
+from lidar_outlier_filter.core.neighbours.tree_walks import squared
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.neighbours import Neighbourhood
+    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
     Floats = NDArray[np.float64]
 

@@ -31,13 +31,13 @@ import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.neighbours import LARGEST, Neighbourhood
+from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.detector_parameters import Elevation
+    from lidar_outlier_filter.parameters.detectors import Elevation
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -52,7 +52,7 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     Parameters
     ----------
     xyz : (N, 3) float64, finite, metres, z up
-    parameters : see :class:`~lidar_outlier_filter.detector_parameters.Elevation`
+    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Elevation`
     threads : at most so many, 0 for all cores; the scores do not depend on it
 
     Returns

@@ -34,15 +34,15 @@ import numpy as np
 from lidar_outlier_filter.core import threads
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.kernels import kernel, median
-from lidar_outlier_filter.core.neighbours import Neighbourhood
-from lidar_outlier_filter.core.tree_walks import squared
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.tree_walks import squared
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.detector_parameters import Lof
+    from lidar_outlier_filter.parameters.detectors import Lof
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -83,7 +83,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~lidar_outlier_filter.detector_parameters.Lof`
+    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Lof`
 
     Returns
     -------

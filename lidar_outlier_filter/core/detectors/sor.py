@@ -45,14 +45,14 @@ import numpy as np
 from lidar_outlier_filter.core import threads
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.kernels import kernel, median
-from lidar_outlier_filter.core.tree_walks import squared
+from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.neighbours import Neighbourhood
-    from lidar_outlier_filter.detector_parameters import Sor
+    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    from lidar_outlier_filter.parameters.detectors import Sor
 
     Floats = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~lidar_outlier_filter.detector_parameters.Sor`
+    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Sor`
     range_m : (N,) float64, optional
         Distance of each point from the sensor, metres; ``range_scaled`` needs it.
 

@@ -1,0 +1,223 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``evaluate``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.terminal import DONE
+from lidar_outlier_filter.errors import FilterError, RecordingError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from lidar_outlier_filter.evaluation.judged import Judged
+    from lidar_outlier_filter.evaluation.labels import Codes
+    from lidar_outlier_filter.evaluation.report import Evaluation
+
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
+
+NUMBERS, ROC, PRECISION_RECALL = 'evaluation.json', 'roc', 'precision_recall'
+
+
+def add_evaluate(commands: Commands) -> None:
+    """Add the command ``evaluate``."""
+    parser = commands.add_parser(
+        'evaluate',
+        help='compare what was rejected with the truth',
+        description='Count what a run found and lost, against labels: in the clouds of its output, '
+        'or in files beside them. With scores (scores: true) there are curves and detectors too.',
+    )
+    parser.add_argument(
+        'verdicts',
+        type=Path,
+        metavar='OUTPUT',
+        help='recording with TOPIC/cleaned and TOPIC/outliers; or a file: what clean wrote, or any '
+        'with a column of scores',
+    )
+    add_truth(parser)
+    parser.add_argument(
+        '--topic', metavar='T', help='of the clouds that were filtered; default: the only one'
+    )
+    parser.add_argument(
+        '--score',
+        default='',
+        metavar='NAME',
+        help='column of a file with the scores; default: outlier_score',
+    )
+    parser.add_argument(
+        '--verdict',
+        default='',
+        metavar='NAME',
+        help='column of a file that is not 0 where rejected (classification: 7 or 18); default: '
+        'outlier, or what the score says, or classification',
+    )
+    parser.add_argument(
+        '--threshold',
+        type=float,
+        metavar='X',
+        help='points of a file with a larger score are rejected; default: 1',
+    )
+    parser.add_argument(
+        '--ranges',
+        default='0,10,20,30,50,75,100',
+        metavar='M,M,...',
+        help="where ranges begin, metres from the frame's origin; default: %(default)s",
+    )
+    parser.add_argument(
+        '--confidence',
+        type=float,
+        default=0.95,
+        metavar='P',
+        help='of the intervals; default: 0.95',
+    )
+    parser.add_argument(
+        '--seed', type=int, default=1, metavar='N', help='of the interval of F1; default: 1'
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='DIR',
+        help=f'new folder for {NUMBERS} and, with scores, the curves as PNG and SVG',
+    )
+    parser.set_defaults(run=_run)
+
+
+def add_truth(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say where the truth is."""
+    parser.add_argument(
+        '--labels',
+        type=Path,
+        action='append',
+        metavar='FILE',
+        help='the truth: SemanticKITTI .label, LAS, CSV, Parquet or another table, or .npy; for a '
+        'recording one for each cloud: repeated, or a folder; default: a field of the clouds',
+    )
+    parser.add_argument(
+        '--label',
+        default='',
+        metavar='NAME',
+        help='field or column with the truth; default: label, and in files classification first',
+    )
+    parser.add_argument(
+        '--codes',
+        metavar='N,N-N,...',
+        help='labels of outliers; default: all but 0; of LAS files 7 and 18; of .label files 1',
+    )
+    parser.add_argument(
+        '--ignore',
+        metavar='N,N-N,...',
+        help='labels of points that do not count; default: none; of .label files 0',
+    )
+
+
+def truth_of(options: argparse.Namespace, data: Path) -> tuple[list[Path], Codes]:
+    """Find the files with the truth of some data, and say what its codes mean."""
+    from lidar_outlier_filter.evaluation.judged import CAUSES
+    from lidar_outlier_filter.evaluation.labels import (
+        ALL_BUT_0,
+        USUAL_CODES,
+        Codes,
+        is_recording,
+        parse_codes,
+    )
+
+    files = label_files(options.labels or [])
+    ours = CAUSES if is_recording(data) and not files else ALL_BUT_0
+    usual = USUAL_CODES.get((files[0] if files else data).suffix.lower(), ours)
+    outliers = usual.outliers if options.codes is None else parse_codes(options.codes)
+    ignored = usual.ignored if options.ignore is None else parse_codes(options.ignore)
+    # Codes of somebody else are not called what ours are.
+    names = usual.names if options.codes is None else {}
+    return files, Codes(outliers, ignored - outliers, names)
+
+
+def label_files(paths: list[Path]) -> list[Path]:
+    """List the files named, or those of the one folder that is named, by name."""
+    if len(paths) == 1 and paths[0].is_dir():
+        found = sorted(path for path in paths[0].iterdir() if path.is_file())
+        if not found:
+            raise RecordingError('the folder of the labels', 'with files', f'{paths[0]}, empty')
+        return found
+    return paths
+
+
+def _run(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from lidar_outlier_filter.evaluation.report import evaluate, tables
+
+    if options.output is not None and os.path.lexists(options.output):
+        raise RecordingError('the output', 'a new folder', f'{options.output}, which exists')
+    points, codes = _read(options)
+    result = evaluate(points, codes, _numbers(options.ranges))
+    console = Console()
+    for number, table in enumerate(tables(result, options.confidence, options.seed)):
+        if number:
+            console.print()
+        console.print(table)
+    if options.output is not None:
+        write(result, options.output, options.confidence, options.seed)
+        console.print(f'written to {options.output}', markup=False, highlight=False, soft_wrap=True)
+    return DONE
+
+
+def _read(options: argparse.Namespace) -> tuple[Judged, Codes]:
+    from lidar_outlier_filter.evaluation import judged
+    from lidar_outlier_filter.evaluation.labels import is_recording
+
+    files, codes = truth_of(options, options.verdicts)
+    if is_recording(options.verdicts):
+        given = (options.verdicts, options.topic, options.label, codes, files)
+        return judged.read_recording(*given), codes
+    if len(files) > 1:
+        raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
+    truth = files[0] if files else options.verdicts
+    columns = judged.Columns(options.label, options.score, options.verdict, options.threshold)
+    return judged.read_files(options.verdicts, truth, codes, columns), codes
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(',')]
+    except ValueError:
+        raise FilterError('--ranges', "numbers as in '0,10,50'", repr(text)) from None
+
+
+def write(result: Evaluation, folder: Path, confidence: float, seed: int) -> None:
+    """Write numbers and pictures to a new folder, which appears whole or not at all.
+
+    Raises
+    ------
+    RecordingError
+        If the folder exists, or cannot be written.
+
+    """
+    import json
+    from tempfile import TemporaryDirectory
+
+    from lidar_outlier_filter.evaluation.plots import draw_precision_recall, draw_roc
+    from lidar_outlier_filter.evaluation.report import to_json
+
+    if os.path.lexists(folder):
+        raise RecordingError('the output', 'a new folder', f'{folder}, which exists')
+    try:
+        parent = folder.absolute().parent
+        with TemporaryDirectory(prefix=f'.{folder.name}.partial-', dir=parent) as hidden:
+            built = Path(hidden, folder.name)
+            built.mkdir()
+            text = json.dumps(to_json(result, confidence, seed), indent=1) + '\n'
+            (built / NUMBERS).write_text(text, encoding='utf-8')
+            if result.curve is not None:
+                curves, settings = {'score': result.curve}, {'score': result.whole}
+                draw_roc(curves, built / ROC, settings)
+                draw_precision_recall(curves, built / PRECISION_RECALL, settings)
+            built.rename(folder)
+    except OSError as err:
+        reason = err.strerror or err
+        raise RecordingError(f'the folder {folder}', 'written in full', reason) from err

@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``results``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.terminal import DONE, progress_bar, stopping
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.simulation.presets import PRESETS
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable
+
+    from lidar_outlier_filter.results.contest import Progress
+
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
+    # Told where pictures go; returns the texts of its parts of the page, by name.
+    Section = Callable[[argparse.Namespace, Path, Progress], dict[str, str]]
+
+PAGE = Path('doc/results.md')
+DATA = Path('../shared/data')
+SEEDS = (101, 102, 103, 104, 105)
+LEARNT = 1  # the seed that the tuner may see
+QUICK_PRESETS = ('leslar-c', 'pirotti-fcd', 'sotoodeh-hod')
+
+
+def add_results(commands: Commands) -> None:
+    """Add the command ``results``."""
+    parser = commands.add_parser(
+        'results',
+        help='compare all detectors with the papers and with peers, and write it up',
+        description='Simulate all presets, judge them with every detector, some chains and the '
+        'peers that are installed, and put tables and pictures between markers into a page. What '
+        'else is on the page stays as it is. Takes about half an hour on two cores.',
+    )
+    parser.add_argument(
+        '--output', type=Path, default=PAGE, metavar='FILE', help=f'the page; default: {PAGE}'
+    )
+    parser.add_argument(
+        '--presets', nargs='+', metavar='P', choices=PRESETS, help='only these; default: all'
+    )
+    parser.add_argument(
+        '--seeds',
+        nargs='+',
+        type=int,
+        metavar='N',
+        help=f'from 0; default: {" ".join(map(str, SEEDS))}, which no default was chosen by',
+    )
+    parser.add_argument(
+        '--full',
+        type=int,
+        default=1,
+        metavar='N',
+        help='so many of the seeds are judged by all detectors; the others by the default chain '
+        'and the peers, on presets with a target; default: 1',
+    )
+    parser.add_argument(
+        '--quick', action='store_true', help='small presets, one seed, few neighbours, few points'
+    )
+    parser.add_argument(
+        '--sections',
+        nargs='+',
+        choices=tuple(SECTIONS),
+        default=tuple(SECTIONS),
+        metavar='S',
+        help=f'write these only, of {", ".join(SECTIONS)}',
+    )
+    parser.add_argument(
+        '--data',
+        type=Path,
+        default=DATA,
+        metavar='DIR',
+        help=f'folder of real recordings and clouds; default: {DATA}',
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from tempfile import TemporaryDirectory
+
+    from rich.console import Console
+
+    from lidar_outlier_filter.results import markdown
+
+    if options.full < 1:
+        raise FilterError('--full', 'at least 1', options.full)
+    options.presets = options.presets or (QUICK_PRESETS if options.quick else tuple(PRESETS))
+    options.seeds = options.seeds or (SEEDS[:1] if options.quick else SEEDS)
+    console = Console()
+    with stopping() as leave_if_asked, progress_bar('results') as show:
+
+        def progress(done: int, total: int, what: str) -> None:
+            leave_if_asked()
+            show(done, total, what)
+
+        for name in options.sections:
+            with TemporaryDirectory() as folder:
+                texts = SECTIONS[name](options, Path(folder), progress)
+                pictures = sorted(Path(folder).glob('*.png'))
+                for number, (part, text) in enumerate(texts.items()):
+                    markdown.write(options.output, part, text, () if number else pictures)
+            console.print(f'{name} written to {options.output}', markup=False, highlight=False)
+    return DONE
+
+
+def _contest(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_filter.results.contest_section import section
+
+    return section(options.presets, options.seeds, options.full, progress)
+
+
+def _failures(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_filter.results.contest_tables import TARGETS
+    from lidar_outlier_filter.results.gallery import section
+
+    wanted = [preset for preset in options.presets if preset in TARGETS]
+    return {'failures': section(wanted, options.seeds, pictures, progress)}
+
+
+def _neighbours(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_filter.results.neighbour_curves import FEW, NEIGHBOURS, section
+
+    numbers = FEW if options.quick else NEIGHBOURS
+    text = section(options.seeds[0], numbers, options.presets, pictures, progress)
+    return {'neighbours': text}
+
+
+def _growth(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_filter.results.growth import section
+
+    preset = 'leslar-c' if options.quick else 'leslar-b'
+    return {'growth': section(preset, options.seeds[0], pictures, progress)}
+
+
+def _real(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_filter.results.real_clouds import section
+
+    return {'real': section(options.data, progress)}
+
+
+def _tuner(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_filter.results.tuner_proof import section
+
+    preset = 'leslar-c' if options.quick else 'leslar-b'
+    return {'tuner': section(preset, (LEARNT, options.seeds[0]), progress)}
+
+
+SECTIONS: dict[str, Section] = {
+    'contest': _contest,
+    'failures': _failures,
+    'neighbours': _neighbours,
+    'growth': _growth,
+    'real': _real,
+    'tuner': _tuner,
+}

@@ -1,0 +1,119 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What commands share: a sentence, a bar, Ctrl-C, and parameters from the command line.
+
+Each function imports what is heavy when it runs, so that help is instant.
+"""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+import signal
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from lidar_outlier_filter.errors import ParameterError
+
+if TYPE_CHECKING:
+    from argparse import ArgumentParser
+    from collections.abc import Callable, Iterable, Iterator
+    from types import FrameType
+
+# Exit statuses; argparse itself exits with 2.
+DONE, REFUSED, INCOMPLETE, INTERRUPTED = 0, 1, 3, 130
+
+
+class Advance(Protocol):
+    """Moves a bar."""
+
+    def __call__(self, done: int, total: int, text: str = '', /) -> object:
+        """Show that so many of so many are done, and of what."""
+
+
+def say(sentence: str) -> None:
+    """Write a sentence to stderr, on one line."""
+    from rich.console import Console
+
+    Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def stopping() -> Iterator[Callable[[], None]]:
+    """Give a function to call where work may stop; it leaves if SIGINT or SIGTERM has come.
+
+    An exception out of the signal's handler would come up anywhere: inside a compiled kernel or the
+    middleware, which swallow it or turn it into another.
+    """
+    received: list[int] = []
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        received.append(number)
+
+    def leave_if_asked() -> None:
+        if signal.SIGINT in received:
+            raise KeyboardInterrupt
+        if received:
+            sys.exit(128 + received[0])
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield leave_if_asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def progress_bar(text: str) -> Iterator[Advance]:
+    """Show a bar on stderr if that is a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda _done, _total, _text='': None
+        return
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task(text, total=None)
+
+        def advance(done: int, total: int, what: str = '') -> None:
+            description = f'{text}: {what}' if what else text
+            bar.update(task, completed=done, total=total, description=description)
+
+        yield advance
+
+
+def add_parameter_options(parser: ArgumentParser) -> None:
+    """Add --params and --set, which :func:`read_parameters` reads."""
+    parser.add_argument(
+        '--params', type=Path, metavar='FILE', help='ROS parameter file (YAML), as for the node'
+    )
+    parser.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        dest='settings',
+        metavar='NAME=VALUE',
+        help='set one parameter, after those of the file; may be repeated',
+    )
+
+
+def read_parameters(file: Path | None, settings: Iterable[str]) -> dict[str, object]:
+    """Take parameters from a file, then single ones from NAME=VALUE."""
+    import yaml
+
+    from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml
+
+    values = {} if file is None else read_yaml(file)
+    for setting in settings:
+        name, equals, text = setting.partition('=')
+        if not equals:
+            raise ParameterError('--set', 'NAME=VALUE', repr(setting))
+        try:
+            values[name] = parse(text)
+        except yaml.YAMLError as err:
+            raise ParameterError(f'the value of {name}', 'YAML', repr(text)) from err
+    return values

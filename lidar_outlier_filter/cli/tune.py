@@ -1,0 +1,249 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``tune``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.evaluate import add_truth, truth_of
+from lidar_outlier_filter.cli.terminal import (
+    DONE,
+    add_parameter_options,
+    progress_bar,
+    read_parameters,
+    say,
+    stopping,
+)
+from lidar_outlier_filter.errors import ParameterError, RecordingError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.tuning.inject import Injection
+    from lidar_outlier_filter.tuning.search import Tuned
+    from lidar_outlier_filter.tuning.training import Training
+
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
+
+FOLDS = 5
+
+
+def add_tune(commands: Commands) -> None:
+    """Add the command ``tune``."""
+    parser = commands.add_parser(
+        'tune',
+        help='search parameters that find outliers like the ones labelled',
+        description='Search windows, neighbours and thresholds of the detectors of the chain, '
+        'write a parameter file, and say what to expect of it: measured on stretches of the '
+        'recording that were not learnt from. The truth is a field of the clouds, files beside '
+        'them, or outliers that are injected into a clean recording.',
+    )
+    parser.add_argument(
+        'data',
+        type=Path,
+        nargs='+',
+        metavar='DATA',
+        help='recording, or a cloud that is a file; with several, what to expect is measured on '
+        'whole ones that were not learnt from, which says more',
+    )
+    add_truth(parser)
+    parser.add_argument('--topic', metavar='T', help='of the clouds; default: the only one')
+    _add_injection(parser)
+    _add_search(parser)
+    parser.add_argument(
+        '--output', type=Path, metavar='FILE', help='new parameter file; default: DATA_tuned.yaml'
+    )
+    parser.set_defaults(run=_run)
+
+
+def _add_injection(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--inject',
+        type=float,
+        metavar='SHARE',
+        help='take all points for good ones, and make outliers of this share of them, as Pirotti '
+        'et al. (2018) did: half of them single points, half in clusters of 2 to 30; 0.0026 there',
+    )
+    parser.add_argument(
+        '--inject-distance',
+        type=float,
+        nargs=2,
+        default=(1.0, 200.0),
+        metavar=('LOW', 'HIGH'),
+        help='how far they are moved, metres, and at least LOW from every good point; clusters at '
+        'least twice as far; default: 1 200',
+    )
+
+
+def _add_search(parser: argparse.ArgumentParser) -> None:
+    add_parameter_options(parser)
+    parser.add_argument(
+        '--search',
+        action='append',
+        default=[],
+        dest='searched',
+        metavar='NAME=V,V,...',
+        help='values to try for one parameter, instead of the usual ones; may be repeated',
+    )
+    parser.add_argument(
+        '--keep',
+        action='append',
+        default=[],
+        metavar='NAME',
+        help='a parameter to leave as it is; may be repeated',
+    )
+    parser.add_argument(
+        '--by',
+        choices=('f1', 'auc'),
+        default='f1',
+        help='what settings are chosen by, thresholds being chosen by F1; default: f1',
+    )
+    parser.add_argument(
+        '--most-lost',
+        type=float,
+        default=0.01,
+        metavar='SHARE',
+        help='of the good points that may be rejected; default: 0.01',
+    )
+    parser.add_argument(
+        '--folds',
+        type=int,
+        metavar='N',
+        help='parts, each of which is left out once; default: 5, of several recordings each',
+    )
+    parser.add_argument(
+        '--confidence',
+        type=float,
+        default=0.95,
+        metavar='P',
+        help='of the interval; default: 0.95',
+    )
+    parser.add_argument(
+        '--seed',
+        type=int,
+        default=1,
+        metavar='N',
+        help='of what is injected and of the interval; default: 1',
+    )
+
+
+def _run(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.evaluation.confusion import check_confidence
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.tuning import output as tuned
+    from lidar_outlier_filter.tuning.model import Goal
+    from lidar_outlier_filter.tuning.search import tune
+    from lidar_outlier_filter.tuning.training import together
+
+    output = options.output or _default_output(options.data[0])
+    folds = options.folds
+    if folds is None:
+        folds = FOLDS if len(options.data) == 1 else len(options.data)
+    tuned.check_new(output)
+    check_confidence(options.confidence)
+    goal = Goal(options.by, options.most_lost)
+    parameters = FilterParameters().changed(read_parameters(options.params, options.settings))
+    wanted = dict(_parse_search(text) for text in options.searched)
+    with stopping() as leave_if_asked, progress_bar('tuning') as show:
+
+        def progress(done: int, total: int, what: str) -> None:
+            leave_if_asked()
+            show(done, total, what)
+
+        progress(0, 1, 'reading')
+        data = together([_data(options, path, parameters) for path in options.data])
+        found = tune(
+            data,
+            parameters,
+            goal,
+            folds,
+            wanted=wanted,
+            kept=options.keep,
+            progress=progress,
+        )
+    names = ', '.join(path.name for path in options.data)
+    about = tuned.sentence(found, names, options.confidence, options.seed)
+    tuned.write(output, found.parameters, about)
+    _show(found, parameters, output, options)
+    if data.refused:
+        say(f'{data.refused} of its clouds were refused by the filter, and not learnt from')
+    return DONE
+
+
+def _default_output(data: Path) -> Path:
+    path = data.resolve()
+    name = path.name if path.is_dir() else path.stem
+    return path.with_name(f'{name}_tuned.yaml')
+
+
+def _parse_search(text: str) -> tuple[str, Sequence[object]]:
+    """Read NAME=V,V,...: values as in YAML."""
+    import yaml
+
+    from lidar_outlier_filter.parameters.yaml_files import parse
+
+    name, equals, values = text.partition('=')
+    if not equals:
+        raise ParameterError('--search', 'NAME=V,V,...', repr(text))
+    try:
+        return name, [parse(value) for value in values.split(',')]
+    except yaml.YAMLError as err:
+        raise ParameterError(f'the values of {name}', 'YAML', repr(values)) from err
+
+
+def _data(options: argparse.Namespace, path: Path, parameters: FilterParameters) -> Training:
+    """Read the clouds of a recording or a file, and their truth."""
+    from lidar_outlier_filter.evaluation.judged import CAUSES
+    from lidar_outlier_filter.evaluation.labels import is_recording
+    from lidar_outlier_filter.tuning.training import from_file, from_recording
+
+    files, codes = truth_of(options, path)
+    if files and len(options.data) > 1:
+        must_be = 'given for one recording; of several, the truth is in their clouds'
+        raise RecordingError('--labels', must_be, f'{len(options.data)} recordings')
+    injection = _injection(options)
+    if injection is not None:
+        if files or options.label or options.codes or options.ignore:
+            raise RecordingError('--inject', 'given without labels', 'both')
+        codes = CAUSES
+    if is_recording(path):
+        truth = injection or files or options.label or 'label'
+        return from_recording(path, parameters, codes, options.topic, truth)
+    if len(files) > 1:
+        raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
+    labels = files[0] if files else None
+    return from_file(path, parameters, codes, options.label, labels, injection)
+
+
+def _injection(options: argparse.Namespace) -> Injection | None:
+    if options.inject is None:
+        return None
+    from lidar_outlier_filter.tuning.inject import Injection
+
+    return Injection(options.inject, tuple(options.inject_distance), seed=options.seed)
+
+
+def _show(
+    found: Tuned, parameters: FilterParameters, output: Path, options: argparse.Namespace
+) -> None:
+    """Print what was found, and how to use it."""
+    from rich.console import Console
+
+    from lidar_outlier_filter.tuning import output as tuned
+
+    console = Console()
+    for table in tuned.tables(found, parameters, options.confidence, options.seed):
+        console.print(table)
+        console.print()
+    lines = tuned.ros_lines(parameters, found.values)
+    if lines:
+        console.print('On a node that runs with the parameters of the start:', highlight=False)
+        lines.append('')
+    for line in (*lines, f'written to {output}'):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)

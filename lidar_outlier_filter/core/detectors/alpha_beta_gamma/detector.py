@@ -1,0 +1,348 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The moving fixed-interval smoother derived from the α-β-γ filter (Leslar, Wang and Hu 2010).
+
+Each point is predicted from its window, the points in front and behind it in its line segment,
+under constant acceleration without process noise (equations 1-4), and the difference is tested
+(15-17).
+
+Equations (11)-(16) weigh all points of the window, the tested one too, and then take it out again
+by dividing by 1 - a_0. That is the least squares prediction from the other points alone, so the
+kernel sums over those: with N their normal matrix (14), the prediction's variance is q = (N⁻¹)₀₀
+and (16) is σ_k² + q.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kernels as smoother_kernels
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
+    AFTER,
+    BEFORE,
+    CENTRED,
+    RATE,
+    WEIGHT,
+    Series,
+    T,
+    X,
+    empty_series,
+)
+from lidar_outlier_filter.core.kernels import kernel, median
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.scan_lines import Lines
+    from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
+
+    Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
+
+FEWEST_RESIDUALS = 10  # fewer of them in a line give no standard deviation
+MAD_TO_SIGMA = 1.4826  # median of |N(0, 1)| is 0.6745
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the smoother says of N points.
+
+    Attributes
+    ----------
+    score : (N,) float64
+        Statistic ÷ critical value; NaN for untested points; more than 1 exactly where rejected.
+    rejected : (N,) bool
+        Rejected points.
+    passes : int
+        Passes that were needed.
+
+    """
+
+    score: NDArray[np.float64]
+    rejected: NDArray[np.bool_]
+    passes: int
+
+
+def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
+    """Test every point against the prediction from its window.
+
+    Each pass rejects, of all points that fail, those that fail worse than every other within reach
+    of their window, and the next one tests the neighbours again without them: the worst of a window
+    carries the others with it, so rejecting all at once would condemn good ones. The last pass
+    allowed rejects all that fail.
+
+    Parameters
+    ----------
+    points : N points, sorted by line and time, all of them valid
+    lines : their lines and segments
+    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.AlphaBetaGamma`
+
+    """
+    before, after = parameters.before, parameters.after
+    series = _series(points, lines, max(before, after))
+    residuals = _engine(parameters)
+    everything = np.arange(len(points), dtype=np.int64)
+    standard = residuals(series, everything, parameters)
+    precision = _precision(standard, points, lines, parameters)
+    critical = critical_values(parameters.significance, parameters.test)
+    either = parameters.sides == 'either'
+    score, rank = _scores(standard, precision, everything, *critical, either)
+    rejected = np.zeros(len(points), np.bool_)
+    failing = np.flatnonzero(score > 1)
+    number = 1
+    while len(failing) and number < parameters.passes:
+        worst = failing[_is_worst(failing, rank, series.before, series.after, before + after)]
+        rejected[worst] = True
+        spoiled = _unlink(worst, series.before, series.after, before, after, rejected)
+        standard = residuals(series, spoiled, parameters)
+        score[spoiled], rank[spoiled] = _scores(standard, precision, spoiled, *critical, either)
+        failing = _still_failing(failing, spoiled, score, rejected)
+        number += 1
+    rejected[failing] = True
+    return Outcome(score, rejected, number)
+
+
+@lru_cache(maxsize=64)
+def critical_values(significance: float, test: str) -> tuple[float, float]:
+    """Return the critical value of one coordinate and of all three, inf for one that is not tested.
+
+    One coordinate's is two-sided normal (17); three independent ones have χ² with three degrees of
+    freedom.
+    """
+    each = float(norm.isf(significance / 2)) if test != 'joint' else np.inf
+    joint = float(np.sqrt(chi2.isf(significance, 3))) if test != 'each' else np.inf
+    return each, joint
+
+
+def _series(points: Points, lines: Lines, pad: int) -> Series:
+    # The links are copied: taking a point out must not be seen by other detectors.
+    series = empty_series(pad, lines.before.copy(), lines.after.copy())
+    known = lines.interval > 0
+    rate = np.where(known, 1 / np.where(known, lines.interval, 1.0), 0.0)
+    _fill(points.t, points.xyz, lines.first, rate, series.row(slice(None)))
+    if points.sigma is not None:
+        series.row(WEIGHT)[:] = points.sigma**-2.0
+    return series
+
+
+@kernel
+def _fill(
+    t: NDArray[np.int64],
+    xyz: NDArray[np.float64],
+    first: NDArray[np.int64],
+    rate: NDArray[np.float64],
+    columns: NDArray[np.float64],
+) -> None:
+    """Write points without a standard deviation of their own, of lines with these shot rates."""
+    for line in range(len(rate)):
+        for i in range(first[line], first[line + 1]):
+            # Relative to the first point, nanoseconds are whole in a float64 too.
+            columns[T, i] = t[i] - t[0]
+            for axis in range(3):
+                columns[X + axis, i] = xyz[i, axis]
+            columns[WEIGHT, i] = 1.0
+            columns[RATE, i] = rate[line]
+
+
+def _engine(parameters: AlphaBetaGamma) -> Residuals:
+    if parameters.engine == 'kernel':
+        return smoother_kernels.residuals
+    from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filterpy_engine  # noqa: PLC0415  optional
+
+    return filterpy_engine.residuals
+
+
+def _precision(
+    standard: NDArray[np.float64], points: Points, lines: Lines, parameters: AlphaBetaGamma
+) -> NDArray[np.float64]:
+    """Return, (3, N), one over the standard deviation that the differences still lack."""
+    if points.sigma is not None:
+        return np.ones((3, len(points)))
+    if parameters.sigma > 0:
+        return np.full((3, len(points)), 1 / parameters.sigma)
+    return _line_precision(standard[CENTRED], lines.first, parameters.sigma_floor)
+
+
+@kernel
+def _line_precision(
+    standard: NDArray[np.float64], first: NDArray[np.int64], floor: float
+) -> NDArray[np.float64]:
+    """Estimate 1/σ of each line and coordinate from its median absolute centred difference.
+
+    A line with too few differences for a median has NaN: its points stay untested.
+    """
+    result = np.full(standard.shape, np.nan)
+    scratch = np.empty(standard.shape[1])
+    for axis in range(3):
+        for line in range(len(first) - 1):
+            count = 0
+            for i in range(first[line], first[line + 1]):
+                value = abs(standard[axis, i])
+                scratch[count] = value
+                count += not np.isnan(value)
+            if count >= FEWEST_RESIDUALS:
+                sigma = max(floor, MAD_TO_SIGMA * median(scratch, count))
+                result[axis, first[line] : first[line + 1]] = 1 / sigma
+    return result
+
+
+@kernel
+def _scores(
+    standard: NDArray[np.float64],
+    precision: NDArray[np.float64],
+    which: NDArray[np.int64],
+    critical_each: float,
+    critical_joint: float,
+    either: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Score points by the centred window, or by the side they agree with better, and rank them.
+
+    The centred window stands in for a side that is too short. The rank tells which of the points
+    that fail goes first: it is the score of the centred window, in which no good point stands out
+    more than a lone outlier beside it; one-sided windows extrapolate. NaN for points that pass.
+    """
+    result = np.empty(len(which))
+    rank = np.full(len(which), np.nan)
+    for m in range(len(which)):
+        k = which[m]
+        centred = _window_score(standard[CENTRED], m, precision, k, critical_each, critical_joint)
+        score = centred
+        if either:
+            front = _window_score(standard[BEFORE], m, precision, k, critical_each, critical_joint)
+            behind = _window_score(standard[AFTER], m, precision, k, critical_each, critical_joint)
+            front = centred if np.isnan(front) else front
+            score = min(front, centred if np.isnan(behind) else behind)
+        result[m] = score
+        if score > 1:
+            rank[m] = centred
+    return result, rank
+
+
+@kernel
+def _window_score(
+    standard: NDArray[np.float64],
+    m: int,
+    precision: NDArray[np.float64],
+    k: int,
+    critical_each: float,
+    critical_joint: float,
+) -> float:
+    """Divide the statistics of one window by their critical values; the larger counts."""
+    a = abs(standard[0, m]) * precision[0, k]
+    b = abs(standard[1, m]) * precision[1, k]
+    c = abs(standard[2, m]) * precision[2, k]
+    # All three are NaN together, and max() would not tell.
+    if np.isnan(a):
+        return np.nan
+    score = max(a, b, c) / critical_each
+    if critical_joint < np.inf:
+        score = max(score, np.sqrt(a * a + b * b + c * c) / critical_joint)
+    return float(score)
+
+
+@kernel
+def _is_worst(
+    failing: NDArray[np.int64],
+    rank: NDArray[np.float64],
+    before: NDArray[np.int64],
+    after: NDArray[np.int64],
+    reach: int,
+) -> NDArray[np.bool_]:
+    """Tell which points fail worse than every other within reach; of equals the first does.
+
+    The reach is a whole window: near an end of the segment, where windows are shifted, points may
+    see each other from that far.
+    """
+    result = np.ones(len(failing), np.bool_)
+    for m in range(len(failing)):
+        k = failing[m]
+        i, j = before[k], after[k]
+        for _ in range(reach):
+            # A comparison with NaN is false: points that pass exceed nobody.
+            if (i >= 0 and rank[i] >= rank[k]) or (j >= 0 and rank[j] > rank[k]):
+                result[m] = False
+                break
+            i = before[i] if i >= 0 else i
+            j = after[j] if j >= 0 else j
+    return result
+
+
+@kernel
+def _unlink(
+    worst: NDArray[np.int64],
+    before: NDArray[np.int64],
+    after: NDArray[np.int64],
+    reach_before: int,
+    reach_after: int,
+    rejected: NDArray[np.bool_],
+) -> NDArray[np.int64]:
+    """Take points out of their segments; return, once each, those whose windows held one."""
+    reach = reach_before + reach_after
+    marked = np.zeros(len(before), np.bool_)
+    spoiled = np.empty(2 * reach * len(worst), np.int64)
+    count = 0
+    for k in worst:
+        for side in range(2):
+            link = before if side == 0 else after
+            length = _chain_length(link, k, reach)
+            # A point in front holds k among those behind it, and the other way round.
+            near = reach_after if side == 0 else reach_before
+            far = reach_before if side == 0 else reach_after
+            i = link[k]
+            for distance in range(1, min(length, reach) + 1):
+                # Windows near an end of the segment are shifted inwards and reach farther.
+                shifted = length <= reach and distance > length - far
+                if (distance <= near or shifted) and not marked[i]:
+                    marked[i] = True
+                    spoiled[count] = i
+                    count += 1
+                i = link[i]
+    for k in worst:
+        if before[k] >= 0:
+            after[before[k]] = after[k]
+        if after[k] >= 0:
+            before[after[k]] = before[k]
+    kept = 0
+    for m in range(count):
+        if not rejected[spoiled[m]]:
+            spoiled[kept] = spoiled[m]
+            kept += 1
+    return spoiled[:kept]
+
+
+@kernel
+def _chain_length(link: NDArray[np.int64], k: int, most: int) -> int:
+    """Count the points along the links to the end of the segment; most + 1 if there are more."""
+    length = 0
+    i = link[k]
+    while i >= 0 and length <= most:
+        length += 1
+        i = link[i]
+    return length
+
+
+@kernel
+def _still_failing(
+    failing: NDArray[np.int64],
+    spoiled: NDArray[np.int64],
+    score: NDArray[np.float64],
+    rejected: NDArray[np.bool_],
+) -> NDArray[np.int64]:
+    """Return, each once, the points that fail now."""
+    marked = np.zeros(len(score), np.bool_)
+    result = np.empty(len(failing) + len(spoiled), np.int64)
+    count = 0
+    for group in (failing, spoiled):
+        for i in group:
+            if score[i] > 1 and not rejected[i] and not marked[i]:
+                marked[i] = True
+                result[count] = i
+                count += 1
+    return result[:count]

@@ -1,0 +1,132 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Witnesses, weighed: what the scan line, the neighbours and their surface say of a point.
+
+Most witnesses are logarithms of a ratio that is about 1 for a good point. Each is silent up to a
+least value and says no more beyond a largest one, so that none condemns a point alone:
+
+    statistic = Σ weight · (min(max(log ratio, least), most) - least), at least 0
+
+With d3, d5 and d20 the mean distances to so many nearest neighbours, the ratios are
+
+``spacing``
+    d3 ÷ what the sensor leads one to expect. For a spinning sensor that is a part of the range, the
+    same for all points; for a profile scanner the step along the line or the distance to another
+    line, whichever is more, as is usual in this part of the line.
+``step``
+    Distance to the nearer neighbour in the line ÷ what is usual in this part of it.
+``lonely``
+    d5 ÷ what is usual in this part of the line.
+``amid``
+    Median d5 of the 20 neighbours ÷ d20: small at the end or the edge of something, where even good
+    points are lonely.
+``along``
+    Difference from the best of three predictions along the line ÷ the median difference.
+``surface``
+    No logarithm, because noise ends so abruptly: how many standard deviations the point is from the
+    surface of the 20 neighbours, of the typical ones or half their own, whichever is less, from 1
+    to 8, less 2, so that a point on it is spoken for; times how even the surface is (1.3 × the
+    typical standard deviation ÷ their own, at most 1), and how much the point is amidst them: at
+    edges the surface is no measure.
+``alone``
+    9 ÷ (1 + how many of the 8 nearest neighbours are of other lines).
+``company``
+    No logarithm either, and heard from the second pass on: how many of its neighbours were rejected
+    ÷ 20, at most 1, less a third. The inside of a dense cloud of outliers follows its rim, and a
+    good point does not follow the few outliers beside it.
+
+"Usual" is the median of the points up to eight places away in the line. A profile scanner and a
+spinning sensor have weights of their own, those of a logistic regression on simulated drives;
+``company`` and the thresholds were tried on them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence.features import (
+    WITNESSES,
+    hear,
+    hear_again,
+    is_interleaved,
+    see,
+    see_without,
+    weigh,
+)
+from lidar_outlier_filter.core.detectors.evidence.groups import straightness
+from lidar_outlier_filter.core.detectors.evidence.surface import K
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.detectors.evidence.features import Scan, Testimony
+    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.parameters.detectors import Weights
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+    Floats = NDArray[np.float64]
+
+
+def neighbours() -> int:
+    """Return the length of the lists of neighbours that :func:`detect` asks for."""
+    return K
+
+
+def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParameters) -> Floats:
+    """Score every point by the weighted sum of what the witnesses say.
+
+    Each further pass hears them again, of the points that lost neighbours, without the points that
+    the earlier ones rejected. Groups are looked for among what is left at last.
+
+    Parameters
+    ----------
+    neighbourhood : of the N points
+    points : the same, in the order in which they were given
+    parameters : ``evidence``, the weights of either sensor, ``gap_factor``
+
+    Returns
+    -------
+    (N,) float64
+        In that order, statistic ÷ (``evidence.threshold`` · the sensor's threshold); NaN for points
+        that have fewer than 20 others.
+
+    """
+    score = np.full(len(points), np.nan)
+    if len(points) <= K:
+        return score
+    scan = see(neighbourhood, points, parameters.gap_factor)
+    weights, told = hear_first(scan, parameters)
+    threshold = parameters.evidence.threshold * weights.threshold
+    statistic = weigh(told.words, _weights(weights)) / threshold
+    where = neighbourhood.order
+    for _ in range(weights.passes - 1):
+        rejected = statistic > 1
+        left = np.flatnonzero(~rejected)
+        if len(left) == len(where) or len(left) <= K:
+            break
+        score[where] = statistic
+        nearest = scan.neighbourhood.nearest(K).index
+        scan = see_without(scan, rejected, parameters.gap_factor)
+        told = hear_again(scan, told, nearest, rejected)
+        again = weigh(told.words, _weights(weights)) / threshold
+        where, statistic = where[left], np.where(told.wanted, again, statistic[left])
+    if weights.slanted:
+        straight = straightness(scan, told.usual.spacing) / parameters.evidence.threshold
+        statistic = np.fmax(statistic, straight)
+    score[where] = statistic
+    return score
+
+
+def hear_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Testimony]:
+    """Choose the weights of the sensor that saw all points, and hear what is said of them."""
+    sensor = parameters.evidence.sensor
+    spinning = is_interleaved(scan) if sensor == 'auto' else sensor == 'spinning'
+    weights = parameters.evidence_spinning if spinning else parameters.evidence_profile
+    return weights, hear(scan, spinning=spinning)
+
+
+def _weights(weights: Weights) -> Floats:
+    return np.array([getattr(weights, name) for name in WITNESSES])

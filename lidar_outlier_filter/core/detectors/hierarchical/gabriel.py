@@ -1,0 +1,237 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Gabriel graph, without a triangulation (Gabriel and Sokal 1969; Sotoodeh 2007, section 3.2).
+
+Two points have an edge if the ball between them, of which their distance is the diameter, has no
+other point inside: if none sees the two at an obtuse angle. So with r another point, q has no edge
+to p if (r - p)·(r - q) < 0: if it is beyond the plane through r at a right angle to p - r. The
+planes of the points around p leave only a small region, Voronoi's cell of p twice as large, and
+nodes of a kd-tree beyond one of them hold no candidates. The few that are left are held against all
+points that are in the ball's reach. This makes the graph exact; its memory are its edges, and its
+time is near-linear for points that lie on surfaces.
+
+Points on the ball do not count: the ball is open, as in the paper. On a grid both diagonals of a
+square are edges, so that the graph is unique, but not part of any one Delaunay triangulation.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core import threads as pool
+from lidar_outlier_filter.core.detectors.hierarchical.spanning_tree import Edges, lengths
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.neighbours.tree_search import gap, height
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood, Tree
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Index = NDArray[np.int32]
+
+CHUNK = 2048  # points that a thread takes at once
+PLANES = 64  # most that are kept for a point: those of the nearest candidates
+SLACK = 1e-14  # of a product of lengths: more than its rounding
+
+
+class _Scratch(NamedTuple):
+    """Room that a thread uses again for every point; H levels of the tree.
+
+    Attributes
+    ----------
+    stack : (H + 2,) int64
+        Nodes that wait.
+    planes : (PLANES, 7) float64
+        x, y, z of the point of the plane less those of the tested point; least product with a
+        difference from the tested point of what is surely beyond it; x, y, z of the point.
+    candidates : (N,) int32
+        Points that were in front of all planes when they were seen.
+
+    """
+
+    stack: Ints
+    planes: Floats
+    candidates: Index
+
+
+def gabriel_graph(neighbourhood: Neighbourhood, threads: int = 0) -> Edges:
+    """Find all pairs of points with nothing inside the ball between them.
+
+    Parameters
+    ----------
+    neighbourhood : N points, no two of which coincide
+    threads : as everywhere; the graph does not depend on it
+
+    Returns
+    -------
+    Edges
+        In no particular order, but always in the same.
+
+    """
+    xyz, tree = neighbourhood.xyz, neighbourhood.tree
+    levels = height(tree)
+
+    def work(begin: int, end: int) -> Index:
+        return _edges(xyz, tree, levels, begin, end)
+
+    ends = np.concatenate(pool.run(work, len(neighbourhood), CHUNK, threads))
+    return Edges(ends, lengths(xyz, ends))
+
+
+@kernel
+def _edges(xyz: Floats, tree: Tree, levels: int, begin: int, end: int) -> Index:
+    """Find the edges from points ``begin`` to ``end`` to points behind them in tree order."""
+    ends, count = np.empty((4 * (end - begin) + 16, 2), np.int32), 0
+    scratch = _Scratch(
+        np.empty(levels + 2, np.int64),
+        np.empty((PLANES, 7)),
+        np.empty(len(xyz), np.int32),
+    )
+    # Of differences, which the size of the cloud bounds, and of coordinates, which may be far off.
+    slack = SLACK * (np.sum(tree.high[0] - tree.low[0]) + np.max(np.abs(tree.high[0])))
+    slack += SLACK * np.max(np.abs(tree.low[0]))
+    for p in range(begin, end):
+        found, planes = _find_candidates(xyz, tree, p, slack, scratch)
+        for c in range(found):
+            q = scratch.candidates[c]
+            # The point's own plane leaves it alone: r - q is zero.
+            if _is_beyond(scratch.planes, planes, xyz[q, 0], xyz[q, 1], xyz[q, 2]):
+                continue
+            if not _is_empty(xyz, tree, p, q, slack, scratch.stack):
+                continue
+            if count == len(ends):
+                larger = np.empty((2 * count, 2), np.int32)
+                larger[:count] = ends
+                ends = larger
+            ends[count, 0], ends[count, 1] = p, q
+            count += 1
+    return ends[:count].copy()
+
+
+@kernel
+def _find_candidates(
+    xyz: Floats, tree: Tree, p: int, slack: float, scratch: _Scratch
+) -> tuple[int, int]:
+    """Gather points behind p in tree order that no plane hides; return how many, and the planes."""
+    stack, planes, candidates = scratch.stack, scratch.planes, scratch.candidates
+    x, y, z = xyz[p, 0], xyz[p, 1], xyz[p, 2]
+    here, found, kept = (x, y, z, x, y, z), 0, 0
+    stack[0], waiting = 0, 1
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting]
+        if tree.last[node] <= p + 1 or _is_hidden(tree, node, planes, kept, x, y, z):
+            continue
+        near = tree.child[node]
+        if near >= 0:
+            far = near + 1
+            # The nearer one first: its points make better planes.
+            if gap(tree, far, here) < gap(tree, near, here):
+                near, far = far, near
+            stack[waiting], stack[waiting + 1] = far, near
+            waiting += 2
+            continue
+        for q in range(tree.first[node], tree.last[node]):
+            u, v, w = xyz[q, 0], xyz[q, 1], xyz[q, 2]
+            if q == p or _is_beyond(planes, kept, u, v, w):
+                continue
+            if q > p:
+                candidates[found] = q
+                found += 1
+            kept = _add_plane(planes, kept, x, y, z, u, v, w, slack)
+    return found, kept
+
+
+@kernel
+def _is_hidden(
+    tree: Tree, node: int, planes: Floats, kept: int, x: float, y: float, z: float
+) -> bool:
+    """Tell whether the whole box of a node is beyond one of the planes."""
+    low, high = tree.low[node], tree.high[node]
+    for k in range(kept):
+        a, b, c = planes[k, 0], planes[k, 1], planes[k, 2]
+        u = low[0] if a > 0 else high[0]
+        v = low[1] if b > 0 else high[1]
+        w = low[2] if c > 0 else high[2]
+        if (a * (u - x) + b * (v - y)) + c * (w - z) > planes[k, 3]:
+            return True
+    return False
+
+
+@kernel
+def _is_beyond(planes: Floats, kept: int, u: float, v: float, w: float) -> bool:
+    """Tell whether a point is beyond one of the planes: whether its point is inside the ball."""
+    for k in range(kept):
+        a, b, c = planes[k, 0], planes[k, 1], planes[k, 2]
+        if (a * (planes[k, 4] - u) + b * (planes[k, 5] - v)) + c * (planes[k, 6] - w) < 0:
+            return True
+    return False
+
+
+@kernel
+def _add_plane(
+    planes: Floats,
+    kept: int,
+    x: float,
+    y: float,
+    z: float,
+    u: float,
+    v: float,
+    w: float,
+    slack: float,
+) -> int:
+    """Sort the plane of (u, v, w), seen from (x, y, z), in by its distance; return how many."""
+    a, b, c = u - x, v - y, w - z
+    squared = (a * a + b * b) + c * c
+    least = squared + slack * np.sqrt(squared)
+    k = kept
+    if kept == PLANES:
+        if planes[kept - 1, 3] <= least:
+            return kept
+        k = kept - 1
+    while k > 0 and planes[k - 1, 3] > least:
+        for column in range(7):
+            planes[k, column] = planes[k - 1, column]
+        k -= 1
+    planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3] = a, b, c, least
+    planes[k, 4], planes[k, 5], planes[k, 6] = u, v, w
+    return min(kept + 1, PLANES)
+
+
+@kernel
+def _is_empty(xyz: Floats, tree: Tree, p: int, q: int, slack: float, stack: Ints) -> bool:
+    """Tell whether no point is inside the ball between p and q."""
+    px, py, pz = xyz[p, 0], xyz[p, 1], xyz[p, 2]
+    qx, qy, qz = xyz[q, 0], xyz[q, 1], xyz[q, 2]
+    x, y, z = 0.5 * (px + qx), 0.5 * (py + qy), 0.5 * (pz + qz)
+    here = (x, y, z, x, y, z)
+    dx, dy, dz = qx - px, qy - py, qz - pz
+    squared = 0.25 * ((dx * dx + dy * dy) + dz * dz)
+    reach = squared + slack * np.sqrt(squared)
+    stack[0], waiting = 0, 1
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting]
+        near = tree.child[node]
+        if near >= 0:
+            far = near + 1
+            near_gap, far_gap = gap(tree, near, here), gap(tree, far, here)
+            if far_gap < near_gap:
+                near, far, near_gap, far_gap = far, near, far_gap, near_gap
+            if far_gap < reach:
+                stack[waiting] = far
+                waiting += 1
+            if near_gap < reach:
+                stack[waiting] = near
+                waiting += 1
+            continue
+        for r in range(tree.first[node], tree.last[node]):
+            u, v, w = xyz[r, 0], xyz[r, 1], xyz[r, 2]
+            if ((px - u) * (qx - u) + (py - v) * (qy - v)) + (pz - w) * (qz - w) < 0:
+                return False
+    return True

@@ -1,0 +1,264 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The tests of the quadric detector: of the points (31), and of the models against each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.quadric.fits import measure_residuals, weigh
+from lidar_outlier_filter.core.detectors.quadric.kernels import (
+    HEIGHT,
+    PARABOLOID,
+    PLANE,
+    QUADRIC,
+    SIZES,
+    Window,
+    normalize,
+    step,
+)
+from lidar_outlier_filter.core.kernels import kernel, select
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Bools = NDArray[np.bool_]
+
+CONCENTRATIONS = 2  # refits to the half that agrees best
+CURVED = 0.25  # residual over the radius at which a quadric bends; above (20) is no approximation
+TIGHT = 1.5  # the same while it grows
+
+
+class Rules(NamedTuple):
+    """What the judgement goes by.
+
+    Attributes
+    ----------
+    critical : (F,) float64
+        Two-sided quantile of t for 0 to F - 1 degrees of freedom; the last stands for all beyond.
+    ratio : (F,) float64
+        The same of F with three degrees of freedom in the numerator, those of the next model.
+    floor : float
+        Least standard deviation of a residual, metres.
+    fewest : int
+        Least number of points that make a surface.
+    surfaces : int
+        Largest number of surfaces.
+    robust : bool
+        Whether a surface begins with the points nearest to a plane; else with all, as a quadric.
+
+    """
+
+    critical: Floats
+    ratio: Floats
+    floor: float
+    fewest: int
+    surfaces: int
+    robust: bool
+
+
+class Surface(NamedTuple):
+    """A surface that has grown; the test of all points under it is in the window.
+
+    Attributes
+    ----------
+    size : int
+        Parameters of its model; 0: there is none.
+    support : int
+        Points in the fit.
+    deviation : float
+        Standard deviation of their distances, residual ÷ slope, in the scale of the window.
+
+    """
+
+    size: int
+    support: int
+    deviation: float
+
+
+class Growth(NamedTuple):
+    """What holds the growth of a surface.
+
+    Attributes
+    ----------
+    floor : float
+        Least standard deviation of a residual, in the scale of the window.
+    noise : float
+        Standard deviation of the first surface, which holds that of another; inf: free.
+    freedom : int
+        Its degrees of freedom; 0: free.
+
+    """
+
+    floor: float
+    noise: float
+    freedom: int
+
+
+NONE = Surface(0, 0, 0.0)
+
+
+@kernel
+def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> bool:
+    """Test all points: T (31) ÷ its critical value. False if there are too few to tell.
+
+    A point outside the fit has the variance of a prediction, and its T is distributed as t(f), with
+    the f degrees of freedom of the fit. A point in the fit has its own part in σ̂0; that is taken
+    out, which leaves t(f - 1): the test does not depend on whether a point is in. The paper leaves
+    it in, which no lone outlier among thirty points fails. Nor is it taken out if σ̂0 is held.
+    """
+    squares, freedom = _squares(window, n, size, growth)
+    if freedom < 2:  # noqa: PLR2004  one is left without the point itself
+        return False
+    apart = rules.robust and growth.freedom == 0
+    last = len(rules.critical) - 1
+    critical = rules.critical[min(freedom, last)]
+    critical_kept = rules.critical[min(freedom - 1, last)] if apart else critical
+    for i in range(n):
+        kept, square = window.kept[i], window.residual[i] ** 2
+        cofactor = window.sigma2[i] + (-window.lever[i] if kept else window.lever[i])
+        variance = squares / freedom * cofactor
+        if kept and apart:
+            variance = max(squares * cofactor - square, 0.0) / (freedom - 1)
+        least = growth.floor * window.slope[i]
+        variance = max(variance, least * least)
+        statistic = np.sqrt(square / variance) if square > 0 else 0.0
+        window.test[i] = statistic / (critical_kept if kept else critical)
+    return True
+
+
+@kernel
+def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, int]:
+    """Return Σ v²/σ² of the kept points and its degrees of freedom: σ̂0² is their ratio.
+
+    If the first surface holds this one, the ratio is not less than that one's, nor much more.
+    """
+    squares = unit = 0.0
+    count = 0
+    for i in range(n):
+        if window.kept[i]:
+            squares += window.residual[i] ** 2 / window.sigma2[i]
+            unit += window.slope[i] ** 2 / window.sigma2[i]
+            count += 1
+    freedom = count - (size - 1)
+    if growth.freedom > 0 and freedom > 0:
+        least = freedom * growth.noise**2 * unit / count
+        squares = min(max(squares, least), TIGHT**2 * least)
+        squares *= (freedom + growth.freedom) / freedom
+        freedom += growth.freedom
+    return squares, freedom
+
+
+@kernel
+def describe(window: Window, n: int, size: int) -> Surface:
+    """Describe the surface that was fitted last, by the points kept."""
+    squares, count = 0.0, 0
+    for i in range(n):
+        if window.kept[i]:
+            count += 1
+            if window.slope[i] > 0:
+                squares += (window.residual[i] / window.slope[i]) ** 2
+    return Surface(size, count, np.sqrt(squares / max(count - (size - 1), 1)))
+
+
+@kernel
+def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
+    """Tell whether three more parameters lessen a sum of squares significantly (F test)."""
+    if freedom < 1:
+        return False
+    ratio = rules.ratio[min(freedom, len(rules.ratio) - 1)]
+    return bool((before - after) / 3 > ratio * after / freedom)
+
+
+@kernel
+def is_bent(window: Window, n: int, rules: Rules) -> bool:
+    """Tell whether a paraboloid fits the kept points significantly better than the plane.
+
+    Outliers that the plane could not tell from a bend would spoil it, so that it is fitted to all
+    of them, and again to the half that agrees best; if either is better, it begins with that half.
+    """
+    sigma2, scratch = window.sigma2, window.scratch
+    weigh(window, n)
+    count = 0
+    for i in range(n):
+        if window.kept[i]:
+            scratch[count] = window.residual[i] ** 2 / sigma2[i]
+            count += 1
+    half = (count + 1) // 2
+    select(scratch, count, half - 1)
+    before_half = _sum(scratch, half)
+    before, after = _step_from_plane(window, n)
+    bent = is_better(before, after, count - (PARABOLOID - 1), rules)
+    if rules.robust:
+        after_half = np.inf
+        for _ in range(CONCENTRATIONS):
+            reach = _rank_squares(window, n, half - 1)
+            for i in range(n):
+                far = window.residual[i] ** 2 / sigma2[i] > reach
+                window.weight[i] = 1 / sigma2[i] if window.kept[i] and not far else 0.0
+            if np.isnan(_step_from_plane(window, n)[0]):
+                return False
+        reach = _rank_squares(window, n, half - 1)
+        after_half = _sum(scratch, half)
+        bent = bent or is_better(before_half, after_half, half - (PARABOLOID - 1), rules)
+        if bent:
+            for i in range(n):
+                near = window.residual[i] ** 2 / sigma2[i] <= reach
+                window.kept[i] = window.kept[i] and near
+    normalize(window, SIZES[1])
+    return bent
+
+
+@kernel
+def _step_from_plane(window: Window, n: int) -> tuple[float, float]:
+    """Fit heights over the plane by a paraboloid with the weights; measure all points.
+
+    Returns the sums of squares of plane and paraboloid, NaN if it is ambiguous.
+    """
+    window.a[:] = 0.0
+    window.a[HEIGHT] = 1.0
+    before, after = step(window, n, SIZES[1])
+    measure_residuals(window, n, SIZES[1])
+    return before, after
+
+
+@kernel
+def _rank_squares(window: Window, n: int, rank: int) -> float:
+    """Return the residual² ÷ σ² of that rank among the kept; those up to it are in scratch."""
+    count = 0
+    for i in range(n):
+        if window.kept[i]:
+            window.scratch[count] = window.residual[i] ** 2 / window.sigma2[i]
+            count += 1
+    return select(window.scratch, count, rank)
+
+
+@kernel
+def _sum(values: Floats, count: int) -> float:
+    total = 0.0
+    for i in range(count):
+        total += values[i]
+    return total
+
+
+@kernel
+def is_flat(window: Window, n: int) -> bool:
+    """Tell whether (20) approximates a quadric at three of four kept points.
+
+    There the residual is small against the radius at which the surface bends. If not, two sheets
+    run through the noise of what is one.
+    """
+    a = window.a
+    bend = 0.0
+    for k in range(PLANE, QUADRIC):
+        bend += a[k] * a[k]
+    bend = 2 * np.sqrt(bend)
+    count, curved = 0, 0
+    for i in range(n):
+        if window.kept[i]:
+            count += 1
+            curved += abs(window.residual[i]) * bend > CURVED * window.slope[i] ** 2
+    return 4 * curved <= count

@@ -1,0 +1,262 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The windows of the quadric detector: sections (algorithm c of the paper) and patches (b).
+
+The cores of the sections are the largest subtrees with at most so many points; they divide the
+cloud. The window of a core is the core and a rim around it: all that is in its box grown on every
+side. Each point is judged in the window of its core, where it is not on the rim. One that fails
+there is acquitted if it lies on a surface of another window that holds it: a few points at the
+foot of a pole are too few beside the road, but not in the window above.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
+from lidar_outlier_filter.core.kernels import kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.detectors.quadric.kernels import Window
+    from lidar_outlier_filter.core.detectors.quadric.statistics import Rules
+    from lidar_outlier_filter.core.neighbours.tree_build import Tree
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Box = tuple[float, float, float, float, float, float]  # low corner, high corner
+
+MARGIN = 0.25  # of the largest extent of a core's box: how far the rim reaches
+ENOUGH = 1.5  # times the points of the core: what a window has at least
+SMALLEST = 2.0**-20  # of the largest extent of the cloud: the margin around a single place
+RIM = 3  # times the points of the largest core: the most on a rim; of more every so-manieth counts
+
+
+@kernel
+def sort_leaves(xyz: Floats, tree: Tree) -> Ints:
+    """Sort the points of every leaf by x, y and z: tree positions, in the new order.
+
+    Tree order within a leaf is that in which the points were given, which must not matter.
+    """
+    place = np.arange(len(xyz))
+    for node in range(len(tree.child)):
+        if tree.child[node] >= 0:
+            continue
+        for i in range(tree.first[node] + 1, tree.last[node]):
+            one = place[i]
+            j = i
+            while j > tree.first[node] and _is_before(xyz, one, place[j - 1]):
+                place[j] = place[j - 1]
+                j -= 1
+            place[j] = one
+    return place
+
+
+@kernel
+def _is_before(xyz: Floats, one: int, other: int) -> bool:
+    for axis in range(3):
+        if xyz[one, axis] != xyz[other, axis]:
+            return bool(xyz[one, axis] < xyz[other, axis])
+    return False
+
+
+@kernel
+def find_cores(tree: Tree, most: int) -> Ints:
+    """Find the largest subtrees with at most so many points, in tree order: their nodes.
+
+    A leaf of more points, which coincide, is one too.
+    """
+    cores = np.empty(len(tree.first), np.int64)
+    count = 0
+    todo = [0]
+    while len(todo) > 0:
+        node = todo.pop()
+        if tree.last[node] - tree.first[node] <= most or tree.child[node] < 0:
+            cores[count] = node
+            count += 1
+        else:
+            todo.append(tree.child[node] + 1)
+            todo.append(tree.child[node])
+    return cores[:count]
+
+
+@kernel
+def find_window(xyz: Floats, tree: Tree, core: int, section: int, found: Ints, stack: Ints) -> int:
+    """Find the points of a core's window, in tree order; return their number.
+
+    ``found`` has room for the core and ``RIM`` × ``section`` points, ``stack`` for a walk through
+    the tree.
+    """
+    size = tree.last[core] - tree.first[core]
+    extent = most = 0.0
+    for axis in range(3):
+        extent = max(extent, tree.high[core, axis] - tree.low[core, axis])
+        most = max(most, tree.high[0, axis] - tree.low[0, axis])
+    margin = MARGIN * extent if extent > 0 else SMALLEST * most
+    enough = min(len(xyz), max(section, int(ENOUGH * size)))
+    count = _visit(xyz, tree, core, margin, 1, found, stack)
+    while count < enough and margin <= most:
+        margin *= 2
+        count = _visit(xyz, tree, core, margin, 1, found, stack)
+    rim = count - size
+    if rim > RIM * section:
+        stride = -(-rim // (RIM * section))
+        count = _visit(xyz, tree, core, margin, stride, found, stack)
+    return count
+
+
+@kernel
+def _visit(
+    xyz: Floats, tree: Tree, core: int, margin: float, stride: int, found: Ints, stack: Ints
+) -> int:
+    """Visit the points in the box of the core grown by a margin, faces included, in tree order.
+
+    Those of the core, and of the others every so-manieth, are put in ``found`` as long as there is
+    room; returns their number.
+    """
+    box = (
+        tree.low[core, 0] - margin,
+        tree.low[core, 1] - margin,
+        tree.low[core, 2] - margin,
+        tree.high[core, 0] + margin,
+        tree.high[core, 1] + margin,
+        tree.high[core, 2] + margin,
+    )
+    begin, end = tree.first[core], tree.last[core]
+    count = rim = 0
+    stack[0], waiting = 0, 1
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting]
+        if _is_apart(tree, node, box):
+            continue
+        child = tree.child[node]
+        if child >= 0:
+            stack[waiting], stack[waiting + 1] = child + 1, child
+            waiting += 2
+            continue
+        for i in range(tree.first[node], tree.last[node]):
+            if not _is_in(xyz, i, box):
+                continue
+            if i < begin or i >= end:
+                rim += 1
+                if (rim - 1) % stride > 0:
+                    continue
+            if count < len(found):
+                found[count] = i
+            count += 1
+    return count
+
+
+@kernel
+def _is_apart(tree: Tree, node: int, box: Box) -> bool:
+    low, high = tree.low, tree.high
+    return bool(
+        high[node, 0] < box[0]
+        or high[node, 1] < box[1]
+        or high[node, 2] < box[2]
+        or low[node, 0] > box[3]
+        or low[node, 1] > box[4]
+        or low[node, 2] > box[5]
+    )
+
+
+@kernel
+def _is_in(xyz: Floats, i: int, box: Box) -> bool:
+    x, y, z = xyz[i]
+    return bool(box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5])
+
+
+@kernel
+def judge_sections(
+    xyz: Floats,
+    variance: Floats,
+    tree: Tree,
+    levels: int,
+    cores: Ints,
+    section: int,
+    rules: Rules,
+    window: Window,
+    score: Floats,
+) -> tuple[Ints, Floats]:
+    """Judge the points of some cores, each in its window; fill their scores, in tree order.
+
+    ``levels`` is the height of the tree.
+
+    Returns
+    -------
+    index, value : (A,) int64, (A,) float64
+        The points on rims that lie on a surface, and their score in that window.
+
+    """
+    found, stack = np.empty(len(window.score), np.int64), np.empty(levels + 1, np.int64)
+    index = np.empty(len(cores) * RIM * section, np.int64)
+    value = np.empty(len(index))
+    acquitted = 0
+    for core in cores:
+        first, last = tree.first[core], tree.last[core]
+        n = find_window(xyz, tree, core, section, found, stack)
+        _fill(window, xyz, variance, found[:n])
+        judge(window, n, rules)
+        for i in range(n):
+            if first <= found[i] < last:
+                score[found[i]] = window.score[i]
+            elif window.score[i] <= 1:
+                index[acquitted] = found[i]
+                value[acquitted] = window.score[i]
+                acquitted += 1
+    return index[:acquitted].copy(), value[:acquitted].copy()
+
+
+@kernel
+def judge_patches(
+    xyz: Floats,
+    variance: Floats,
+    nearest: NDArray[np.int32],
+    place: Ints,
+    rank: Ints,
+    begin: int,
+    end: int,
+    rules: Rules,
+    window: Window,
+    score: Floats,
+) -> None:
+    """Judge points begin to end, each in the window of its nearest; fill their scores.
+
+    ``nearest`` is by tree position, all else in the order of :func:`sort_leaves`: ``place`` and
+    ``rank`` lead from that to the tree and back.
+    """
+    n = nearest.shape[1] + 1
+    found = np.empty(n, np.int64)
+    for i in range(begin, end):
+        found[0] = i
+        for k in range(n - 1):
+            found[k + 1] = rank[nearest[place[i], k]]
+        # In tree order those that follow each other lie together.
+        found.sort()
+        _fill(window, xyz, variance, found)
+        judge(window, n, rules)
+        score[i] = window.score[np.searchsorted(found, i)]
+
+
+@kernel
+def _fill(window: Window, xyz: Floats, variance: Floats, found: Ints) -> None:
+    """Copy points into the window."""
+    for k in range(len(found)):
+        i = found[k]
+        for axis in range(3):
+            window.xyz[axis, k] = xyz[i, axis]
+        for part in range(variance.shape[1]):
+            window.variance[k, part] = variance[i, part]
+
+
+@kernel
+def acquit(score: Floats, failed: NDArray[np.bool_], index: Ints, value: Floats) -> None:
+    """Give points that failed, or were not tested, the least score of the other windows."""
+    for k in range(len(index)):
+        i = index[k]
+        if failed[i]:
+            score[i] = np.fmin(score[i], value[k])

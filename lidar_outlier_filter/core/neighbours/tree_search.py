@@ -1,0 +1,399 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The k nearest neighbours of points of a kd-tree, exactly, ties included.
+
+The points of a leaf are near each other, so they are searched together: all points within a guessed
+reach of the leaf's box are copied side by side, and each of its points takes the k nearest of them
+without a branch for each distance, several at a stroke of the processor. Where a point finds fewer
+than k within the reach, it has found an upper bound of its own, and is searched again with that.
+
+Distances are squared everywhere. The gap to a box is never more than the distance to a point in it,
+not even by rounding, because both are computed alike and every operation rounds monotonically: what
+is left out for a gap strictly greater than a bound could not have tied with it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.neighbours.smallest import (
+    STROKE,
+    SURPLUS,
+    choose,
+    count_up_to,
+    enough,
+    padded,
+    sort,
+    tighten,
+)
+from lidar_outlier_filter.core.neighbours.tree_build import LEAF
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.neighbours.tree_build import Tree
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Bools = NDArray[np.bool_]
+    Index = NDArray[np.int32]
+    Box = tuple[float, float, float, float, float, float]  # low corner, high corner
+
+ROOM, ROOM_EACH = 512, 16  # candidates that are held: so many, and so many more for each neighbour
+# What to expect of the next leaf: the mean distance of the k-th neighbours in the last one, times
+# this; and of the next point: the last one's, times that.
+REACH = 1.3
+GUESS = 1.15
+ROUNDS = 6  # of growing a reach that was much too short
+
+
+class Room(NamedTuple):
+    """Room to work in, for one thread, in rows of R.
+
+    Attributes
+    ----------
+    x, y, z : (R,) float64
+        Coordinates of the candidates side by side.
+    place : (R,) int64
+        Their places in tree order.
+    distance : (R,) float64
+        Theirs from the point that is searched, squared.
+    few, few_place : (R,) float64, int64
+        Distances and places of those that may be among its k nearest.
+    best, best_place : (R,) float64, int64
+        The same, sorted.
+    nodes, gaps : (H,) int64, float64
+        A stack for walks through the tree.
+
+    """
+
+    x: Floats
+    y: Floats
+    z: Floats
+    place: Ints
+    distance: Floats
+    few: Floats
+    few_place: Ints
+    best: Floats
+    best_place: Ints
+    nodes: Ints
+    gaps: Floats
+
+
+@kernel
+def height(tree: Tree) -> int:
+    """Count the levels of a tree."""
+    level = np.ones(len(tree.child), np.int64)
+    for node in range(len(level)):
+        child = tree.child[node]
+        if child >= 0:
+            level[child] = level[child + 1] = level[node] + 1
+    return int(level.max())
+
+
+@kernel
+def leaves(tree: Tree) -> Ints:
+    """List the leaves in the order of their points."""
+    found, stack = np.empty(len(tree.child), np.int64), np.empty(len(tree.child), np.int64)
+    count, stack[0], waiting = 0, 0, 1
+    while waiting > 0:
+        node = stack[waiting - 1]
+        child = tree.child[node]
+        if child >= 0:
+            stack[waiting - 1], stack[waiting] = child + 1, child
+            waiting += 1
+        else:
+            found[count] = node
+            count, waiting = count + 1, waiting - 1
+    return found[:count].copy()
+
+
+@kernel
+def make_room(k: int, levels: int) -> Room:
+    """Make room for searches of k neighbours in a tree of so many levels."""
+    floats = np.empty((6, ROOM + ROOM_EACH * k))
+    ints = np.empty((3, ROOM + ROOM_EACH * k), np.int64)
+    return Room(
+        *(floats[0], floats[1], floats[2], ints[0], floats[3], floats[4], ints[1]),
+        *(floats[5], ints[2], np.empty(levels + 1, np.int64), np.empty(levels + 1)),
+    )
+
+
+@kernel
+def gap(tree: Tree, node: int, box: Box) -> float:
+    """Return the squared distance between a box, which may be a point, and that of a node."""
+    dx = max(tree.low[node, 0] - box[3], box[0] - tree.high[node, 0], 0.0)
+    dy = max(tree.low[node, 1] - box[4], box[1] - tree.high[node, 1], 0.0)
+    dz = max(tree.low[node, 2] - box[5], box[2] - tree.high[node, 2], 0.0)
+    return float((dx * dx + dy * dy) + dz * dz)
+
+
+@kernel
+def seen(tree: Tree, leaf: int, k: int) -> int:
+    """Return where the points of a leaf end that can be among anybody's k nearest, or tied.
+
+    Where more coincide than a leaf holds, only the first: they are those of the lowest index. One
+    of them may be the point that is searched, and one more tells that there is a tie.
+    """
+    first, last = tree.first[leaf], tree.last[leaf]
+    return int(last if last - first <= LEAF else min(last, first + k + 2))
+
+
+@kernel
+def search(
+    xyz: Floats,
+    order: Ints,
+    tree: Tree,
+    these: Ints,
+    levels: int,
+    wanted: Bools,
+    index: Index,
+    tied: Bools,
+) -> None:
+    """Write the rows of ``index`` and ``tied`` for all wanted points in the leaves ``these``."""
+    k = index.shape[1]
+    room = make_room(k, levels)
+    queries = np.empty(LEAF, np.int64)
+    reach = guess = 0.0
+    for leaf in these:
+        # Only where all coincide there is more than one batch.
+        for begin in range(tree.first[leaf], tree.last[leaf], LEAF):
+            count = _pick(wanted, begin, min(begin + LEAF, tree.last[leaf]), queries)
+            if count > 0:
+                reach, guess = _batch(
+                    xyz, order, tree, leaf, queries, count, reach, guess, room, index, tied
+                )
+
+
+@kernel
+def _pick(wanted: Bools, begin: int, end: int, queries: Ints) -> int:
+    """List the wanted points of a range, and return how many there are."""
+    count = 0
+    for q in range(begin, end):
+        queries[count] = q
+        count += wanted[q]
+    return count
+
+
+@kernel
+def _batch(
+    xyz: Floats,
+    order: Ints,
+    tree: Tree,
+    leaf: int,
+    queries: Ints,
+    count: int,
+    reach: float,
+    guess: float,
+    room: Room,
+    index: Index,
+    tied: Bools,
+) -> tuple[float, float]:
+    """Search points of one leaf; return what to guess for the next: its reach, and a distance."""
+    k = index.shape[1]
+    total, done = 0.0, count
+    for _ in range(ROUNDS):
+        box = _around(xyz, queries, count)
+        if reach == 0:
+            dx, dy, dz = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+            reach = ((dx * dx + dy * dy) + dz * dz) / 4
+        near, own = _collect(xyz, tree, leaf, box, reach, k, room)
+        if near < 0:
+            break
+        if near <= k:
+            reach *= 4
+            continue
+        shift = own - tree.first[leaf]
+        count, reach, guess, found = _round(
+            xyz, order, queries, count, near, shift, reach, guess, room, index, tied
+        )
+        total += found
+        if count == 0:
+            return REACH * total / done, guess
+    # Too many or too few points around: the box is too large, or the guess was a bad one.
+    for i in range(count):
+        few = _alone(xyz, order, tree, queries[i], k, room)
+        _write(order, queries[i], few, room, index, tied)
+    return 0.0, guess
+
+
+@kernel
+def _round(
+    xyz: Floats,
+    order: Ints,
+    queries: Ints,
+    count: int,
+    near: int,
+    shift: int,
+    reach: float,
+    guess: float,
+    room: Room,
+    index: Index,
+    tied: Bools,
+) -> tuple[int, float, float, float]:
+    """Search points among all candidates within reach; point q is candidate q + shift, if any.
+
+    Those that find too few are gathered at the begin of ``queries``. Returns how many they are, the
+    reach that they need, the distance guessed for the next point, and the sum of those found.
+    """
+    k, size = index.shape[1], padded(near)
+    # Once, because every time that an array is taken from the tuple its references are counted.
+    x, y, z, place, distance, few, few_place, best, best_place, _, _ = room
+    left, further, total = 0, 0.0, 0.0
+    for i in range(count):
+        q = queries[i]
+        _measure(x, y, z, xyz[q, 0], xyz[q, 1], xyz[q, 2], distance, size)
+        own = q + shift
+        if own < near and place[own] == q:
+            distance[own] = np.inf
+        within = count_up_to(distance, size, reach)
+        if within < k:
+            queries[left] = q
+            left += 1
+            further = max(further, enough(distance, near, k, reach))
+            continue
+        limit = tighten(distance, size, k, guess, reach, within)
+        chosen = choose(distance, place, near, limit, few, few_place)
+        sort(order, few, few_place, chosen, best, best_place)
+        for j in range(k):
+            index[q, j] = best_place[j]
+        tied[q] = chosen > k and best[k] == best[k - 1]
+        guess = GUESS * best[k - 1]
+        total += best[k - 1]
+    return left, further, guess, total
+
+
+@kernel
+def _around(xyz: Floats, queries: Ints, count: int) -> Box:
+    """Return the box around some points."""
+    x0 = y0 = z0 = np.inf
+    x1 = y1 = z1 = -np.inf
+    for i in range(count):
+        x, y, z = xyz[queries[i]]
+        x0, y0, z0 = min(x0, x), min(y0, y), min(z0, z)
+        x1, y1, z1 = max(x1, x), max(y1, y), max(z1, z)
+    return x0, y0, z0, x1, y1, z1
+
+
+@kernel
+def _collect(
+    xyz: Floats, tree: Tree, home: int, box: Box, reach: float, k: int, room: Room
+) -> tuple[int, int]:
+    """Copy the points of all leaves within reach of the box side by side.
+
+    Returns how many there are, or -1 if there is not room enough; and which of them is the first of
+    the leaf ``home``.
+    """
+    x, y, z, place, stack = room.x, room.y, room.z, room.place, room.nodes
+    count = own = 0
+    stack[0], waiting = 0, 1
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting]
+        if gap(tree, node, box) > reach:
+            continue
+        child = tree.child[node]
+        if child >= 0:
+            stack[waiting], stack[waiting + 1] = child + 1, child
+            waiting += 2
+            continue
+        first, last = tree.first[node], seen(tree, node, k)
+        if count + (last - first) + STROKE > len(place):
+            return -1, 0
+        if node == home:
+            own = count
+        for p in range(first, last):
+            x[count], y[count], z[count] = xyz[p, 0], xyz[p, 1], xyz[p, 2]
+            place[count] = p
+            count += 1
+    for i in range(count, padded(count)):
+        x[i] = y[i] = z[i] = np.inf
+    return count, own
+
+
+@kernel
+def _measure(
+    near_x: Floats,
+    near_y: Floats,
+    near_z: Floats,
+    x: float,
+    y: float,
+    z: float,
+    distance: Floats,
+    size: int,
+) -> None:
+    for i in range(size):
+        dx, dy, dz = near_x[i] - x, near_y[i] - y, near_z[i] - z
+        distance[i] = (dx * dx + dy * dy) + dz * dz
+
+
+@kernel
+def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, room: Room) -> int:
+    """Find the few candidates of point q by going through the tree from near to far."""
+    x, y, z = xyz[q]
+    box = (x, y, z, x, y, z)
+    few, place, nodes, gaps = room.few, room.few_place, room.nodes, room.gaps
+    # 0, but no literal one, for which numba would compile all that is called with it once more.
+    count = int(tree.first[0])
+    bound, full = np.inf, 2 * k + LEAF
+    nodes[0], gaps[0], waiting = 0, 0.0, 1
+    while waiting > 0:
+        waiting -= 1
+        node = nodes[waiting]
+        if gaps[waiting] > bound:
+            continue
+        if tree.child[node] >= 0:
+            waiting = push(tree, node, box, nodes, gaps, waiting)
+            continue
+        for p in range(tree.first[node], seen(tree, node, k)):
+            dx, dy, dz = xyz[p, 0] - x, xyz[p, 1] - y, xyz[p, 2] - z
+            few[count], place[count] = (dx * dx + dy * dy) + dz * dz, p
+            count += few[count] <= bound and p != q
+        if count > full:
+            count, bound = _shorten(order, count, k, room)
+            full = 2 * count + LEAF
+    if count > k + SURPLUS:
+        count, bound = _shorten(order, count, k, room)
+    return count
+
+
+@kernel
+def push(tree: Tree, node: int, box: Box, nodes: Ints, gaps: Floats, waiting: int) -> int:
+    """Put the children of a node on the stack, the nearer one on top."""
+    near = tree.child[node]
+    far = near + 1
+    near_gap, far_gap = gap(tree, near, box), gap(tree, far, box)
+    if far_gap < near_gap:
+        near, far, near_gap, far_gap = far, near, far_gap, near_gap
+    nodes[waiting], gaps[waiting] = far, far_gap
+    nodes[waiting + 1], gaps[waiting + 1] = near, near_gap
+    return waiting + 2
+
+
+@kernel
+def _shorten(order: Ints, count: int, k: int, room: Room) -> tuple[int, float]:
+    """Drop candidates that cannot be among the k nearest; return how many are left, and a bound."""
+    few, place, best, best_place = room.few, room.few_place, room.best, room.best_place
+    limit = tighten(few, count, k, 0.0, few[:count].max(), count)
+    kept = choose(few, place, count, limit, best, best_place)
+    few[:kept], place[:kept] = best[:kept], best_place[:kept]
+    if kept > len(few) // 4:
+        # So many are tied; one behind the k-th is enough to tell.
+        sort(order, few, place, kept, best, best_place)
+        kept = k + 1
+        few[:kept], place[:kept] = best[:kept], best_place[:kept]
+        limit = few[k - 1]
+    return kept, limit
+
+
+@kernel
+def _write(order: Ints, q: int, few: int, room: Room, index: Index, tied: Bools) -> None:
+    """Write the row of a point: the first k of its few candidates."""
+    k, best, place = index.shape[1], room.best, room.best_place
+    sort(order, room.few, room.few_place, few, best, place)
+    for i in range(k):
+        index[q, i] = place[i]
+    tied[q] = few > k and best[k] == best[k - 1]

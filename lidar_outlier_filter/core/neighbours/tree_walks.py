@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Other questions to a kd-tree: who is within a distance, and how far is the nearest elsewhere."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.neighbours.tree_search import gap, push
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.neighbours.tree_build import Tree
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Bools = NDArray[np.bool_]
+    Index = NDArray[np.int32]
+
+
+@kernel
+def squared(xyz: Floats, p: int, q: int) -> float:
+    """Return the squared distance of two points, in the order of operations of the search."""
+    dx, dy, dz = xyz[p, 0] - xyz[q, 0], xyz[p, 1] - xyz[q, 1], xyz[p, 2] - xyz[q, 2]
+    return float((dx * dx + dy * dy) + dz * dz)
+
+
+@kernel
+def tied_at(xyz: Floats, index: Index, k: int, begin: int, end: int, tied: Bools) -> None:
+    """Tell of a range of points where the neighbour behind the k-th is exactly as far as it."""
+    for q in range(begin, end):
+        tied[q] = squared(xyz, index[q, k - 1], q) == squared(xyz, index[q, k], q)
+
+
+@kernel
+def carry_over(
+    index: Index,
+    tied: Bools,
+    place: Index,
+    begin: int,
+    end: int,
+    index_out: Index,
+    tied_out: Bools,
+    wanted: Bools,
+) -> None:
+    """Copy the lists of a range of points that are kept; their new places are not negative.
+
+    Those that held a rejected point are wanted again, and those that were tied, because it may have
+    been with a rejected one.
+    """
+    for q in range(begin, end):
+        row = place[q]
+        if row < 0:
+            continue
+        lost = tied[q]
+        for i in range(index.shape[1]):
+            other = place[index[q, i]]
+            index_out[row, i] = other
+            lost |= other < 0
+        wanted[row], tied_out[row] = lost, False
+
+
+@kernel
+def count_within(
+    xyz: Floats, tree: Tree, levels: int, which: Ints, limits: Floats, counts: Ints
+) -> None:
+    """Count for each of the points ``which`` the others up to its limit, squared."""
+    stack, nothing = np.empty(levels + 1, np.int64), np.empty(0, np.int32)
+    for i in range(len(which)):
+        counts[i] = _walk(xyz, tree, stack, which[i], limits[i], nothing)
+
+
+@kernel
+def list_within(
+    xyz: Floats, tree: Tree, levels: int, which: Ints, limits: Floats, offsets: Ints, index: Index
+) -> None:
+    """Write what :func:`count_within` counts; the list of ``which[i]`` begins at ``offsets[i]``."""
+    stack = np.empty(levels + 1, np.int64)
+    for i in range(len(which)):
+        _walk(xyz, tree, stack, which[i], limits[i], index[offsets[i] : offsets[i + 1]])
+
+
+@kernel
+def _walk(xyz: Floats, tree: Tree, stack: Ints, q: int, limit: float, found: Index) -> int:
+    """Count the points within the limit, and list as many as there is room for, in their order."""
+    x, y, z = xyz[q]
+    box = (x, y, z, x, y, z)
+    count, stack[0], waiting = 0, 0, 1
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting]
+        if not gap(tree, node, box) <= limit:
+            continue
+        if tree.child[node] >= 0:
+            stack[waiting], stack[waiting + 1] = tree.child[node] + 1, tree.child[node]
+            waiting += 2
+            continue
+        for p in range(tree.first[node], tree.last[node]):
+            if p != q and squared(xyz, p, q) <= limit:
+                if count < len(found):
+                    found[count] = p
+                count += 1
+    return count
+
+
+@kernel
+def nearest_elsewhere(xyz: Floats, tree: Tree, levels: int, which: Ints, result: Floats) -> None:
+    """Find for each of the points ``which`` the least squared distance greater than 0."""
+    nodes, gaps = np.empty(levels + 1, np.int64), np.empty(levels + 1)
+    for i in range(len(which)):
+        q = which[i]
+        x, y, z = xyz[q]
+        box = (x, y, z, x, y, z)
+        best = np.inf
+        nodes[0], gaps[0], waiting = 0, 0.0, 1
+        while waiting > 0:
+            waiting -= 1
+            node, nearest = nodes[waiting], gaps[waiting]
+            # A box without extent at no distance is the point itself, however many are in it.
+            if nearest >= best or (nearest == 0 and np.all(tree.low[node] == tree.high[node])):
+                continue
+            if tree.child[node] >= 0:
+                waiting = push(tree, node, box, nodes, gaps, waiting)
+                continue
+            for p in range(tree.first[node], tree.last[node]):
+                distance = squared(xyz, p, q)
+                if 0 < distance < best:
+                    best = distance
+        result[i] = best

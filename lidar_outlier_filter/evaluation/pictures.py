@@ -1,0 +1,188 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A picture of a cloud before and after: the street in perspective, and the air above its road."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from PIL import Image
+
+from lidar_outlier_filter.simulation.scene import Cause
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
+COLOURS = 96  # of the palette: keeps the file small
+FOUND, LEFT, LOST = '#0072b2', '#d81b1b', '#f0a30a'
+INK, PAPER = '#30343a', '#ffffff'
+FIELD_OF_VIEW = 0.62  # half the width of the view over its depth
+VIEW_WIDTH = 0.46  # share of the picture's width that the perspective takes
+LOW = 0.5  # metres; most points below lie on the road, and most of these in the driven lane
+PROFILE_HALF_WIDTH = 3.0  # metres to both sides of the driven line
+
+
+def draw(points: NDArray[np.void], rejected: Mask, path: Path, title: str = '') -> None:
+    """Draw three rows, before, cleaned and outliers, each in perspective and from the side, as PNG.
+
+    Parameters
+    ----------
+    points : (N,) structured, with x, y, z (metres), intensity and label
+    rejected : (N,) bool
+
+    """
+    xyz = np.stack([points[axis] for axis in 'xyz']).astype(np.float64)
+    bad = points['label'] != Cause.GOOD
+    brightness = _brightness(points['intensity'].astype(np.float64))
+    rows = (
+        ('Before', ~bad, [(bad, LEFT)]),
+        ('Cleaned', ~bad & ~rejected, [(bad & ~rejected, LEFT)]),
+        ('Outliers', None, [(rejected & ~bad, LOST), (rejected & bad, FOUND)]),
+    )
+    figure = Figure((WIDTH, HEIGHT), dpi=DPI, facecolor=PAPER)
+    canvas = FigureCanvasAgg(figure)
+    bottoms = (0.652, 0.345, 0.038)
+    for (name, grey, coloured), bottom in zip(rows, bottoms, strict=True):
+        scene = figure.add_axes((0.012, bottom, VIEW_WIDTH, 0.265))
+        profile = figure.add_axes((VIEW_WIDTH + 0.065, bottom + 0.02, 0.92 - VIEW_WIDTH, 0.235))
+        _perspective(scene, xyz, brightness, grey, coloured)
+        _profile(profile, xyz, brightness, grey, coloured)
+        scene.set_title(name, loc='left', fontsize=15, fontweight='bold', color=INK, pad=4)
+    profile.set_xlabel('along the street, m', fontsize=12, color=INK, labelpad=1)
+    _legend(figure, title)
+    save(canvas, path, COLOURS)
+
+
+def save(canvas: FigureCanvasAgg, path: Path, colours: int) -> None:
+    """Save what is drawn as PNG of few colours, those of the legend among them however rare."""
+    canvas.draw()  # type: ignore[no-untyped-call]
+    pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    image = Image.fromarray(pixels).convert('RGB')
+    chosen = image.quantize(colours).getpalette() or []
+    palette = Image.new('P', (1, 1))
+    legend = b''.join(bytes.fromhex(colour[1:]) for colour in (FOUND, LEFT, LOST))
+    palette.putpalette(chosen[: 3 * colours] + list(legend))
+    image.quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def _brightness(intensity: Floats) -> Floats:
+    """Grey of each point, 0 to 1: the darker, the less came back."""
+    low, high = np.percentile(intensity, [2, 98]) if len(intensity) else (0.0, 1.0)
+    scaled = np.clip((intensity - low) / max(high - low, 1e-9), 0.0, 1.0)
+    return 0.45 + 0.4 * np.sqrt(scaled)
+
+
+def _perspective(
+    axes: Axes,
+    xyz: Floats,
+    brightness: Floats,
+    grey: Mask | None,
+    coloured: list[tuple[Mask, str]],
+) -> None:
+    """Look along the street from above the vehicle's start."""
+    middle = float(np.median(xyz[0]))
+    eye = np.array([middle - 28.0, -2.6, 7.0])
+    goal = np.array([middle + 4.0, 0.3, 1.2])
+    forward = (goal - eye) / np.linalg.norm(goal - eye)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    seen = xyz - eye[:, None]
+    depth = forward @ seen
+    front = depth > 1.0
+    u = right @ seen / np.where(front, depth, 1.0)
+    v = up @ seen / np.where(front, depth, 1.0)
+    order = np.argsort(-depth, kind='stable')
+    order = order[front[order]]
+    _scatter(axes, u, v, brightness, grey, coloured, order)
+    axes.set_xlim(-FIELD_OF_VIEW, FIELD_OF_VIEW)
+    box = axes.get_position()
+    tall = FIELD_OF_VIEW * (box.height * HEIGHT) / (box.width * WIDTH)
+    axes.set_ylim(-tall, tall)
+    axes.axis('off')
+
+
+def _profile(
+    axes: Axes,
+    xyz: Floats,
+    brightness: Floats,
+    grey: Mask | None,
+    coloured: list[tuple[Mask, str]],
+) -> None:
+    """Look from the side at what is above the driven lane, heights exaggerated."""
+    driven = np.median(xyz[1][xyz[2] < LOW])
+    lane = np.abs(xyz[1] - driven) < PROFILE_HALF_WIDTH
+    order = np.flatnonzero(lane)
+    _scatter(axes, xyz[0], xyz[2], brightness, grey, coloured, order)
+    axes.set_xlim(*np.percentile(xyz[0][order], [0.5, 99.5]))
+    axes.set_ylim(-0.12, 1.75)
+    axes.tick_params(labelsize=12, colors=INK, length=3)
+    axes.set_ylabel('height, m', fontsize=12, color=INK, labelpad=3)
+    for side in ('top', 'right'):
+        axes.spines[side].set_visible(False)
+    for side in ('left', 'bottom'):
+        axes.spines[side].set_color('#9aa0a6')
+
+
+def _scatter(  # noqa: PLR0913  one panel's whole content
+    axes: Axes,
+    u: Floats,
+    v: Floats,
+    brightness: Floats,
+    grey: Mask | None,
+    coloured: list[tuple[Mask, str]],
+    order: NDArray[np.intp],
+) -> None:
+    """Draw the points of ``order``: greys first, then the coloured ones over them."""
+    # Without a cloud of its own a panel shows all of it, as a pale ground to find one's way on.
+    shown = order if grey is None else order[grey[order]]
+    shade = np.full(len(shown), 0.93) if grey is None else brightness[shown]
+    size = (72.0 / DPI) ** 2
+    axes.scatter(
+        u[shown], v[shown], s=size, c=shade, cmap='gray', vmin=0, vmax=1, marker='s', linewidths=0
+    )
+    for mask, colour in coloured:
+        some = order[mask[order]]
+        axes.scatter(u[some], v[some], s=5 * size, c=colour, marker='o', linewidths=0)
+
+
+def _legend(figure: Figure, title: str) -> None:
+    entries = (
+        ('good point', '#8d9299'),
+        ('outlier still in the cloud', LEFT),
+        ('outlier taken out', FOUND),
+        ('good point taken out', LOST),
+    )
+    add_legend(figure, entries)
+    figure.text(0.012, 0.966, title, fontsize=13, color=INK)
+
+
+def add_legend(figure: Figure, entries: Sequence[tuple[str, str]]) -> None:
+    """Name dots, by text and colour, in the upper right corner of a figure."""
+    handles = [
+        Line2D([], [], marker='o', linestyle='', markersize=7, color=colour, label=text)
+        for text, colour in entries
+    ]
+    figure.legend(
+        handles=handles,
+        loc='upper right',
+        ncols=len(entries),
+        frameon=False,
+        fontsize=13,
+        labelcolor=INK,
+        handletextpad=0.1,
+        columnspacing=1.4,
+        bbox_to_anchor=(0.995, 1.0),
+    )

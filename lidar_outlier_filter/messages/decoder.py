@@ -1,0 +1,325 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""PointCloud2 → Points: which field is the time, what makes a line, which returns are missing."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.points import SECOND, Points, is_return
+from lidar_outlier_filter.core.scan_lines import LineCounter
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE, is_empty, structured
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+TIME_NAMES = ('t', 'time', 'timestamp', 'time_stamp', 'offset_time', 'time_offset', 't_offset')
+LINE_NAMES = ('ring', 'channel', 'line', 'laser_id')
+NANOSECONDS = {'s': SECOND, 'us': 1000, 'ns': 1}
+LONGEST = 2**61  # nanoseconds: 73 years, and sums of two still fit
+
+
+@dataclass(frozen=True)
+class Convention:
+    """How the clouds of one layout are read; ``None`` where there is no field."""
+
+    time_field: str | None
+    time_unit: str
+    time_is_absolute: bool
+    line_source: str
+    line_field: str | None
+    missing: str = ''
+
+    def __str__(self) -> str:
+        """Say in one sentence what was found."""
+        if self.time_field is None:
+            time = 'times from points_per_second'
+        else:
+            reference = 'absolute' if self.time_is_absolute else 'from the header stamp'
+            time = f'times from field {self.time_field!r} ({self.time_unit}, {reference})'
+        lines = f'field {self.line_field!r}' if self.line_field else self.line_source
+        return f'{time}, scan lines by {lines}'
+
+
+class Decoder:
+    """Reads the clouds of one topic; remembers what was found and the scan line it is in."""
+
+    def __init__(
+        self,
+        parameters: FilterParameters,
+        inform: Callable[[str], object] = str,
+        warn: Callable[[str], object] = str,
+    ) -> None:
+        """Take the parameters; ``inform`` and ``warn`` are told once what is found and missing."""
+        self.parameters = parameters
+        self._inform = inform
+        self._warn = warn
+        self._found: dict[np.dtype[np.void], Convention] = {}
+        self._counter = LineCounter()
+        self._before = self._counter
+
+    def compile(self) -> None:
+        """Run every kernel once on nothing, so that it is ready for the first cloud."""
+        is_return(np.empty((0, 3)))
+        LineCounter().by_angle(np.empty(0), np.empty(0, np.bool_))
+
+    # Signalling NaN are NaN like any other: no warning where they are converted or compared.
+    @np.errstate(invalid='ignore')
+    def decode(self, msg: Any) -> Points:
+        """Read a cloud, row by row.
+
+        Returns
+        -------
+        Points
+            One for each point of the message. Time of invalid points is 0.
+
+        Raises
+        ------
+        CloudError
+            If the cloud cannot be read, or a valid point has no time or no standard deviation.
+
+        """
+        self._before = copy.copy(self._counter)
+        view = self.view(msg)
+        if view is None:
+            return _nothing(with_sigma=bool(self.parameters.alpha_beta_gamma.sigma_field))
+        xyz = np.empty((view.size, 3))
+        for i, axis in enumerate(AXES):
+            xyz[:, i] = _column(view, axis)
+        valid = is_return(xyz)
+        stamp = msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec
+        convention = self._convention(view, valid)
+        if convention is None:
+            # No valid point: nothing to find out from, and nothing to judge.
+            zeros = np.zeros(view.size, np.int64)
+            return Points(xyz, zeros, zeros, valid, self._sigma(view, valid))
+        t = self._time(view, valid, stamp, convention)
+        sigma = self._sigma(view, valid)
+        line = self._line(view, xyz, valid, convention)
+        # By now nothing is refused any more.
+        self._remember(view.dtype, convention)
+        return Points(xyz, t, line, valid, sigma)
+
+    def view(self, msg: Any) -> NDArray[np.void] | None:
+        """View the points of a cloud as it is; None where it has none.
+
+        Raises
+        ------
+        CloudError
+            If it could not be answered.
+
+        """
+        self._refuse_scores(msg)
+        if is_empty(msg):
+            return None
+        view = structured(msg)
+        self._refuse_holes(view)
+        return view
+
+    def undo(self) -> None:
+        """Forget the scan lines that the last cloud began: it was refused after all."""
+        self._counter = self._before
+
+    def _refuse_scores(self, msg: Any) -> None:
+        """Refuse a cloud that has the scores already, where they are to be added."""
+        names = [item.name for item in msg.fields]
+        if self.parameters.scores and (SCORE in names or DETECTORS in names):
+            raise CloudError('the fields', f'without {SCORE} and {DETECTORS}', ', '.join(names))
+
+    def _refuse_holes(self, view: NDArray[np.void]) -> None:
+        """Refuse an organised cloud that could not keep its shape, where it is to."""
+        if self.parameters.keep_organized and view.shape[0] > 1:
+            for axis in AXES:
+                if view.dtype[axis].kind != 'f':
+                    must_be = 'a float, to become NaN under keep_organized'
+                    raise CloudError(f'field {axis!r}', must_be, str(view.dtype[axis]))
+
+    def _convention(self, view: NDArray[np.void], valid: NDArray[np.bool_]) -> Convention | None:
+        """Look up how clouds of this layout are read, or find it out from this one."""
+        if view.dtype in self._found:
+            return self._found[view.dtype]
+        return self._find_out(view, valid) if valid.any() else None
+
+    def _remember(self, dtype: np.dtype[np.void], convention: Convention) -> None:
+        """Read all clouds of this layout in the same way, and tell so once."""
+        if dtype not in self._found:
+            self._found[dtype] = convention
+            self._inform(str(convention))
+            if convention.missing:
+                self._warn(
+                    f'among the fields {", ".join(dtype.names or ())} there is {convention.missing}'
+                )
+
+    def _find_out(self, view: NDArray[np.void], valid: NDArray[np.bool_]) -> Convention:
+        parameters = self.parameters
+        names = ', '.join(view.dtype.names or ())
+        missing = []
+        time_field = _choose(view, parameters.time_field, TIME_NAMES, 'time_field', 'iuf')
+        unit, absolute = parameters.time_unit, parameters.time_reference == 'absolute'
+        if time_field is None:
+            if parameters.points_per_second == 0:
+                must_be = (
+                    'one of ' + ', '.join(TIME_NAMES) + ', or time_field or points_per_second set'
+                )
+                raise CloudError('the time field', must_be, f'the fields {names}')
+            rate = parameters.points_per_second
+            missing.append(
+                f'no time field: the order of the points counts, at points_per_second {rate:g}'
+            )
+        else:
+            values = np.abs(_column(view, time_field)[valid].astype(np.float64))
+            unit = guess_unit(view.dtype[time_field], values) if unit == 'auto' else unit
+            if parameters.time_reference == 'auto':
+                largest = float(np.nanmax(values, initial=0))
+                absolute = largest * NANOSECONDS[unit] > 10 * SECOND
+        source, line_field = parameters.line_source, None
+        if source in {'auto', 'field'}:
+            line_field = _choose(view, parameters.line_field, LINE_NAMES, 'line_field', 'iu')
+        if source == 'field' and line_field is None:
+            raise CloudError(
+                'the line field', 'one of ' + ', '.join(LINE_NAMES), f'the fields {names}'
+            )
+        if source == 'auto':
+            source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
+            if source != 'field':
+                missing.append(f'no line field: each {source} is a scan line (line_source)')
+        return Convention(time_field, unit, absolute, source, line_field, '; '.join(missing))
+
+    def _time(
+        self, view: NDArray[np.void], valid: NDArray[np.bool_], stamp: int, convention: Convention
+    ) -> NDArray[np.int64]:
+        if convention.time_field is None:
+            # The points of a column of an organised cloud are fired together.
+            height, width = view.shape
+            column = np.tile(np.arange(width), height)
+            step = height * SECOND / self.parameters.points_per_second
+            after: NDArray[np.int64] = np.rint(column * step).astype(np.int64)
+            return after + stamp
+        t = to_nanoseconds(_column(view, convention.time_field), valid, convention.time_unit)
+        start = 0 if convention.time_is_absolute else stamp
+        return np.asarray(np.where(valid, t + start, 0))
+
+    def _line(
+        self,
+        view: NDArray[np.void],
+        xyz: NDArray[np.float64],
+        valid: NDArray[np.bool_],
+        convention: Convention,
+    ) -> NDArray[np.int64]:
+        height, width = view.shape
+        if convention.line_source == 'field':
+            return np.asarray(_column(view, str(convention.line_field)).astype(np.int64))
+        if convention.line_source == 'row':
+            return np.repeat(np.arange(height), width)
+        if convention.line_source == 'message':
+            return self._counter.next_line(view.size)
+        return self._counter.by_angle(self._angle(view, xyz), valid)
+
+    def _angle(self, view: NDArray[np.void], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        parameters = self.parameters
+        if parameters.angle_field:
+            angle = _named(view, parameters.angle_field, 'angle_field', 'iuf').astype(np.float64)
+            return np.deg2rad(angle) if parameters.angle_unit == 'deg' else angle
+        first, second = (AXES.index(axis) for axis in parameters.angle_plane)
+        return np.arctan2(xyz[:, second], xyz[:, first])
+
+    def _sigma(
+        self, view: NDArray[np.void], valid: NDArray[np.bool_]
+    ) -> NDArray[np.float64] | None:
+        name = self.parameters.alpha_beta_gamma.sigma_field
+        if not name:
+            return None
+        sigma = _named(view, name, 'alpha_beta_gamma.sigma_field', 'iuf').astype(np.float64)
+        wrong = valid & ~((sigma > 0) & np.isfinite(sigma))
+        if wrong.any():
+            raise CloudError(f'field {name!r}', 'more than 0 and finite', sigma[wrong][0])
+        return sigma
+
+
+def _nothing(*, with_sigma: bool) -> Points:
+    none = np.empty(0, np.int64)
+    sigma = np.empty(0) if with_sigma else None
+    return Points(np.empty((0, 3)), none, none, np.empty(0, np.bool_), sigma)
+
+
+def _column(view: NDArray[np.void], name: str) -> NDArray[Any]:
+    return np.asarray(view[name]).reshape(-1)
+
+
+def _named(view: NDArray[np.void], name: str, parameter: str, kinds: str) -> NDArray[Any]:
+    """Return the column that a parameter names, or refuse the cloud."""
+    names = view.dtype.names or ()
+    if name not in names:
+        raise CloudError(
+            f'the fields, with {parameter} {name!r},', f'with {name!r}', ', '.join(names)
+        )
+    if view.dtype[name].kind not in kinds:
+        must_be = 'a single number' if 'f' in kinds else 'a single whole number'
+        raise CloudError(f'field {name!r}', must_be, str(view.dtype[name]))
+    return _column(view, name)
+
+
+def _choose(
+    view: NDArray[np.void], name: str, usual: tuple[str, ...], parameter: str, kinds: str
+) -> str | None:
+    """Return the field that a parameter names; under 'auto' the first usual one that fits."""
+    if name != 'auto':
+        _named(view, name, parameter, kinds)
+        return name
+    names = view.dtype.names or ()
+    return next((n for n in usual if n in names and view.dtype[n].kind in kinds), None)
+
+
+def guess_unit(dtype: np.dtype[Any], size: NDArray[np.float64]) -> str:
+    """Tell seconds from nanoseconds by the type of a time field and the size of its values.
+
+    Integers are nanoseconds (Ouster ``t``, Autoware ``time_stamp``, Livox ``offset_time``); float32
+    are seconds (Velodyne ``time``). A float64 is seconds up to 10 (relative) and from 1e9 to 1e14
+    (absolute since 2001: Hesai, Robosense ``timestamp``), nanoseconds from 1e14 (absolute: Livox
+    ``timestamp``); between 10 and 1e9 it is nanoseconds if all are whole numbers (relative), else
+    seconds since the sensor's start.
+
+    """
+    if dtype.kind != 'f':
+        return 'ns'
+    largest = float(np.nanmax(size, initial=0))
+    if dtype.itemsize == 4 or largest <= 10:  # noqa: PLR2004  float32; ten seconds
+        return 's'
+    if largest >= 1e14:  # noqa: PLR2004
+        return 'ns'
+    whole = bool((size == np.floor(size)).all())
+    return 'ns' if largest < 1e9 and whole else 's'  # noqa: PLR2004
+
+
+def to_nanoseconds(values: NDArray[Any], valid: NDArray[np.bool_], unit: str) -> NDArray[np.int64]:
+    """Convert times to whole nanoseconds; what is not valid becomes 0.
+
+    Whole and broken part of a float are scaled apart, so that absolute stamps keep what they hold.
+
+    Raises
+    ------
+    CloudError
+        If a valid point's time is not finite or beyond ±73 years.
+
+    """
+    factor = NANOSECONDS[unit]
+    known = np.where(valid, values, values.dtype.type(0))
+    fine = np.abs(known.astype(np.float64)) < LONGEST / factor
+    if not fine.all():
+        raise CloudError('the time of a point', 'finite and within 73 years', known[~fine][0])
+    if known.dtype.kind != 'f':
+        return np.asarray(known.astype(np.int64) * factor)
+    exact = known.astype(np.float64)
+    whole = np.floor(exact)
+    return np.asarray(
+        whole.astype(np.int64) * factor + np.rint((exact - whole) * factor).astype(np.int64)
+    )

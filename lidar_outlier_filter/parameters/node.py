@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The sections of parameters.py that are for a node on a vehicle: motion, load, health."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.declaration import declare
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where the sensor is when, so that points of different times lie in one frame."""
+
+    source: str = declare(
+        'none',
+        'none: clouds are georeferenced, or a sweep is short; odometry: nav_msgs/Odometry on '
+        'motion.topic, with the sensor at x to yaw in its child frame; tf: from the frame of the '
+        'cloud to motion.fixed_frame.',
+        choices=('none', 'odometry', 'tf'),
+        fixed=True,
+    )
+    topic: str = declare('odometry', 'Topic of the odometry.', fixed=True)
+    fixed_frame: str = declare('odom', 'Frame that stands still (tf).', fixed=True)
+    x: float = declare(0.0, 'Sensor in front of the child frame.', 'm', -1000.0, 1000.0, fixed=True)
+    y: float = declare(0.0, 'Sensor to the left of it.', 'm', -1000.0, 1000.0, fixed=True)
+    z: float = declare(0.0, 'Sensor above it.', 'm', -1000.0, 1000.0, fixed=True)
+    roll: float = declare(
+        0.0,
+        'Its rotation, first about x, as static_transform_publisher has it.',
+        'rad',
+        -7,
+        7,
+        fixed=True,
+    )
+    pitch: float = declare(0.0, 'Then about y.', 'rad', -7.0, 7.0, fixed=True)
+    yaw: float = declare(0.0, 'Then about z.', 'rad', -7.0, 7.0, fixed=True)
+    max_gap: float = declare(
+        0.2, 'Longest time between two poses that is interpolated.', 's', 1e-6, 60.0, fixed=True
+    )
+
+    def check(self, inputs: int) -> None:
+        """Refuse one mounting for several inputs."""
+        if inputs > 1 and self.source == 'odometry':
+            must_be = "'none' or 'tf' with several inputs, which are not at the same place"
+            raise ParameterError('motion.source', must_be, "'odometry'")
+
+
+@dataclass(frozen=True)
+class Load:
+    """What waits to be filtered, and what becomes of it when it is too much."""
+
+    policy: str = declare(
+        'drop_oldest',
+        'When clouds come faster than they are filtered: drop_oldest: the oldest get no answer; '
+        'pass_through: they pass unfiltered; shed: the smoother alone filters them, and what is '
+        'still too much, or where the chain has no smoother all, passes unfiltered.',
+        choices=('drop_oldest', 'pass_through', 'shed'),
+    )
+    clouds: int = declare(
+        1000, 'Most clouds that wait to be filtered; the oldest is dropped.', '', 1, 100_000
+    )
+    megabytes: int = declare(
+        512, 'Most memory of the clouds that wait to be filtered.', 'MB', 1, 1_000_000
+    )
+
+
+@dataclass(frozen=True)
+class Health:
+    """When the diagnostics warn, and when they tell of an error; each above its limit."""
+
+    delay_warn: float = declare(
+        0.9, '95th percentile of the delay of clouds, as a share of max_delay.', '', 0.0, 1000.0
+    )
+    delay_error: float = declare(1.5, 'Likewise: an error.', '', 0.0, 1000.0)
+    unfiltered_warn: float = declare(
+        0.0,
+        'Share of the clouds that were refused, lost on the way, dropped, too many to filter, or '
+        'judged without poses.',
+        '',
+        0.0,
+        1.0,
+    )
+    unfiltered_error: float = declare(0.5, 'Likewise: an error.', '', 0.0, 1.0)
+    rejected_warn: float = declare(0.5, 'Share of the points that were rejected.', '', 0.0, 1.0)
+    rejected_error: float = declare(0.9, 'Likewise: an error.', '', 0.0, 1.0)
+    untested_warn: float = declare(
+        0.9, 'Share of the points that no detector could test.', '', 0.0, 1.0
+    )
+    untested_error: float = declare(1.0, 'Likewise: an error.', '', 0.0, 1.0)
+    silence_warn: float = declare(2.0, 'Time without a cloud.', 's', 0.0, 1e6)
+    silence_error: float = declare(10.0, 'Likewise: an error.', 's', 0.0, 1e6)
+
+    def check(self) -> None:
+        """Refuse a warning that comes after the error."""
+        for name in ('delay', 'unfiltered', 'rejected', 'untested', 'silence'):
+            warn, error = getattr(self, f'{name}_warn'), getattr(self, f'{name}_error')
+            if warn > error:
+                must_be = f'at most health.{name}_error = {error:g}'
+                raise ParameterError(f'health.{name}_warn', must_be, f'{warn:g}')

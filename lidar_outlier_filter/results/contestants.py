@@ -1,0 +1,233 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Who is compared: sets of parameters of this filter by name, and peers with their own code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence.features import WITNESSES
+from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.results.samples import Sample
+
+    Floats = NDArray[np.floating]
+    Mask = NDArray[np.bool_]
+    Judge = Callable[[NDArray[np.float64]], 'Told']
+
+DEFAULT = 'default'
+NEIGHBOURS, FACTOR, DEVIATIONS = 20, 1.2, 2.0
+RADIUS, FEWEST = 0.5, 3  # the defaults of sor.statistic: radius
+WEIGHTS = ('evidence_profile', 'evidence_spinning')
+MOST = 300_000  # points of one cloud that slow peers are given
+
+
+class Told(NamedTuple):
+    """What is said of N points: whether rejected, and the score behind it, where there is one."""
+
+    rejected: Mask
+    score: Floats | None
+
+
+class Contestant(Protocol):
+    """Somebody who judges samples."""
+
+    @property
+    def name(self) -> str:
+        """What the tables call it."""
+
+    def suits(self, sample: Sample) -> bool:
+        """Tell whether it can judge a sample."""
+
+    def judge(self, sample: Sample) -> Told:
+        """Judge all points of a sample, in their order."""
+
+
+@dataclass(frozen=True)
+class Ours:
+    """A set of parameters of this filter: the defaults, some of them changed.
+
+    Attributes
+    ----------
+    name : str
+    values : parameters by their dotted names; all others are the defaults
+    needs_origin : whether it uses the distance from the sensor, which only sweeps in the sensor's
+        own frame tell
+    only : beginnings of names of the samples that it is for; empty: all
+
+    """
+
+    name: str
+    values: Mapping[str, object] = field(default_factory=dict)
+    needs_origin: bool = False
+    only: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """All of its parameters."""
+        return FilterParameters().changed(self.values)
+
+    def suits(self, sample: Sample) -> bool:
+        """Tell whether its detectors can look at a sample."""
+        meant = not self.only or sample.name.startswith(self.only)
+        placed = sample.in_own_frame or not self.needs_origin
+        return meant and placed and sample.suits(self.parameters.chain)
+
+    def judge(self, sample: Sample) -> Told:
+        """Judge a recording in blocks, as the node does, and one cloud as a whole, as ``clean``."""
+        verdict = sample.data.judge(self.parameters)
+        return Told(verdict.rejected, verdict.score)
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Somebody else's code, given whole clouds; too large ones are left out."""
+
+    name: str
+    cloud: Judge
+    most: int | None = None
+
+    def suits(self, sample: Sample) -> bool:
+        """Tell whether no cloud is too large."""
+        return self.most is None or max(map(len, sample.clouds)) <= self.most
+
+    def judge(self, sample: Sample) -> Told:
+        """Judge cloud by cloud."""
+        told = [self.cloud(xyz) for xyz in sample.clouds]
+        scores = [one.score for one in told if one.score is not None]
+        rejected = np.concatenate([one.rejected for one in told])
+        return Told(rejected, np.concatenate(scores) if scores else None)
+
+
+# Algorithm (a) of Leslar et al. (2010) is PAPER; (b) is a patch around each point, (c) a section.
+ONE_SURFACE = {
+    'quadric.surfaces': 1,
+    'quadric.start': 'all',
+    'quadric.significance': PAPER['alpha_beta_gamma.significance'],
+}
+PATCH = {**ONE_SURFACE, 'quadric.window': 'patch'}
+FORM_A, FORM_B, FORM_C, FORM_AB = (
+    f'Leslar 2010 {which}' for which in ('(a)', '(b)', '(c)', '(a), then (b)')
+)
+SMALL_ONES = ('leslar-b', 'leslar-c')  # a surface for each point takes minutes on larger ones
+KANG_60 = '`elevation`, k = 60'
+ALL_THREE = ('alpha_beta_gamma', 'quadric', 'lof')
+
+OURS: tuple[Ours, ...] = (
+    Ours(DEFAULT),
+    Ours('`alpha_beta_gamma`', {'chain': ('alpha_beta_gamma',)}),
+    Ours(FORM_A, {**PAPER, 'chain': ('alpha_beta_gamma',)}),
+    Ours('`quadric`', {'chain': ('quadric',)}),
+    Ours(FORM_B, {**PATCH, 'chain': ('quadric',)}, only=SMALL_ONES),
+    Ours(FORM_C, {**ONE_SURFACE, 'chain': ('quadric',)}),
+    Ours(FORM_AB, {**PAPER, **PATCH, 'chain': ('alpha_beta_gamma', 'quadric')}, only=SMALL_ONES),
+    Ours('`lof`', {'chain': ('lof',)}),
+    Ours('`sor`', {'chain': ('sor',)}),
+    Ours('`sor`, radius', {'chain': ('sor',), 'sor.statistic': 'radius'}),
+    Ours(
+        '`sor` as DROR',
+        {
+            'chain': ('sor',),
+            'sor.statistic': 'radius',
+            'sor.range_scaled': True,
+            'sor.radius': 0.05,
+            'sor.range_factor': 0.035,
+        },
+        needs_origin=True,
+    ),
+    Ours(
+        '`sor` as DSOR',
+        {
+            'chain': ('sor',),
+            'sor.k': 4,
+            'sor.multiplier': 0.01,
+            'sor.range_scaled': True,
+            'sor.range_factor': 0.05,
+        },
+        needs_origin=True,
+    ),
+    Ours('`hierarchical`', {'chain': ('hierarchical',)}),
+    Ours('`elevation`', {'chain': ('elevation',)}),
+    Ours(KANG_60, {'chain': ('elevation',), 'elevation.k': 60}, only=('kang-',)),
+    Ours('`alpha_beta_gamma`, `quadric`, `lof`', {'chain': ALL_THREE}),
+    Ours('two of these three (`vote: 2`)', {'chain': ALL_THREE, 'vote': 2}),
+)
+
+
+def peers() -> tuple[Peer, ...]:
+    """List the peers that are installed."""
+    found: list[Peer] = []
+    if find_spec('open3d') is not None:
+        found += [
+            Peer(f'Open3D SOR({NEIGHBOURS}, {DEVIATIONS})', _open3d_sor),
+            Peer(f'Open3D radius({FEWEST}, {RADIUS})', _open3d_radius, MOST),
+        ]
+    if find_spec('sklearn') is not None:
+        name = f'scikit-learn LOF({NEIGHBOURS}) > {FACTOR}'
+        found.append(Peer(name, _sklearn_lof, MOST))
+    return tuple(found)
+
+
+def missing() -> list[str]:
+    """List the packages of peers that are not installed."""
+    packages = {'open3d': 'Open3D', 'sklearn': 'scikit-learn'}
+    return [name for module, name in packages.items() if find_spec(module) is None]
+
+
+def _open3d(xyz: NDArray[np.float64]) -> Any:
+    open3d = import_module('open3d')
+    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz))
+
+
+def _without(count: int, kept: Any) -> Told:
+    rejected = np.ones(count, np.bool_)
+    rejected[np.asarray(kept, np.intp)] = False
+    return Told(rejected, None)
+
+
+def _open3d_sor(xyz: NDArray[np.float64]) -> Told:
+    return _without(len(xyz), _open3d(xyz).remove_statistical_outlier(NEIGHBOURS, DEVIATIONS)[1])
+
+
+def _open3d_radius(xyz: NDArray[np.float64]) -> Told:
+    return _without(len(xyz), _open3d(xyz).remove_radius_outlier(FEWEST, RADIUS)[1])
+
+
+def _sklearn_lof(xyz: NDArray[np.float64]) -> Told:
+    lof = import_module('sklearn.neighbors').LocalOutlierFactor(NEIGHBOURS, n_jobs=-1)
+    lof.fit(xyz)
+    factor = -lof.negative_outlier_factor_
+    return Told(factor > FACTOR, factor)
+
+
+def ablations(whole: Mapping[str, object] = MappingProxyType({})) -> list[Ours]:
+    """Take each part of a chain away in turn: each detector, if there are several.
+
+    Of ``evidence``, each witness, the second pass and the groups. Thresholds stay as they are.
+    """
+    chain = FilterParameters().changed(whole).chain
+    several = len(chain) > 1
+    parts = [
+        Ours(f'without `{name}`', {**whole, 'chain': tuple(n for n in chain if n != name)})
+        for name in chain
+        if several
+    ]
+    if 'evidence' in chain:
+        changes = {f'without `{name}`': (name, 0.0) for name in WITNESSES}
+        changes |= {'one pass': ('passes', 1), 'without slanted groups': ('slanted', False)}
+        parts += [
+            Ours(title, {**whole, **{f'{kind}.{name}': value for kind in WEIGHTS}})
+            for title, (name, value) in changes.items()
+        ]
+    return parts

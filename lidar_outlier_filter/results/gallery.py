@@ -1,0 +1,222 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The worst failures of the default chain: what it lost, what it missed, and why."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence import features as witnesses
+from lidar_outlier_filter.core.detectors.evidence.detector import hear_first
+from lidar_outlier_filter.core.detectors.evidence.surface import K
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.points import concatenate
+from lidar_outlier_filter.evaluation.report import words
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.results import gallery_picture
+from lidar_outlier_filter.results.gallery_picture import Cutout
+from lidar_outlier_filter.results.markdown import image, number, paragraphs, table
+from lidar_outlier_filter.results.samples import simulated
+from lidar_outlier_filter.simulation.scene import Cause, Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.results.contest import Progress
+    from lidar_outlier_filter.results.samples import Sample
+
+    Floats = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+MOST = 10  # of each kind, for each sample
+APART = 1.0  # metres between two that are shown
+SHOWN, REACH = 240, 4.0  # points of a cutout, and how far they are at most, metres
+LOUD = 2  # witnesses that are named
+
+
+class Failure(NamedTuple):
+    """One point that was judged wrongly.
+
+    Attributes
+    ----------
+    lost : whether it is good and was rejected; otherwise an outlier that was left
+    what : surface or cause
+    score : that it was judged by; above 1 rejected
+    off : distance from the surface of its neighbours, metres
+    sigma : standard deviation of these from it, metres
+    loudest : what most condemned it, and with how much of the threshold
+    cutout : what lies around it
+
+    """
+
+    lost: bool
+    what: str
+    score: float
+    off: float
+    sigma: float
+    loudest: tuple[tuple[str, float], ...]
+    cutout: Cutout
+
+
+def worst(score: NDArray[np.floating], wrong: Mask, xyz: Floats, *, lost: bool) -> list[int]:
+    """Choose the ten that are judged most wrongly, each a metre from all that are chosen before.
+
+    Lost points are worse the higher they score, missed ones the lower; untested ones lowest.
+    """
+    told = np.where(np.isnan(score), -np.inf, score)
+    candidates = np.flatnonzero(wrong)
+    candidates = candidates[
+        np.argsort(-told[candidates] if lost else told[candidates], kind='stable')
+    ]
+    chosen: list[int] = []
+    for i in candidates:
+        apart = np.linalg.norm(xyz[chosen] - xyz[i], axis=1)
+        if (apart > APART).all():
+            chosen.append(int(i))
+            if len(chosen) == MOST:
+                break
+    return chosen
+
+
+def failures(sample: Sample, parameters: FilterParameters) -> list[Failure]:
+    """Judge a recording as the node does; return the worst losses, then the worst misses."""
+    points = concatenate(sample.data.clouds)
+    verdict = sample.data.judge(parameters)
+    rejected, bad = verdict.rejected, sample.data.bad
+    picked = [(i, True) for i in worst(verdict.score, rejected & ~bad, points.xyz, lost=True)]
+    picked += [(i, False) for i in worst(verdict.score, bad & ~rejected, points.xyz, lost=False)]
+    found = []
+    for i, lost in picked:
+        block = _block(points, i, parameters)
+        here = int(np.searchsorted(block, i))
+        code = int(sample.code[i])
+        kind = None if sample.surface is None else Kind(int(sample.surface[i]))
+        found.append(
+            Failure(
+                lost,
+                words((Cause(code) if code or kind is None else kind).name),
+                float(verdict.score[i]),
+                *_testimony(points.take(block), here, parameters),
+                _cutout(points.xyz[block], here, bad[block], rejected[block]),
+            )
+        )
+    return found
+
+
+def _block(points: Points, i: int, parameters: FilterParameters) -> NDArray[np.intp]:
+    """Return the points of the block of one of them, and of the halo before and after it."""
+    length, halo = (round(1e9 * seconds) for seconds in (parameters.block, parameters.halo))
+    begin = points.t[i] // length * length
+    return np.flatnonzero((points.t >= begin - halo) & (points.t < begin + length + halo))
+
+
+def _testimony(
+    points: Points, i: int, parameters: FilterParameters
+) -> tuple[float, float, tuple[tuple[str, float], ...]]:
+    """Tell how far a point is off its surface, how even that is, and who condemned it most."""
+    if len(points) <= K:
+        return np.nan, np.nan, ()
+    neighbourhood = Neighbourhood(points.xyz, K)
+    scan = witnesses.see(neighbourhood, points, parameters.gap_factor)
+    weights, told = hear_first(scan, parameters)
+    at = int(np.flatnonzero(neighbourhood.order == i)[0])
+    threshold = parameters.evidence.threshold * weights.threshold
+    shares = {
+        name: getattr(weights, name) * float(word) / threshold
+        for name, word in zip(witnesses.WITNESSES, told.words[at], strict=True)
+    }
+    loudest = sorted(shares.items(), key=lambda share: -share[1])[:LOUD]
+    return (
+        float(told.around.off[at]),
+        float(told.around.scale[at]),
+        tuple((name, share) for name, share in loudest if share > 0),
+    )
+
+
+def _cutout(xyz: Floats, i: int, bad: Mask, rejected: Mask) -> Cutout:
+    """Look at what lies nearest around a point along its surface, from the side.
+
+    To the right is the direction in which it extends most, up that in which it extends least.
+    """
+    distance = np.linalg.norm(xyz - xyz[i], axis=1)
+    near = np.argsort(distance, kind='stable')[:SHOWN]
+    near = near[distance[near] <= REACH]
+    there = xyz[near] - xyz[i]
+    shape = there[~bad[near]] if np.count_nonzero(~bad[near]) > K else there
+    shape = shape - shape.mean(axis=0)
+    _, axes = np.linalg.eigh(shape.T @ shape)
+    return Cutout(there @ axes[:, [2, 0]], bad[near], rejected[near])
+
+
+def section(presets: Sequence[str], seeds: Sequence[int], folder: Path, progress: Progress) -> str:
+    """Draw and list the worst failures on each preset, of all seeds together."""
+    parameters = FilterParameters()
+    parts: list[str] = []
+    for done, preset in enumerate(presets):
+        found: list[Failure] = []
+        for number_, seed in enumerate(seeds):
+            what = f'failures on {preset}, seed {seed}'
+            progress(done * len(seeds) + number_, len(presets) * len(seeds), what)
+            for sample in simulated(preset, seed):
+                found += failures(sample, parameters)
+        parts += _part(preset, _worst_of(found), folder)
+    if not parts:
+        return paragraphs(
+            '## Failure gallery', 'None of the presets with a target were in this run.'
+        )
+    return paragraphs(
+        '## Failure gallery',
+        f'Of each preset with a target, on seeds {", ".join(map(str, seeds))} together: up to '
+        f'{MOST} good points that the default lost with the highest scores, and as many outliers '
+        f'that it left with the lowest; each more than {APART:g} m from the others of its drive. '
+        f'A panel shows the {SHOWN} points nearest to one of them, up to {REACH:g} m away, that '
+        'are judged in the same block, from the side: right is the direction in which they extend '
+        'most, up that in which they extend least, with scales of their own, in metres. Witnesses '
+        'are those that condemn the point most, each with its part of the threshold, before '
+        'anything was rejected.',
+        *parts,
+    )
+
+
+def _worst_of(found: Sequence[Failure]) -> list[Failure]:
+    lost = sorted((one for one in found if one.lost), key=lambda one: -one.score)
+    missed = sorted((one for one in found if not one.lost), key=lambda one: one.score)
+    return lost[:MOST] + missed[:MOST]
+
+
+def _part(preset: str, found: Sequence[Failure], folder: Path) -> tuple[str, ...]:
+    title = f'### {preset}'
+    if not found:
+        return title, 'Nothing was lost, and nothing missed.'
+    name = f'results_failures_{preset.replace("-", "_")}.png'
+    gallery_picture.draw([_panel(one) for one in found], folder / name)
+    lost = sum(one.lost for one in found)
+    text = f'{lost} good points that were lost and {len(found) - lost} outliers that were missed'
+    return title, image(name, text), _table(found)
+
+
+def _panel(failure: Failure) -> tuple[str, Cutout]:
+    kind = 'lost' if failure.lost else 'missed'
+    return f'{kind}: {failure.what}, {number(failure.score, 2)}', failure.cutout
+
+
+def _table(found: Sequence[Failure]) -> str:
+    return table(
+        ('point', 'score', 'off its surface, cm', 'σ of that, cm', 'loudest witnesses'),
+        [
+            (
+                f'{"lost" if one.lost else "missed"}: {one.what}',
+                number(one.score, 2),
+                number(100 * one.off, 1),
+                number(100 * one.sigma, 1),
+                ', '.join(f'{name} {share:.2f}' for name, share in one.loudest) or 'none',
+            )
+            for one in found
+        ],
+    )

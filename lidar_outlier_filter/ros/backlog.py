@@ -1,0 +1,186 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What waits to be filtered, and what becomes of it when it is too much. Knows no ROS."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from lidar_outlier_filter.parameters.node import Load
+
+    Command = Callable[[], object]
+
+BUSY = 0.5  # pressure from which on there is too much; until nothing waits any more
+FULL = 0.75  # pressure at which even the smoother alone is too slow
+LEAST_LEAD, MOST_LEAD = 0.1, 0.5  # share of max_delay that is kept for the verdict
+FORGET = 0.95  # of the longest time that a cloud took, from one cloud to the next
+
+
+@dataclass
+class Received:
+    """A cloud in wait, when it was received (ns of the clock of max_delay), and its bytes."""
+
+    msg: Any
+    at: int
+    size: int
+
+
+class Inbox:
+    """Between the thread that receives and the one that filters: bounded, in order.
+
+    Commands are done between two clouds: at once, or in their turn among the clouds.
+    """
+
+    def __init__(self, load: Load) -> None:
+        """Take the bounds."""
+        self.load = load
+        self._changed = threading.Condition()
+        self._items: deque[Received | Command] = deque()
+        self._commands: deque[Command] = deque()
+        self._clouds = self._size = 0
+        self._woken = self._closed = False
+
+    @property
+    def clouds(self) -> int:
+        """Count the clouds that wait."""
+        return self._clouds
+
+    @property
+    def size(self) -> int:
+        """Count their bytes."""
+        return self._size
+
+    @property
+    def fill(self) -> float:
+        """Tell how full it is: 1 is as full as it gets."""
+        return max(self._clouds / self.load.clouds, self._size / (self.load.megabytes * 1e6))
+
+    def put(self, item: Received) -> int:
+        """Add a cloud; return how many of the oldest were dropped for it. One always has room."""
+        dropped = 0
+        with self._changed:
+            self._add(item)
+            while self._clouds > 1 and self.fill > 1 and not self._closed:
+                dropped += self._drop_oldest()
+            self._changed.notify()
+        return dropped
+
+    def order(self, command: Command, *, in_turn: bool = False) -> None:
+        """Have a command done, at once or after the clouds that wait."""
+        with self._changed:
+            (self._items if in_turn else self._commands).append(command)
+            self._changed.notify()
+
+    def wake(self) -> None:
+        """Let ``take`` return."""
+        with self._changed:
+            self._woken = True
+            self._changed.notify()
+
+    def close(self, *, discard: bool = False) -> None:
+        """Let ``take`` return what is left, however much, and then say that it is done."""
+        with self._changed:
+            self._closed = True
+            if discard:
+                self._items.clear()
+                self._commands.clear()
+                self._clouds = self._size = 0
+            self._changed.notify()
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing is expected any more."""
+        return self._closed
+
+    def take(self, seconds: float | None) -> Received | Command | None:
+        """Wait, for ``seconds`` at most, and return what comes next; None for nothing."""
+        with self._changed:
+            self._changed.wait_for(self._is_due, seconds)
+            self._woken = False
+            if self._commands:
+                return self._commands.popleft()
+            if not self._items:
+                return None
+            item = self._items.popleft()
+            if isinstance(item, Received):
+                self._clouds -= 1
+                self._size -= item.size
+            return item
+
+    def received_now(self, now: int) -> None:
+        """Let all that waits be received now: the clock is another."""
+        with self._changed:
+            for item in self._items:
+                if isinstance(item, Received):
+                    item.at = now
+
+    def _is_due(self) -> bool:
+        return bool(self._items or self._commands or self._woken or self._closed)
+
+    def _add(self, item: Received) -> None:
+        self._items.append(item)
+        self._clouds += 1
+        self._size += item.size
+
+    def _drop_oldest(self) -> int:
+        """Drop the oldest cloud; commands stay."""
+        index, oldest = next(
+            (index, item) for index, item in enumerate(self._items) if isinstance(item, Received)
+        )
+        del self._items[index]
+        self._clouds -= 1
+        self._size -= oldest.size
+        return 1
+
+
+class Treatment(Enum):
+    """What is done with a cloud."""
+
+    FILTER = 'filtered'
+    SHED = 'filtered by the smoother alone'
+    PASS = 'passed unfiltered'  # noqa: S105  no password
+    DROP = 'dropped'
+
+
+class Overload:
+    """Decides what is done with the next cloud, by the policy and by what waits."""
+
+    def __init__(self) -> None:
+        """Begin with nothing that waits."""
+        self.treatment = Treatment.FILTER  # of the last cloud
+        self._busy = False
+        self._longest = 0.0  # seconds that a cloud took of late
+
+    def lead(self, max_delay: float) -> float:
+        """Return the part of ``max_delay`` to be kept for the verdict, seconds."""
+        return min(max(self._longest, LEAST_LEAD * max_delay), MOST_LEAD * max_delay)
+
+    def took(self, seconds: float) -> None:
+        """Note how long a cloud took."""
+        self._longest = max(seconds, FORGET * self._longest)
+
+    def decide(self, policy: str, fill: float, age: float, max_delay: float) -> Treatment:
+        """Choose for a cloud that has waited ``age`` seconds, with ``fill`` behind it.
+
+        Too much it is from half of what may wait, or half of the time that a cloud may; and it is
+        so until nothing waits any more.
+        """
+        waited = age / (max_delay - self.lead(max_delay))
+        pressure = max(fill, waited)
+        self._busy = pressure >= BUSY or (self._busy and fill > 0)
+        self.treatment = Treatment.FILTER
+        if policy == 'drop_oldest':
+            # The newest is late, too, but nothing is gained by dropping it.
+            if waited >= 1 and fill > 0:
+                self.treatment = Treatment.DROP
+        elif self._busy:
+            passes = policy == 'pass_through' or waited >= 1 or pressure >= FULL
+            self.treatment = Treatment.PASS if passes else Treatment.SHED
+        return self.treatment

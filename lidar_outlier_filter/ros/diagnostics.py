@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a node tells how it is: /diagnostics to read, ~/statistics to plot."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+
+from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rclpy.node import Node
+
+    from lidar_outlier_filter.ros.channel import Channel
+    from lidar_outlier_filter.ros.health import Report
+
+PERIOD = 1.0  # seconds
+LEVELS = {OK: DiagnosticStatus.OK, WARN: DiagnosticStatus.WARN, ERROR: DiagnosticStatus.ERROR}
+
+
+class Diagnostics:
+    """Looks at the channels of a node once in a second of real time, and tells what it sees."""
+
+    def __init__(self, node: Node, channels: Sequence[Channel]) -> None:
+        """Begin at once."""
+        self._node = node
+        self._channels = channels
+        self._status = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._plotted = node.create_publisher(Float64MultiArray, '~/statistics', 10)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._last = self._steady.now().nanoseconds
+        self._timer = node.create_timer(PERIOD, self._look, clock=self._steady)
+
+    def _look(self) -> None:
+        now = self._steady.now().nanoseconds
+        seconds = max(now - self._last, 1) / SECOND
+        self._last = now
+        reports = [channel.look(seconds) for channel in self._channels]
+        array = DiagnosticArray()
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.status = [
+            self._tell(channel, report)
+            for channel, report in zip(self._channels, reports, strict=True)
+        ]
+        self._status.publish(array)
+        self._plotted.publish(self._plot(reports))
+
+    def _tell(self, channel: Channel, report: Report) -> DiagnosticStatus:
+        # Named as those of diagnostic_updater are.
+        return DiagnosticStatus(
+            level=LEVELS[report.level],
+            name=f'{self._node.get_fully_qualified_name().strip("/")}: {channel.resolved}',
+            message=report.message,
+            hardware_id=channel.resolved,
+            values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
+        )
+
+    def _plot(self, reports: Sequence[Report]) -> Float64MultiArray:
+        """Make a table: a row for each topic, a column for each value."""
+        topics = [channel.topic for channel in self._channels]
+        sizes = (len(topics) * len(PLOTTED), len(PLOTTED))
+        labels = (','.join(topics), ','.join(PLOTTED))
+        dimensions = [
+            MultiArrayDimension(label=label, size=label.count(',') + 1, stride=stride)
+            for label, stride in zip(labels, sizes, strict=True)
+        ]
+        data = [value for report in reports for value in report.plotted]
+        return Float64MultiArray(layout=MultiArrayLayout(dim=dimensions), data=data)

@@ -1,0 +1,285 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What becomes of the clouds of one topic, and whether that is well. Knows no ROS."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.stream.cloud_filter import Statistics
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from lidar_outlier_filter.parameters.node import Health as Limits
+
+OK, WARN, ERROR = 0, 1, 2
+ADVICE = 'for large clouds set config/fastdds_large_clouds.xml for both sides'
+# Of one look, in this order, in the message for plotting.
+PLOTTED = (
+    'clouds_per_second',
+    'points_per_second',
+    'rejected_share',
+    'untested_share',
+    'refused',
+    'lost',
+    'dropped',
+    'passed',
+    'backlog_clouds',
+    'backlog_megabytes',
+    'waiting_clouds',
+    'delay_p50',
+    'delay_p95',
+    'delay_max',
+    'age_p95',
+    'processing_p95',
+)
+
+
+@dataclass
+class _Tally:
+    """What has happened since the last look."""
+
+    clouds: int = 0
+    points: int = 0
+    lost: int = 0
+    dropped: int = 0
+    delays: list[float] = field(default_factory=list)
+    ages: list[float] = field(default_factory=list)
+    spent: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Backlog:
+    """Clouds to be filtered, their megabytes, those without an answer; and who publishes."""
+
+    clouds: int
+    megabytes: float
+    waiting: int
+    publishers: int = 0
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a look has found: a level, one sentence, values to read and values to plot."""
+
+    level: int
+    message: str
+    values: dict[str, str]
+    plotted: tuple[float, ...]
+
+
+class Health:
+    """Takes down what happens, from any thread; tells it at each look."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self._lock = threading.Lock()
+        self._tally = _Tally()
+        self._lost = self._dropped = 0  # since the start
+        self._silent = 0.0  # seconds, at the last look
+        self._counts = self._before = Statistics()
+
+    def received(self, points: int) -> None:
+        """Note a cloud that came in."""
+        with self._lock:
+            self._tally.clouds += 1
+            self._tally.points += points
+
+    def lost(self, count: int) -> None:
+        """Note clouds that the middleware says it has lost."""
+        with self._lock:
+            self._tally.lost += count
+            self._lost += count
+
+    def dropped(self, count: int = 1) -> None:
+        """Note clouds that were too many, and get no answer."""
+        with self._lock:
+            self._tally.dropped += count
+            self._dropped += count
+
+    def answered(self, delay: float, age: float) -> None:
+        """Note an answer: seconds since the cloud was received, and since its stamp."""
+        with self._lock:
+            self._tally.delays.append(delay)
+            self._tally.ages.append(age)
+
+    def spent(self, seconds: float) -> None:
+        """Note the time that a cloud took to filter."""
+        with self._lock:
+            self._tally.spent.append(seconds)
+
+    def counted(self, counts: Statistics) -> None:
+        """Take a copy of the counts since the start."""
+        counts = counts.copy()
+        with self._lock:
+            self._counts = counts
+
+    def look(
+        self,
+        seconds: float,
+        limits: Limits,
+        max_delay: float,
+        backlog: Backlog,
+        remarks: Sequence[str] = (),
+    ) -> Report:
+        """Tell what has happened in the seconds since the last look.
+
+        ``remarks`` are warnings of others.
+        """
+        with self._lock:
+            tally, self._tally = self._tally, _Tally()
+            counts, before = self._counts, self._before
+            self._before = counts
+        self._silent = 0.0 if tally.clouds else self._silent + seconds
+        look = _Look(tally, counts, before, seconds, backlog, self._silent)
+        complaints = [*look.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
+        level = max((level for level, _ in complaints), default=OK)
+        return Report(
+            level,
+            '; '.join(text for _, text in complaints) or 'clouds are filtered in time',
+            look.values() | {'lost': str(self._lost), 'dropped': str(self._dropped)},
+            look.plotted(),
+        )
+
+
+@dataclass(frozen=True)
+class _Look:
+    """One look at what has happened."""
+
+    tally: _Tally
+    now: Statistics
+    before: Statistics
+    seconds: float
+    backlog: Backlog
+    silent: float
+
+    @property
+    def refused(self) -> int:
+        return self.now.refused - self.before.refused
+
+    @property
+    def passed(self) -> int:
+        return self.now.passed['overload'] - self.before.passed['overload']
+
+    def share(self, name: str) -> float:
+        """Return the share of the points answered since the last look; 0 of none."""
+        points = self.now.points - self.before.points
+        count: int = getattr(self.now, name) - getattr(self.before, name)
+        return count / points if points else 0.0
+
+    def complaints(self, limits: Limits, max_delay: float) -> Iterator[tuple[int, str]]:
+        """Tell what is above its limit."""
+        tally = self.tally
+        delay = _percentiles(tally.delays)[1]
+        missed = {
+            'refused': self.refused,
+            'lost on the way': tally.lost,
+            'dropped': tally.dropped,
+            'passed unfiltered': self.passed,
+            'judged without poses': self.now.unmoved - self.before.unmoved,
+        }
+        total = max(tally.clouds + tally.lost, 1)
+        said = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
+        said = f'of {tally.clouds + tally.lost} clouds {said}'
+        if tally.lost:
+            said += f' ({ADVICE})'
+        silence = f'no cloud for {self.silent:.0f} s'
+        if self.backlog.publishers:
+            silence += f', publishers: {self.backlog.publishers} ({ADVICE})'
+        for name, value, text in (
+            ('silence', self.silent, silence),
+            (
+                'delay',
+                delay / max_delay,
+                f'the 95th percentile of the delay is {delay:.2f} s, max_delay {max_delay:g} s',
+            ),
+            ('unfiltered', min(sum(missed.values()) / total, 1.0), said),
+            (
+                'rejected',
+                self.share('outliers'),
+                f'{self.share("outliers"):.1%} of the points are rejected',
+            ),
+            (
+                'untested',
+                self.share('untested'),
+                f'{self.share("untested"):.1%} of the points are untested',
+            ),
+        ):
+            if value > getattr(limits, f'{name}_error'):
+                yield ERROR, text
+            elif value > getattr(limits, f'{name}_warn'):
+                yield WARN, text
+
+    def values(self) -> dict[str, str]:
+        """Name all: rates and times since the last look, counts since the start."""
+        tally, now = self.tally, self.now
+        found = {
+            'clouds/s': f'{tally.clouds / self.seconds:.1f}',
+            'points/s': f'{tally.points / self.seconds:.0f}',
+            'backlog, clouds': str(self.backlog.clouds),
+            'backlog, MB': f'{self.backlog.megabytes:.1f}',
+            'waiting for their block, clouds': str(self.backlog.waiting),
+        }
+        for name, seconds in (
+            ('delay since received', tally.delays),
+            ('delay since stamp', tally.ages),
+            ('processing time', tally.spent),
+        ):
+            for which, value in zip(('p50', 'p95', 'max'), _percentiles(seconds), strict=True):
+                found[f'{name}, {which}, ms'] = f'{1e3 * value:.1f}'
+        for name in (
+            'messages',
+            'points',
+            'outliers',
+            'untested',
+            'invalid',
+            'refused',
+            'shed',
+            'unmoved',
+            'resets',
+        ):
+            found[name] = str(getattr(now, name))
+        for text, counter in (
+            ('rejected by', now.rejected),
+            ('undecided by', now.undecided),
+            ('refused for', now.refusals),
+            ('refused poses for', now.poses),
+            ('unfiltered for', now.passed),
+        ):
+            found |= {f'{text} {name}': str(count) for name, count in sorted(counter.items())}
+        return found
+
+    def plotted(self) -> tuple[float, ...]:
+        """Return the values of ``PLOTTED``; seconds, shares, and counts since the last look."""
+        tally = self.tally
+        return (
+            tally.clouds / self.seconds,
+            tally.points / self.seconds,
+            self.share('outliers'),
+            self.share('untested'),
+            float(self.refused),
+            float(tally.lost),
+            float(tally.dropped),
+            float(self.passed),
+            float(self.backlog.clouds),
+            self.backlog.megabytes,
+            float(self.backlog.waiting),
+            *_percentiles(tally.delays),
+            _percentiles(tally.ages)[1],
+            _percentiles(tally.spent)[1],
+        )
+
+
+def _percentiles(values: Sequence[float]) -> tuple[float, float, float]:
+    """Return median, 95th percentile and the largest, each a value of those given; 0 of none."""
+    if not values:
+        return 0.0, 0.0, 0.0
+    ordered = np.sort(values)
+    last = len(ordered) - 1
+    p50, p95 = (float(ordered[round(share * last)]) for share in (0.5, 0.95))
+    return p50, p95, float(ordered[-1])

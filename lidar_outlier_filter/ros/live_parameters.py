@@ -1,0 +1,190 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node's parameters: declared, checked, set while it runs, saved to a file and put back."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from std_srvs.srv import Trigger
+
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
+from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from lidar_outlier_filter.parameters.declaration import Parameter
+
+
+class TunableNode(Node):  # type: ignore[misc]
+    """A node with the parameters of :mod:`lidar_outlier_filter.parameters.filter`.
+
+    They are set one by one or together; what makes no sense is refused, and nothing is changed by
+    it. A class derived from this one puts into force what was accepted: ``apply``.
+    """
+
+    def __init__(self, values: Mapping[str, object], **options: Any) -> None:
+        """Declare every parameter; ``values`` replace defaults and win over the command line.
+
+        Raises
+        ------
+        ParameterError
+            If a parameter, given here or on the command line, makes no sense.
+
+        """
+        given = [RosParameter(name, value=_to_ros(values[name])) for name in values]
+        super().__init__(NODE_NAME, parameter_overrides=given, **options)
+        self._parameters_now = self._parameters_first = self._declare()
+
+    @property
+    def filter_parameters(self) -> FilterParameters:
+        """The parameters as they were set last."""
+        return self._parameters_now
+
+    def apply(self, parameters: FilterParameters) -> None:
+        """Put parameters into force that were accepted."""
+        raise NotImplementedError
+
+    def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
+        """Set all or none; refuse in our own words, before rclpy does in words without units."""
+        result = self._check_parameters(parameter_list)
+        return super().set_parameters_atomically(parameter_list) if result.successful else result
+
+    def _watch_parameters(self) -> None:
+        """Check and apply what is set from now on."""
+        self.add_pre_set_parameters_callback(_with_floats)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+
+    def _serve_parameters(self) -> None:
+        """Offer to save the parameters, and to put them back."""
+        self.create_service(Trigger, '~/save_parameters', self._save)
+        self.create_service(Trigger, '~/reset', self._reset)
+
+    def _declare(self) -> FilterParameters:
+        """Declare every parameter, and refuse values that make no sense, alone or together."""
+        given = {
+            name: parameter.value
+            for name, parameter in self._parameter_overrides.items()
+            # Those that ROS declares itself are not for us.
+            if not (self.has_parameter(name) or name.startswith('qos_overrides.'))
+        }
+        parameters = FilterParameters().changed(given)
+        values = parameters.flat()
+        for item in describe():
+            # Not the override but its checked value: a whole number may stand for a float.
+            self.declare_parameter(
+                item.name, _to_ros(values[item.name]), _descriptor(item), ignore_override=True
+            )
+        return parameters
+
+    def _changed(self, parameters: Iterable[RosParameter]) -> FilterParameters:
+        known = {parameter.name: parameter for parameter in describe()}
+        values = {item.name: item.value for item in parameters if item.name in known}
+        now = self._parameters_now.flat()
+        for name, value in values.items():
+            if known[name].fixed:
+                must_be = f'{_to_ros(now[name])!r} as at the start (read-only)'
+                raise ParameterError(name, must_be, repr(value))
+        return self._parameters_now.changed(values)
+
+    def _check_parameters(self, parameters: list[RosParameter]) -> SetParametersResult:
+        """Refuse a set of parameters as a whole, or let it pass; no side effects."""
+        try:
+            self._changed(parameters)
+        except ParameterError as err:
+            return SetParametersResult(successful=False, reason=str(err))
+        return SetParametersResult(successful=True)
+
+    def _apply_parameters(self, parameters: list[RosParameter]) -> None:
+        """Apply what passed."""
+        self._parameters_now = self._changed(parameters)
+        self.apply(self._parameters_now)
+
+    def _save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Write the parameters to a file that ``--params-file`` reads."""
+        path = self._file()
+        try:
+            _write_whole(path, write_yaml(self._parameters_now.flat()))
+        except OSError as err:
+            response.message = f'the parameters were not saved: {err}'
+        else:
+            response.success, response.message = True, str(path)
+        return response
+
+    def _file(self) -> Path:
+        """Name the file of ``save_to``, or one for this node where ROS keeps its own."""
+        if self._parameters_now.save_to:
+            return Path(str(self._parameters_now.save_to)).expanduser()
+        home = Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser()
+        name: str = self.get_fully_qualified_name()
+        return home / (name.strip('/').replace('/', '.') + '.yaml')
+
+    def _reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Put every parameter back to what it was at the start."""
+        now, first = self._parameters_now.flat(), self._parameters_first.flat()
+        changed = [name for name in first if now[name] != first[name]]
+        if changed:
+            values = [RosParameter(name, value=_to_ros(first[name])) for name in changed]
+            result = self.set_parameters_atomically(values)
+            response.success, response.message = result.successful, result.reason
+        else:
+            response.success = True
+        if response.success:
+            response.message = 'as at the start again: ' + (', '.join(changed) or 'nothing to do')
+        return response
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Write a file that is never seen half written."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        unfinished.write_text(text, encoding='utf-8')
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _to_ros(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _with_floats(parameters: list[RosParameter]) -> list[RosParameter]:
+    """Let a whole number stand for a float, as in a file."""
+    floats = {item.name for item in describe() if isinstance(item.default, float)}
+    return [
+        RosParameter(item.name, value=float(item.value))
+        if item.name in floats and item.type_ is RosParameter.Type.INTEGER
+        else item
+        for item in parameters
+    ]
+
+
+def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+    """Tell ROS what there is to know of a parameter."""
+    descriptor = ParameterDescriptor(
+        description=parameter.text + (f' [{parameter.unit}]' if parameter.unit else ''),
+        additional_constraints=parameter.range_text,
+        read_only=parameter.fixed,
+    )
+    if parameter.low is not None and parameter.high is not None:
+        if isinstance(parameter.default, float):
+            low, high = float(parameter.low), float(parameter.high)
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        else:
+            first, last = int(parameter.low), int(parameter.high)
+            descriptor.integer_range = [IntegerRange(from_value=first, to_value=last, step=1)]
+    return descriptor

@@ -1,0 +1,235 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node: parameters, subscription, process(msg), publishers."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.exceptions import InvalidTopicNameException, ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.signals import SignalHandlerOptions
+from rclpy.validate_full_topic_name import validate_full_topic_name
+from std_srvs.srv import SetBool
+
+from lidar_outlier_filter.errors import FilterError, ParameterError
+from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
+from lidar_outlier_filter.ros.channel import Channel
+from lidar_outlier_filter.ros.diagnostics import Diagnostics
+from lidar_outlier_filter.ros.executable import leave, on_stop
+from lidar_outlier_filter.ros.live_parameters import TunableNode
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from nav_msgs.msg import Odometry
+    from rclpy.context import Context
+    from rclpy.executors import Executor
+    from rclpy.publisher import Publisher
+    from sensor_msgs.msg import PointCloud2
+
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.stream.cloud_filter import Answer, Statistics
+
+POINTS, CLEANED, OUTLIERS = 'points', 'points/cleaned', 'points/outliers'
+SIGNAL_PERIOD = 0.1  # seconds between two looks for a signal: the middleware wakes for none
+
+
+def remappings(input_topic: str) -> list[tuple[str, str]]:
+    """Say how the node's topics are named for a sensor on ``input_topic``.
+
+    Raises
+    ------
+    ParameterError
+        If ROS 2 does not allow the name.
+
+    """
+    _refuse_topic('input_topic', input_topic)
+    cleaned, outliers = f'{input_topic}/cleaned', f'{input_topic}/outliers'
+    return [(POINTS, input_topic), (CLEANED, cleaned), (OUTLIERS, outliers)]
+
+
+def _refuse_topic(what: str, name: str) -> None:
+    try:
+        validate_full_topic_name(expand_topic_name(name, NODE_NAME, '/'))
+    except (InvalidTopicNameException, ValueError) as err:
+        must_be = 'a topic name that ROS 2 allows'
+        raise ParameterError(what, must_be, repr(name)) from err
+
+
+class OutlierFilterNode(TunableNode):
+    """Filters the clouds of one topic, or of several, each as a stream of its own.
+
+    Made, it has its parameters, its compiled kernels and its publishers. ``start`` subscribes; a
+    replay does not start it but calls ``process`` itself.
+    """
+
+    def __init__(
+        self,
+        *,
+        parameters: Mapping[str, object] | None = None,
+        input_topic: str | None = None,
+        **options: Any,
+    ) -> None:
+        """Declare the parameters and make the publishers.
+
+        Parameters
+        ----------
+        parameters : values that replace defaults, by flat name
+        input_topic : names the topics as :func:`remappings` says
+        options : of rclpy.node.Node
+
+        Raises
+        ------
+        ParameterError
+            If a parameter, given here or on the command line, makes no sense.
+
+        """
+        if input_topic is not None:
+            rules = [f'{old}:={new}' for old, new in remappings(input_topic)]
+            remap = [word for rule in rules for word in ('-r', rule)]
+            options['cli_args'] = [*options.get('cli_args', []), '--ros-args', *remap]
+            parameters = {**(parameters or {}), 'inputs': (POINTS,)}
+        super().__init__(parameters or {}, **options)
+        names = self._names()
+        self.channels = tuple(Channel(self, name, self.filter_parameters) for name in names)
+        self._watch_parameters()
+
+    @property
+    def statistics(self) -> Statistics:
+        """Counts since the start."""
+        return self.channels[0].statistics
+
+    @property
+    def waiting(self) -> int:
+        """Count the clouds that were taken and have no answer yet."""
+        return self.channels[0].waiting
+
+    @property
+    def cleaned_publisher(self) -> Publisher:
+        """Where the cleaned clouds go."""
+        return self.channels[0].cleaned_publisher
+
+    @property
+    def outliers_publisher(self) -> Publisher:
+        """Where the outlier clouds go."""
+        return self.channels[0].outliers_publisher
+
+    def start(self) -> None:
+        """Subscribe, watch over ``max_delay``, and offer the services."""
+        self._serve_parameters()
+        self.create_service(SetBool, '~/enable', self._enable)
+        self._diagnostics = Diagnostics(self, self.channels)
+        for channel in self.channels:
+            channel.start()
+
+    def process(self, msg: PointCloud2, tag: object = None) -> list[Answer]:
+        """Filter the next cloud; return the answers that are finished by it, the oldest first.
+
+        A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
+        """
+        return self.channels[0].process(msg, tag)
+
+    def take_pose(self, msg: Odometry) -> list[Answer]:
+        """Take the next odometry; return the answers that are finished by it, the oldest first.
+
+        For a node that is not started, under ``motion.source: odometry``.
+        """
+        return self.channels[0].take_pose(msg)
+
+    def flush(self) -> list[Answer]:
+        """Answer all that is pending, and begin anew."""
+        return self.channels[0].flush()
+
+    def finish(self) -> None:
+        """Answer and publish all that was received, before the node goes.
+
+        Does nothing where ROS is shut down already: nobody would hear of it.
+        """
+        if self.context.ok():
+            for channel in self.channels:
+                channel.finish()
+
+    def destroy_node(self) -> None:
+        """End what runs, and let go of the rest."""
+        for channel in self.channels:
+            channel.stop()
+        super().destroy_node()
+
+    def _names(self) -> tuple[str, ...]:
+        """Return the topics of the sensors, if they are."""
+        names = self.filter_parameters.inputs
+        for name in names:
+            _refuse_topic('a topic of inputs', name)
+        resolved = {self.resolve_topic_name(name) for name in names}
+        if len(resolved) < len(names):
+            raise ParameterError('inputs', 'different topics', repr(list(names)))
+        return names
+
+    def apply(self, parameters: FilterParameters) -> None:
+        """Filter by these parameters from the next block on."""
+        for channel in self.channels:
+            channel.change(parameters)
+
+    def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        for channel in self.channels:
+            channel.enable(on=request.data)
+        response.success = True
+        response.message = 'filtering' if request.data else 'clouds pass unfiltered'
+        return response
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; what is pending is judged and published first.
+
+    Returns
+    -------
+    int
+        The exit status: 0, or 1 where the arguments make no sense; stderr says why.
+
+    """
+    on_stop(leave)  # nothing to lose yet, and compiling the kernels may take half a minute
+    stop = threading.Event()
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        node = OutlierFilterNode()
+        on_stop(stop.set)
+        node.start()
+    # A RuntimeError is rclpy's, for arguments and QoS overrides that it cannot read.
+    except (FilterError, ParameterException, RuntimeError) as err:
+        sys.stderr.write(f'{NODE_NAME}: {err}\n')
+        return 1
+    else:
+        _serve(node, stop)
+        return 0
+    finally:
+        rclpy.try_shutdown()
+
+
+def _serve(node: OutlierFilterNode, stop: threading.Event) -> None:
+    """Serve until ``stop`` is set or ROS is shut down, and finish."""
+    executor = _executor(node.context)
+    executor.add_node(node)
+    with suppress(ExternalShutdownException):
+        while node.context.ok() and not stop.is_set():
+            executor.spin_once(timeout_sec=SIGNAL_PERIOD)
+    node.finish()
+    node.destroy_node()
+
+
+def _executor(context: Context) -> Executor:
+    """Make the executor that takes the least time, where this ROS has it."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor  # noqa: PLC0415
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

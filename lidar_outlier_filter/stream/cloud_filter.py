@@ -1,0 +1,304 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The way of a cloud, without ROS: message → points → verdict → cleaned and outliers."""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.blocks import Stream
+from lidar_outlier_filter.core.chain import TEMPORAL, Chain
+from lidar_outlier_filter.core.points import missing
+from lidar_outlier_filter.core.verdict import BITS, Verdict
+from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.messages.cloud import split
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import describe
+from lidar_outlier_filter.stream.moving import MovingStream
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.stream.motion import Motion
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A cloud that waits for its verdict, and how it is to be answered."""
+
+    msg: Any
+    tag: Any
+    parameters: FilterParameters
+    valid: int  # points that are no missing returns
+    passed: str = ''  # why it passes unfiltered; empty: it does not
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The two clouds that one cloud was split into, and what was handed in with it.
+
+    A cloud that nobody wants is None.
+    """
+
+    cleaned: Any
+    outliers: Any
+    tag: Any
+
+
+@dataclass
+class Statistics:
+    """Counts since the start.
+
+    Attributes
+    ----------
+    messages, points : clouds taken, and their points
+    invalid : missing returns (NaN, Inf, 0 0 0), which stay in the cleaned clouds
+    untested : valid points that no detector could test; they stay too
+    rejected : points by the detector that rejected them
+    undecided : points by the detector that looked at them and could not test them
+    outliers : points that went to the outlier clouds
+    passed : clouds that passed unfiltered, by the reason; their points are counted, not looked at
+    shed : clouds that were taken while the slow detectors were off
+    refused : clouds refused; refusals counts them by what was wrong
+    poses : poses that were refused, by what was wrong
+    unmoved : clouds that were judged without poses, in their own frame
+    resets : times the clock was set back
+    passes : most repetitions without the rejected that a block has needed
+
+    """
+
+    messages: int = 0
+    points: int = 0
+    invalid: int = 0
+    untested: int = 0
+    outliers: int = 0
+    rejected: Counter[str] = field(default_factory=Counter)
+    undecided: Counter[str] = field(default_factory=Counter)
+    passed: Counter[str] = field(default_factory=Counter)
+    refusals: Counter[str] = field(default_factory=Counter)
+    poses: Counter[str] = field(default_factory=Counter)
+    shed: int = 0
+    unmoved: int = 0
+    resets: int = 0
+    passes: int = 0
+
+    @property
+    def refused(self) -> int:
+        """Count the clouds refused, whatever the reason."""
+        return sum(self.refusals.values())
+
+    def copy(self) -> Statistics:
+        """Copy the counts."""
+        values = {item.name: copy.copy(getattr(self, item.name)) for item in fields(self)}
+        return Statistics(**values)
+
+    def count_passed(self, points: int, reason: str) -> None:
+        """Add a cloud that was not filtered."""
+        self.messages += 1
+        self.points += points
+        self.passed[reason] += 1
+
+    def count(self, verdict: Verdict, valid: int) -> None:
+        """Add a finished cloud."""
+        total = len(verdict)
+        self.messages += 1
+        self.points += total
+        self.invalid += total - valid
+        self.untested += valid - int(np.count_nonzero(~np.isnan(verdict.score)))
+        self.outliers += int(np.count_nonzero(verdict.rejected))
+        for counter, bits in (
+            (self.rejected, verdict.detectors),
+            (self.undecided, verdict.undecided),
+        ):
+            for name, bit in BITS.items():
+                count = int(np.count_nonzero(bits & bit))
+                if count:
+                    counter[name] += count
+
+
+class CloudFilter:
+    """Clouds in, answers out: one for each cloud, in order, however long it takes."""
+
+    def __init__(
+        self,
+        parameters: FilterParameters,
+        inform: Callable[[str], object] = str,
+        warn: Callable[[str], object] = str,
+        motion: Motion | None = None,
+    ) -> None:
+        """Compile the kernels; ``inform`` and ``warn`` are told once how the clouds are read.
+
+        With a ``motion`` clouds wait for their poses, too; ``refuse`` is told of one that is
+        refused when they have come.
+        """
+        self.statistics = Statistics()
+        self.refuse: Callable[[CloudError], object] = str
+        self.wanted = (True, True)  # cleaned and outliers: what nobody wants is not made
+        self._parameters = parameters
+        self._decoder = Decoder(parameters, inform, warn)
+        self._stream = Stream(parameters)
+        self._moving = None
+        if motion is not None:
+            self._moving = MovingStream(self._stream, motion, parameters, self.refused)
+            self.statistics.poses = motion.refusals
+        self._entrance = self._moving or self._stream
+        self._decoder.compile()
+        self._stream.chain.compile()
+        self._chain, self._short = self._stream.chain, _short(self._stream.chain)
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """The parameters in force."""
+        return self._parameters
+
+    @property
+    def waiting(self) -> int:
+        """Count the clouds without an answer."""
+        return self._entrance.waiting
+
+    @property
+    def oldest(self) -> Any:
+        """The tag of the cloud that has waited longest; None where none waits."""
+        first = self._entrance.oldest
+        return None if first is None else first.tag
+
+    def push(self, msg: Any, tag: Any = None) -> list[Answer]:
+        """Take the next cloud; return the answers that are finished by it, the oldest first.
+
+        Raises
+        ------
+        CloudError
+            If the cloud makes no sense. It is counted, and the next one is served.
+
+        """
+        try:
+            points = self._decoder.decode(msg)
+            task = _Task(msg, tag, self._parameters, _valid(points))
+            finished = self._entrance.push(points, task)
+        except CloudError as err:
+            self._decoder.undo()
+            self.statistics.refusals[err.what] += 1
+            raise
+        return self._answers(finished)
+
+    def pass_by(self, msg: Any, reason: str, tag: Any = None) -> list[Answer]:
+        """Take a cloud that is not to be filtered: all of it is cleaned, in its turn.
+
+        Raises
+        ------
+        CloudError
+            If the cloud cannot be split. It is counted, and the next one is served.
+
+        """
+        try:
+            view = self._decoder.view(msg)
+            task = _Task(msg, tag, self._parameters, 0, reason)
+            finished = self._entrance.push(missing(0 if view is None else view.size), task)
+        except CloudError as err:
+            self.statistics.refusals[err.what] += 1
+            raise
+        return self._answers(finished)
+
+    def flush(self) -> list[Answer]:
+        """Answer all that is pending, and begin anew: the end of a recording."""
+        return self._answers(self._entrance.flush())
+
+    def reset(self) -> list[Answer]:
+        """Answer all that is pending, and begin anew: the clock was set back. It is counted."""
+        self._stream.resets += 1
+        return self.flush()
+
+    def hurry(self) -> list[Answer]:
+        """Answer all that is pending with what is there, and go on: they waited too long."""
+        return self._answers(self._entrance.hurry())
+
+    def hurry_oldest(self) -> list[Answer]:
+        """Answer what has waited too long; what waits for its poses may wait on."""
+        moving = self._moving
+        return self._answers(self._stream.hurry() if moving is None else moving.hurry_oldest())
+
+    def advance(self) -> list[Answer]:
+        """Go on with the clouds that have their poses by now."""
+        return [] if self._moving is None else self._answers(self._moving.advance())
+
+    @property
+    def can_shed(self) -> bool:
+        """Whether the detectors that look along the line can do without the others."""
+        return self._short is not None
+
+    def shed(self, *, on: bool) -> None:
+        """Judge the blocks to come along the line only, or by the whole chain again."""
+        self._stream.chain = self._short if on and self._short is not None else self._chain
+
+    def change(self, parameters: FilterParameters) -> None:
+        """Judge the blocks to come by other parameters; clouds that wait keep their form.
+
+        Raises
+        ------
+        ParameterError
+            If a parameter would change that shapes the stream.
+
+        """
+        before, after = self._parameters.flat(), parameters.flat()
+        for parameter in describe():
+            if parameter.fixed and before[parameter.name] != after[parameter.name]:
+                must_be = f'{before[parameter.name]!r} as at the start'
+                raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
+        chain = Chain(parameters)
+        # What the old chain did not need is compiled before the next cloud.
+        chain.compile()
+        self._parameters = self._decoder.parameters = parameters
+        self._stream.chain = self._chain = chain
+        self._short = _short(chain)
+        if self._moving is not None:
+            self._moving.wait_at_most(parameters.max_delay)
+
+    def refused(self, err: CloudError) -> None:
+        """Count and tell of a cloud that was refused elsewhere on its way."""
+        self.statistics.refusals[err.what] += 1
+        self.refuse(err)
+
+    def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
+        self.statistics.resets = self._stream.resets
+        self.statistics.unmoved = 0 if self._moving is None else self._moving.unmoved
+        self.statistics.passes = max(self.statistics.passes, self._stream.chain.passes)
+        answers = []
+        for task, verdict in finished:
+            if task.passed:
+                self.statistics.count_passed(len(verdict), task.passed)
+            else:
+                self.statistics.count(verdict, task.valid)
+            answers.append(_answer(task, verdict, self.wanted))
+        return answers
+
+
+def _answer(task: _Task, verdict: Verdict, wanted: tuple[bool, bool]) -> Answer:
+    form = task.parameters
+    clouds = split(
+        task.msg,
+        verdict,
+        keep_organized=form.keep_organized,
+        scores=form.scores,
+        wanted=wanted,
+    )
+    return Answer(*clouds, task.tag)
+
+
+def _short(chain: Chain) -> Chain | None:
+    """Leave out the slow detectors; None where the rest could reject nothing."""
+    parameters = chain.parameters
+    names = tuple(name for name in parameters.chain if name in TEMPORAL)
+    if len(names) < max(parameters.vote, 1):
+        return None
+    return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))
+
+
+def _valid(points: Points) -> int:
+    return int(np.count_nonzero(points.valid))

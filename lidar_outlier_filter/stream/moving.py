@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A stream whose points are moved to a fixed frame: messages wait for their poses first."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.poses import Cover
+from lidar_outlier_filter.errors import CloudError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from lidar_outlier_filter.core.blocks import Stream
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.verdict import Verdict
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.stream.motion import Motion
+
+    Finished = list[tuple[Any, Verdict]]
+
+
+@dataclass(frozen=True)
+class _Message:
+    """A message that waits for poses, and the times of its points; ``last`` < ``first`` of none."""
+
+    points: Points
+    tag: Any
+    first: int
+    last: int
+
+
+class MovingStream:
+    """In front of a stream: points in, and on they go, moved, once there are poses for all of them.
+
+    A message waits, and all behind it, until its last pose is there; or until points have come that
+    are later by more than ``max_delay``, or it is told to hurry: then its points go on as they are,
+    in their own frame, and are judged apart from those that were moved.
+    """
+
+    def __init__(
+        self,
+        stream: Stream,
+        motion: Motion,
+        parameters: FilterParameters,
+        refuse: Callable[[CloudError], object],
+    ) -> None:
+        """Tell ``refuse`` of messages that the stream refuses when their turn has come."""
+        self.unmoved = 0  # messages that went on without poses
+        self._stream = stream
+        self._motion = motion
+        self._refuse = refuse
+        self._most = parameters.max_points
+        self.wait_at_most(parameters.max_delay)
+        self._jump = round(parameters.time_jump * SECOND)
+        self._queue: deque[_Message] = deque()
+        self._held = 0  # points in the queue
+        self._newest = -(2**62)
+
+    @property
+    def waiting(self) -> int:
+        """Count the messages without an answer."""
+        return len(self._queue) + self._stream.waiting
+
+    @property
+    def oldest(self) -> Any:
+        """The tag of the message that has waited longest; None where none waits."""
+        return self._stream.oldest or (self._queue[0].tag if self._queue else None)
+
+    def wait_at_most(self, seconds: float) -> None:
+        """Let messages wait for their poses no longer than this."""
+        self._patience = round(seconds * SECOND)
+
+    def push(self, points: Points, tag: Any) -> Finished:
+        """Take the points of the next message; return the messages that are finished by it.
+
+        Raises
+        ------
+        CloudError
+            If more points would be held than ``max_points``.
+
+        """
+        total = self._held + self._stream.held + len(points)
+        if total > self._most:
+            must_be = f'at most max_points = {self._most}'
+            raise CloudError('the number of points held', must_be, total)
+        t = points.t[points.valid]
+        first, last = (int(t.min()), int(t.max())) if len(t) else (0, -1)
+        finished: Finished = []
+        if len(t) and last < self._newest - self._jump:
+            # A clock that was set back: the poses of before will not come any more.
+            finished = self._let_go_all() + self._stream.flush()
+            self._stream.resets += 1
+            self._newest = last
+        self._newest = max(self._newest, last)
+        self._queue.append(_Message(points, tag, first, last))
+        self._held += len(points)
+        return finished + self.advance()
+
+    def advance(self) -> Finished:
+        """Let go on what has its poses by now, in order."""
+        finished: Finished = []
+        while self._queue:
+            head = self._queue[0]
+            cover = Cover.YES
+            if head.first <= head.last:
+                cover = self._motion.cover(head.first, head.last, _frame(head.tag))
+            if cover is Cover.NOT_YET and head.last >= self._newest - self._patience:
+                break
+            finished += self._let_go(moved=cover is Cover.YES)
+        return finished
+
+    def hurry(self) -> Finished:
+        """Answer all that is pending with what is there, and go on."""
+        finished = self._let_go_all()
+        return finished + self._stream.hurry()
+
+    def hurry_oldest(self) -> Finished:
+        """Answer what has waited longest; others may still wait for their poses."""
+        finished: Finished = []
+        if not self._stream.waiting and self._queue:
+            finished = self._let_go(moved=False) + self.advance()
+        return finished + self._stream.hurry()
+
+    def flush(self) -> Finished:
+        """Answer all that is pending with what is there, and begin anew."""
+        finished = self._let_go_all()
+        self._newest = -(2**62)
+        return finished + self._stream.flush()
+
+    def _let_go_all(self) -> Finished:
+        finished = self.advance()
+        while self._queue:
+            finished += self._let_go(moved=False)
+        return finished
+
+    def _let_go(self, *, moved: bool) -> Finished:
+        """Let the first message go on."""
+        message = self._queue.popleft()
+        self._held -= len(message.points)
+        own = _frame(message.tag)
+        points = self._motion.move(message.points, own) if moved else None
+        self.unmoved += points is None
+        try:
+            if points is None:
+                return self._stream.push(message.points, message.tag, f'own: {own}')
+            return self._stream.push(points, message.tag)
+        except CloudError as err:
+            self._refuse(err)
+            return []
+
+
+def _frame(tag: Any) -> str:
+    """Return the frame of the cloud that a tag belongs to."""
+    return str(tag.msg.header.frame_id)

@@ -1,0 +1,196 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Outliers made from a user's own good points, as Pirotti et al. (2018) made theirs.
+
+Points picked at random leave their place; their time and scan line stay, as those of a shot that
+was measured wrongly. Class 1 are single points, class 2 clusters, which keep together.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.simulation.scene import Cause
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points import Points
+
+    Floats = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+
+MOST_SHARE = 0.5
+TRIES = 200  # until a place is given up to be found
+
+
+@dataclass(frozen=True)
+class Injection:
+    """How many outliers of which kind; the defaults are those of Pirotti et al.
+
+    Attributes
+    ----------
+    share : of all points
+    distance : (low, high)
+        Metres from the place a point had, at random between them; and at least low from every good
+        point that is seen with it. Clusters are twice as far at least: theirs is the distance of
+        the middle, and the paper has 2 m for it.
+    clustered : share of the outliers that are in clusters, as far as these find points that were
+        taken after each other
+    size : (low, high)
+        Points of a cluster, both inclusive.
+    spread : standard deviation of the points around the middle of their cluster, metres
+    window : good points up to so many seconds apart are seen together
+    seed : the same seed, the same outliers
+
+    """
+
+    share: float = 0.0026
+    distance: tuple[float, float] = (1.0, 200.0)
+    clustered: float = 0.5
+    size: tuple[int, int] = (2, 30)
+    spread: float = 0.3
+    window: float = 0.2
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        low, high = self.distance
+        if not 0 < self.share <= MOST_SHARE:
+            must_be = f'more than 0, at most {MOST_SHARE}'
+            raise FilterError('the share of outliers to inject', must_be, self.share)
+        if not 0 < 2 * low < high < np.inf:
+            got = f'{low:g} and {high:g}'
+            raise FilterError('the distances of outliers', 'LOW and HIGH > 2 LOW > 0', got)
+
+
+def inject(clouds: Sequence[Points], how: Injection) -> tuple[list[Points], Integers]:
+    """Move some points of clouds, all of them valid, to where no point is.
+
+    Returns
+    -------
+    clouds : list of Points
+        The same points, in the same order.
+    code : (N,) int64
+        Of all points of all clouds: ``Cause.GOOD``, ``SINGLE`` or ``CLUSTER``.
+
+    Raises
+    ------
+    FilterError
+        If there are too few points, or no place is far enough from all of them.
+
+    """
+    dice = np.random.default_rng(how.seed)
+    first = np.cumsum([0, *(len(cloud) for cloud in clouds)])
+    code, groups = _choose(first, how, dice)
+    xyz = np.concatenate([cloud.xyz for cloud in clouds]) if clouds else np.zeros((0, 3))
+    for begin, end in _windows(clouds, first, how.window):
+        good = xyz[begin:end][code[begin:end] == Cause.GOOD]
+        for kind in (Cause.SINGLE, Cause.CLUSTER):
+            here = bisect_left(groups[kind], begin, key=lambda group: group.start)
+            there = bisect_left(groups[kind], end, key=lambda group: group.start)
+            _move(xyz, groups[kind][here:there], good, how, dice)
+    return [
+        replace(cloud, xyz=xyz[start : start + len(cloud)])
+        for cloud, start in zip(clouds, first.tolist(), strict=False)
+    ], code
+
+
+def _choose(
+    first: Integers, how: Injection, dice: np.random.Generator
+) -> tuple[Integers, dict[Cause, list[slice]]]:
+    """Choose which points become outliers: stretches of neighbours, and single ones between."""
+    total = int(first[-1])
+    wanted = round(how.share * total)
+    if wanted < 1:
+        must_be = f'enough for one outlier at a share of {how.share:g}'
+        raise FilterError('the points to inject outliers into', must_be, total)
+    code = np.full(total, int(Cause.GOOD), np.int64)
+    cloud_of = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    groups: dict[Cause, list[slice]] = {Cause.SINGLE: [], Cause.CLUSTER: []}
+    left = round(how.clustered * wanted)
+    smallest, largest = how.size
+    for _ in range(TRIES * (wanted // smallest + 1)):
+        if left < smallest:
+            break
+        size = min(int(dice.integers(smallest, largest, endpoint=True)), left)
+        start = int(dice.integers(total - size + 1)) if size <= total else 0
+        members = slice(start, start + size)
+        # Neighbours of one cloud, and of no other cluster.
+        if cloud_of[start] == cloud_of[members.stop - 1] and not code[members].any():
+            code[members] = Cause.CLUSTER
+            groups[Cause.CLUSTER].append(members)
+            left -= size
+    groups[Cause.CLUSTER].sort(key=lambda group: group.start)
+    singles = wanted - int(np.count_nonzero(code))
+    free = np.flatnonzero(code == Cause.GOOD)
+    for place in np.sort(dice.choice(free, singles, replace=False)).tolist():
+        code[place] = Cause.SINGLE
+        groups[Cause.SINGLE].append(slice(place, place + 1))
+    return code, groups
+
+
+def _windows(clouds: Sequence[Points], first: Integers, window: float) -> Iterator[tuple[int, int]]:
+    """Put clouds together that a detector may see together: their points, from where to where."""
+    begin, start = 0, None
+    for number, cloud in enumerate(clouds):
+        if len(cloud) == 0:
+            continue
+        if start is not None and int(cloud.t.max()) - start > window * SECOND:
+            yield begin, int(first[number])
+            begin, start = int(first[number]), None
+        if start is None:
+            start = int(cloud.t.min())
+    yield begin, int(first[-1])
+
+
+def _move(
+    xyz: Floats,
+    groups: Sequence[slice],
+    good: Floats,
+    how: Injection,
+    dice: np.random.Generator,
+) -> None:
+    """Move groups of points as a whole, until none is too near to a good point."""
+    if not groups:
+        return
+    tree = cKDTree(good)
+    low, high = how.distance
+    left = list(groups)
+    for _ in range(TRIES):
+        moved = [_moved(xyz[group], low, high, how.spread, dice) for group in left]
+        sizes = [len(points) for points in moved]
+        near = tree.query(np.concatenate(moved), workers=-1)[0] < low
+        which = np.repeat(np.arange(len(left)), sizes)
+        failed = np.bincount(which[near], minlength=len(left)) > 0
+        for group, points, again in zip(left, moved, failed.tolist(), strict=True):
+            if not again:
+                xyz[group] = points
+        left = [group for group, again in zip(left, failed.tolist(), strict=True) if again]
+        if not left:
+            return
+    must_be = f'with room {low:g} to {high:g} m away from all points'
+    raise FilterError('the cloud to inject outliers into', must_be, 'none found')
+
+
+def _moved(
+    points: Floats, low: float, high: float, spread: float, dice: np.random.Generator
+) -> Floats:
+    """Give a group another place: a single point, or its first one as the middle of a cluster."""
+    single = len(points) == 1
+    direction = dice.standard_normal(3)
+    direction /= np.linalg.norm(direction)
+    middle: Floats = points[0] + direction * dice.uniform(low if single else 2 * low, high)
+    if single:
+        return middle[None]
+    around: Floats = middle + spread * dice.standard_normal(points.shape)
+    return around

@@ -1,0 +1,251 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A cheap model of the chain: every detector scored alone, once for each of its settings.
+
+A threshold is swept over the scores of a setting without running anything again, and verdicts are
+put together as the chain puts them together. What the model does not know is that detectors see
+what others left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED, f1
+from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.parameters.filter import describe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.tuning.dials import Search, Threshold
+    from lidar_outlier_filter.tuning.training import Training
+
+    Floats = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+    Integers = NDArray[np.int64]
+    Levels = NDArray[np.uint16]
+    Values = Mapping[str, object]
+    Progress = Callable[[int, int, str], object]
+
+F1, AUC = 'f1', 'auc'
+ROUNDS = 5  # over all detectors, or until nothing changes
+SLACK = 1e-3  # what is worth this much less, relatively, is as good
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What to look for.
+
+    Attributes
+    ----------
+    by : 'f1': settings and thresholds by F1; 'auc': settings by the area under the detector's ROC
+        curve, and thresholds by F1
+    most_lost : share of the good points that may be rejected; beyond it, the fewer the better
+
+    """
+
+    by: str = F1
+    most_lost: float = 0.01
+
+    def __post_init__(self) -> None:
+        """Refuse what is no goal."""
+        if self.by not in {F1, AUC}:
+            raise FilterError('the goal', f"'{F1}' or '{AUC}'", repr(self.by))
+        if not 0 < self.most_lost <= 1:
+            must_be = 'more than 0, at most 1'
+            raise FilterError('the share of good points that may be lost', must_be, self.most_lost)
+
+    def worth(self, counts: Integers) -> Floats:
+        """Say what tallies (..., 4) are worth: the F1, or below 0 beyond the limit."""
+        lost = counts[..., LOST] / np.maximum(counts[..., LOST] + counts[..., KEPT], 1)
+        value: Floats = np.where(lost <= self.most_lost, np.nan_to_num(f1(counts)), -lost)
+        return value
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A setting of a detector, and a value of its threshold; the one behind the last is off."""
+
+    setting: int
+    value: int
+
+
+def levels(threshold: Threshold, statistic: NDArray[np.floating]) -> Levels:
+    """Count for each point the values of a threshold that reject it: those before this number.
+
+    Points are rejected by the value v where their level is larger than v; untested ones never.
+    """
+    level = np.searchsorted(threshold.criticals(), statistic, side='left')
+    return np.where(np.isnan(statistic), 0, level).astype(np.uint16)
+
+
+def middle_of_best(worth: Floats) -> int:
+    """Find the middle of the values around the best that are as good, but for a thousandth.
+
+    The very best is best by chance, and an end of the good values is near the bad ones.
+    """
+    best = int(np.argmax(worth))
+    good = worth >= worth[best] - SLACK * abs(worth[best])
+    first = last = best
+    while first > 0 and good[first - 1]:
+        first -= 1
+    while last < len(worth) - 1 and good[last + 1]:
+        last += 1
+    return (first + last) // 2
+
+
+class Model:
+    """The scores of all points by every setting of every detector."""
+
+    def __init__(
+        self,
+        data: Training,
+        parameters: FilterParameters,
+        searches: Sequence[Search],
+        goal: Goal,
+        progress: Progress = lambda _done, _total, _what: None,
+    ) -> None:
+        """Run every detector, alone, in each of its settings and near its usual threshold."""
+        self._data, self._goal = data, goal
+        self._searches = {search.detector: search for search in searches}
+        self._needed = max(parameters.vote, 1)
+        self._levels: dict[tuple[str, int], Levels] = {}
+        self._statistics: dict[tuple[str, int], NDArray[np.float32]] = {}
+        usual = {item.name: item.default for item in describe()}
+        total = sum(len(search.settings) for search in searches)
+        for search in searches:
+            for number, setting in enumerate(search.settings):
+                progress(len(self._levels), total, 'scores')
+                alone = {**setting, 'chain': [search.detector], 'vote': 0}
+
+                def score_of(changes: Values, alone: Values = alone) -> NDArray[np.float32]:
+                    return data.judge(parameters.changed({**alone, **changes})).score
+
+                threshold = search.threshold
+                statistic = threshold.statistic(score_of, usual[threshold.name])
+                self._levels[search.detector, number] = levels(threshold, statistic)
+                if goal.by == AUC:
+                    self._statistics[search.detector, number] = statistic.astype(np.float32)
+
+    def sweep(
+        self, level: Levels, most: int, points: Mask, others: NDArray[np.unsignedinteger]
+    ) -> Floats:
+        """Say what each value of a threshold is worth, and last, what it is worth to be off.
+
+        Parameters
+        ----------
+        level : (N,)
+            See :func:`levels`.
+        most : number of values
+        points : (N,) bool
+            Those that count.
+        others : (N,)
+            How many other detectors reject each point.
+
+        """
+        return self._sweep(level, most, points, others, self._needed)
+
+    def _sweep(
+        self,
+        level: Levels,
+        most: int,
+        points: Mask,
+        others: NDArray[np.unsignedinteger],
+        needed: int,
+    ) -> Floats:
+        sure, undecided = others >= needed, others == needed - 1
+        counts = np.empty((most + 1, 4), np.int64)
+        for truth, yes, no in ((self._data.bad, FOUND, MISSED), (self._data.good, LOST, KEPT)):
+            mine = truth & points
+            histogram = np.bincount(level[mine & undecided], minlength=most + 1)
+            above = histogram[::-1].cumsum()[::-1]
+            counts[:, yes] = np.append(above[1:], 0) + np.count_nonzero(mine & sure)
+            counts[:, no] = np.count_nonzero(mine) - counts[:, yes]
+        return self._goal.worth(counts)
+
+    def find(self, points: Mask) -> dict[str, object]:
+        """Choose settings and thresholds of all detectors for each other, on some points (N,)."""
+        settings = {name: self._settings(name, points) for name in self._searches}
+        alone = {name: self._best(name, settings[name], points, {}, 1) for name in settings}
+        # Beginning with the best one, or with all of them at once, as where several must agree.
+        order = sorted(settings, key=lambda name: -alone[name][0])
+        starts: list[dict[str, Choice]] = [{name: alone[name][1] for name in order}]
+        if self._needed == 1:
+            starts.insert(0, {})
+        found = [self._descend(start, order, settings, points) for start in starts]
+        _, chosen = max(found, key=lambda pair: pair[0])
+        values: dict[str, object] = {}
+        for name, choice in chosen.items():
+            search = self._searches[name]
+            values |= search.settings[choice.setting]
+            # What would better be off rejects as little as it can.
+            last = len(search.threshold.values) - 1
+            values[search.threshold.name] = search.threshold.values[min(choice.value, last)]
+        return values
+
+    def _settings(self, name: str, points: Mask) -> range:
+        """List the settings to choose from: all, or the one with the largest area."""
+        every = range(len(self._searches[name].settings))
+        if self._goal.by == F1:
+            return every
+        best = int(np.argmax(self.auc(name, points)))
+        return range(best, best + 1)
+
+    def auc(self, name: str, points: Mask) -> Floats:
+        """Return the area under the ROC curve of each setting of a detector, alone."""
+        counted = (self._data.bad | self._data.good) & points
+        bad = self._data.bad[counted]
+        count = len(self._searches[name].settings)
+        if bad.all() or not bad.any():
+            return np.zeros(count)
+        scores = (self._statistics[name, number][counted] for number in range(count))
+        return np.array([curve(bad, score).auc for score in scores])
+
+    def _descend(
+        self,
+        chosen: dict[str, Choice],
+        order: Sequence[str],
+        settings: Mapping[str, range],
+        points: Mask,
+    ) -> tuple[float, dict[str, Choice]]:
+        """Choose for one detector after the other, until nothing changes."""
+        worth = -np.inf
+        for _ in range(ROUNDS):
+            before = worth
+            for name in order:
+                others = {other: choice for other, choice in chosen.items() if other != name}
+                found, choice = self._best(name, settings[name], points, others, self._needed)
+                if found > worth or name not in chosen:
+                    chosen, worth = {**others, name: choice}, found
+            if worth == before:
+                break
+        return worth, chosen
+
+    def _best(
+        self,
+        name: str,
+        settings: range,
+        points: Mask,
+        others: Mapping[str, Choice],
+        needed: int,
+    ) -> tuple[float, Choice]:
+        """Find the best setting and value of a detector, beside what others reject."""
+        count = np.zeros(len(self._data), np.uint8)
+        for other, choice in others.items():
+            count += self._levels[other, choice.setting] > choice.value
+        most = len(self._searches[name].threshold.values)
+        best, chosen = -np.inf, Choice(settings[0], most)
+        for number in settings:
+            worth = self._sweep(self._levels[name, number], most, points, count, needed)
+            value = middle_of_best(worth)
+            if worth[value] > best:
+                best, chosen = float(worth[value]), Choice(number, value)
+        return best, chosen

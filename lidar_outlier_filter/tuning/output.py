@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the tuner hands over: tables, a parameter file, and lines for a node that is running."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from rich.table import Table
+
+from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.evaluation.confusion import Confusion, f1_interval
+from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.evaluation.confusion import Interval
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.tuning.search import Tuned
+
+
+def tables(found: Tuned, start: FilterParameters, confidence: float, seed: int) -> list[Table]:
+    """Lay out what the chain was worth, is, and will be; then what was changed."""
+    answer = [_worth(found, confidence, seed), _values(found, start)]
+    if len(found.alone) > 1:
+        answer.append(_alone(found))
+    return answer
+
+
+def whole(counts: NDArray[np.int64]) -> Confusion:
+    """Add up the tallies of all stretches."""
+    return Confusion(*counts.sum(axis=0).tolist())
+
+
+def _worth(found: Tuned, confidence: float, seed: int) -> Table:
+    interval = f'{100 * confidence:g} % interval'
+    answer = Table('', 'start', 'tuned', 'to expect', interval, box=None, pad_edge=False)
+    for column in answer.columns[1:]:
+        column.justify = 'right'
+    runs = [whole(counts) for counts in (found.before, found.after, found.held_out)]
+    expected = f1_interval(found.held_out, confidence, seed)
+    for name, ratios, limits in (
+        ('F1', [run.f1 for run in runs], expected),
+        ('precision', [run.precision.ratio for run in runs], None),
+        ('recall', [run.recall.ratio for run in runs], None),
+        ('good points lost', [run.false_rejections.ratio for run in runs], None),
+    ):
+        answer.add_row(name, *(percent(ratio) for ratio in ratios), _limits(limits))
+    return answer
+
+
+def _limits(interval: Interval | None) -> str:
+    if interval is None or math.isnan(interval.low):
+        return ''
+    return f'{percent(interval.low)} – {percent(interval.high)}'
+
+
+def _values(found: Tuned, start: FilterParameters) -> Table:
+    answer = Table('parameter', 'start', 'tuned', 'without each fold', box=None, pad_edge=False)
+    before, after = start.flat(), found.parameters.flat()
+    for name, start_value in before.items():
+        others = [fold.get(name, start_value) for fold in found.folds]
+        if any(value != start_value for value in (after[name], *others)):
+            texts = ', '.join(dict.fromkeys(as_yaml(value) for value in others))
+            answer.add_row(name, as_yaml(start_value), as_yaml(after[name]), texts)
+    return answer
+
+
+def _alone(found: Tuned) -> Table:
+    """Say what each detector is needed for: what no other one rejects."""
+    answer = Table('rejected by it alone', 'outliers', 'good points', box=None, pad_edge=False)
+    for column in answer.columns[1:]:
+        column.justify = 'right'
+    for name, (outliers, good) in found.alone.items():
+        answer.add_row(name, f'{outliers:,}', f'{good:,}')
+    return answer
+
+
+def as_yaml(value: Any) -> str:
+    """Write a value so that ROS reads it back: to its YAML, 1e-06 would be a text."""
+    plain = list(value) if isinstance(value, tuple) else value
+    text: str = yaml.safe_dump(plain, default_flow_style=True, width=1000)
+    return text.removesuffix('...\n').strip()
+
+
+def ros_lines(start: FilterParameters, values: Mapping[str, object]) -> list[str]:
+    """Write commands that change a running node, one parameter at a time.
+
+    Their order is such that the node, if it runs with the parameters of the start, accepts each.
+    """
+    left = {name: value for name, value in values.items() if start.flat()[name] != value}
+    lines, now = [], start
+    while left:
+        for name, value in left.items():
+            try:
+                now = now.changed({name: value})
+            except ParameterError:
+                continue
+            break
+        else:
+            # No single step leads there: on the way one is refused, and must be set once more.
+            name, value = next(iter(left.items()))
+        lines.append(f'ros2 param set /{NODE_NAME} {name} {as_yaml(value)}')
+        del left[name]
+    return lines
+
+
+def write(path: Path, parameters: FilterParameters, about: str) -> None:
+    """Write a new ROS parameter file, whole or not at all, with a sentence on top.
+
+    Raises
+    ------
+    RecordingError
+        If it exists, or cannot be written.
+
+    """
+    check_new(path)
+    text = f'# {about}\n{write_yaml(parameters.flat())}'
+    try:
+        with TemporaryDirectory(prefix=f'.{path.name}.partial-', dir=path.absolute().parent) as new:
+            built = Path(new, path.name)
+            built.write_text(text, encoding='utf-8')
+            built.rename(path)
+    except OSError as err:
+        raise RecordingError(f'the output {path}', 'written', err.strerror or err) from err
+
+
+def check_new(path: Path) -> None:
+    """Refuse to replace a file."""
+    if os.path.lexists(path):
+        raise RecordingError('the output', 'a new file', f'{path}, which exists')
+
+
+def sentence(found: Tuned, source: str, confidence: float, seed: int) -> str:
+    """Say in one line what the parameters are worth, and how that is known."""
+    expected = whole(found.held_out)
+    low, high = f1_interval(found.held_out, confidence, seed)
+    limits = '' if math.isnan(low) else f' ({100 * confidence:g} %: {low:.3f} to {high:.3f})'
+    return (
+        f'Tuned on {source}: F1 {expected.f1:.3f}{limits}, '
+        f'{percent(expected.false_rejections.ratio)} of the good points lost, '
+        f'where it was not learnt from, in {len(found.folds)} folds.'
+    )

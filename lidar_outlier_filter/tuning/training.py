@@ -1,0 +1,342 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the tuner learns from: points whose truth is known, judged as the node would judge them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.core.blocks import Stream
+from lidar_outlier_filter.core.chain import Chain, along_lines
+from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.errors import CloudError, RecordingError
+from lidar_outlier_filter.evaluation.curves import Curve, curve
+from lidar_outlier_filter.evaluation.labels import read_codes
+from lidar_outlier_filter.files import points as file_points
+from lidar_outlier_filter.files.cloud_file import open_cloud
+from lidar_outlier_filter.messages.cloud import is_empty, structured
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.tuning.inject import Injection, inject
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.evaluation.labels import Codes
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+    Mask = NDArray[np.bool_]
+    Integers = NDArray[np.int64]
+
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+ANSWERS = ('/cleaned', '/outliers')
+
+
+@dataclass(frozen=True)
+class Training:
+    """N valid points whose truth is known.
+
+    Attributes
+    ----------
+    clouds : the messages, in order; or one whole cloud, which is not ``streamed``
+    bad, good : (N,) bool
+        Truth; points that are neither do not count.
+    stretch : (N,) int64
+        The stretch that each point is in: by time, or along a whole cloud.
+    stretches : how many there are
+    streamed : whether the clouds are judged in blocks, as the node judges them
+    refused : clouds that the filter refuses, which are not among them
+
+    """
+
+    clouds: tuple[Points, ...]
+    bad: Mask
+    good: Mask
+    stretch: Integers
+    stretches: int
+    streamed: bool = True
+    refused: int = 0
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self.bad)
+
+    @property
+    def sources(self) -> Integers:
+        """Tell of each stretch, (S,), which recording it is of."""
+        return np.zeros(self.stretches, np.int64)
+
+    def judge(self, parameters: FilterParameters, seen: Mask | None = None) -> Verdict:
+        """Judge the points as the node would, or those of them that are to be seen."""
+        clouds: Sequence[Points] = self.clouds
+        if seen is not None:
+            ends = np.cumsum([len(cloud) for cloud in clouds])[:-1]
+            parts = np.split(seen, ends)
+            clouds = [cloud.take(part) for cloud, part in zip(clouds, parts, strict=True)]
+        told = _stream(clouds, parameters) if self.streamed else _whole(clouds, parameters)
+        if seen is None:
+            return told
+        verdict = Verdict.untested(len(self))
+        verdict.put(seen, told)
+        return verdict
+
+    def curve(self, parameters: FilterParameters) -> Curve:
+        """Say what other thresholds would give, of the scores of one chain."""
+        counted = self.bad | self.good
+        return curve(self.bad[counted], self.judge(parameters).score[counted])
+
+
+@dataclass(frozen=True)
+class _Several(Training):
+    """Several recordings, each judged by itself."""
+
+    parts: tuple[Training, ...] = ()
+
+    @property
+    def sources(self) -> Integers:
+        return np.repeat(np.arange(len(self.parts)), [part.stretches for part in self.parts])
+
+    def judge(self, parameters: FilterParameters, seen: Mask | None = None) -> Verdict:
+        ends = np.cumsum([len(part) for part in self.parts])[:-1]
+        masks = [None] * len(self.parts) if seen is None else np.split(seen, ends)
+        return _joined([p.judge(parameters, m) for p, m in zip(self.parts, masks, strict=True)])
+
+
+def together(parts: Sequence[Training]) -> Training:
+    """Put recordings beside each other: the stretches of the second follow those of the first."""
+    if len(parts) == 1:
+        return parts[0]
+    before = np.cumsum([0, *(part.stretches for part in parts)])
+    return _Several(
+        (),
+        np.concatenate([part.bad for part in parts]),
+        np.concatenate([part.good for part in parts]),
+        np.concatenate([part.stretch + first for part, first in zip(parts, before, strict=False)]),
+        int(before[-1]),
+        refused=sum(part.refused for part in parts),
+        parts=tuple(parts),
+    )
+
+
+def _stream(clouds: Sequence[Points], parameters: FilterParameters) -> Verdict:
+    stream = Stream(parameters)
+    finished = [answer for cloud in clouds for answer in stream.push(cloud)]
+    finished += stream.flush()
+    return _joined([verdict for _, verdict in finished])
+
+
+def _joined(verdicts: Sequence[Verdict]) -> Verdict:
+    columns: dict[str, Any] = {
+        field.name: np.concatenate([getattr(verdict, field.name) for verdict in verdicts])
+        for field in fields(Verdict)
+    }
+    return Verdict(**columns)
+
+
+def _whole(clouds: Sequence[Points], parameters: FilterParameters) -> Verdict:
+    return Chain(parameters).judge(clouds[0])
+
+
+def from_recording(  # noqa: PLR0913  what the command line offers
+    recording: Path,
+    parameters: FilterParameters,
+    codes: Codes,
+    topic: str | None = None,
+    truth: str | Sequence[Path] | Injection = 'label',
+    stretches: int = 20,
+) -> Training:
+    """Read the clouds of a topic and their truth.
+
+    Parameters
+    ----------
+    recording : any that ``replay`` reads
+    parameters : how the clouds are read, and what makes a block
+    codes : what the labels mean
+    topic : of clouds; None: the only one
+    truth : field of the clouds; or a file for each cloud, in order; or how to make outliers of
+        points that are good, all of them
+    stretches : how many to cut it into, of equal numbers of points
+
+    Raises
+    ------
+    FilterError
+        If the recording cannot be read, or has no such topic, field or truth.
+
+    """
+    files = [] if isinstance(truth, str | Injection) else list(truth)
+    clouds, labels, refused = _read(recording, parameters, topic, truth, files)
+    if isinstance(truth, Injection):
+        clouds, code = inject(clouds, truth)
+    else:
+        code = np.concatenate(labels) if labels else np.zeros(0, np.int64)
+    t = np.concatenate([cloud.t for cloud in clouds]) if clouds else np.zeros(0, np.int64)
+    pieces = cut(t, stretches)
+    return _checked(clouds, code, codes, pieces, stretches, streamed=True, refused=refused)
+
+
+def _read(
+    recording: Path,
+    parameters: FilterParameters,
+    topic: str | None,
+    truth: str | Sequence[Path] | Injection,
+    files: Sequence[Path],
+) -> tuple[list[Points], list[Integers], int]:
+    """Read the valid points of every cloud that the filter takes, and their labels."""
+    decoder, dry = Decoder(parameters), Stream(parameters)
+    # It only says which clouds it would take.
+    dry.chain = _Nothing(parameters)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    clouds, labels, number, taken = [], [], 0, 0
+    with Recording(recording) as source:
+        name = _choose(source, topic)
+        for channel, _, data in source.messages():
+            if channel.name != name:
+                continue
+            message = store.deserialize_cdr(data, channel.msgtype)
+            number += 1
+            if files and number > len(files):
+                continue
+            try:
+                points = decoder.decode(message)
+                dry.push(points)
+            except CloudError:
+                decoder.undo()
+                continue
+            taken += 1
+            clouds.append(points.take(points.valid))
+            if not isinstance(truth, Injection):
+                path = files[number - 1] if files else None
+                labels.append(_labels(message, path, truth)[points.valid])
+    if files and number != len(files):
+        must_be = f'one for each of the {number} clouds of {name}'
+        raise RecordingError('the files with labels', must_be, len(files))
+    return clouds, labels, number - taken
+
+
+class _Nothing(Chain):
+    """A chain that leaves all points as they are."""
+
+    def judge(self, points: Points) -> Verdict:
+        """Judge nothing."""
+        return Verdict.untested(len(points))
+
+
+def _labels(message: Any, path: Path | None, truth: str | Sequence[Path] | Injection) -> Integers:
+    """Return the labels of all points of a cloud, row by row."""
+    count = message.width * message.height
+    if path is not None:
+        code = read_codes(path)
+        if len(code) != count:
+            raise RecordingError(f'the labels in {path}', f'for {count} points', len(code))
+        return code
+    if is_empty(message):
+        return np.zeros(0, np.int64)
+    points = structured(message).reshape(-1)
+    names = points.dtype.names or ()
+    if truth not in names or points.dtype[truth].kind not in 'iu':
+        must_be = f'with whole numbers {truth!r}'
+        raise RecordingError('the fields of the clouds', must_be, ', '.join(names))
+    return np.asarray(points[str(truth)].astype(np.int64))
+
+
+def _choose(source: Recording, topic: str | None) -> str:
+    """Find the topic of clouds that is named, or the only one; answers are none."""
+    names = [channel.name for channel in source.topics if channel.msgtype == CLOUD]
+    inputs = [
+        name
+        for name in names
+        if not any(
+            name.endswith(answer) and name.removesuffix(answer) in names for answer in ANSWERS
+        )
+    ]
+    if topic is None and len(inputs) == 1:
+        return inputs[0]
+    if topic is None or topic not in names:
+        known = ', '.join(inputs) or 'none'
+        must_be = f'one of its topics of clouds ({known})'
+        raise RecordingError(f'the topic to learn from in {source.path}', must_be, repr(topic))
+    return topic
+
+
+def from_file(  # noqa: PLR0913  what the command line offers
+    path: Path,
+    parameters: FilterParameters,
+    codes: Codes,
+    label: str = '',
+    labels: Path | None = None,
+    injection: Injection | None = None,
+    stretches: int = 20,
+) -> Training:
+    """Read a cloud that is a file, to be judged as a whole, as ``clean`` does.
+
+    Parameters
+    ----------
+    path : any file that ``clean`` reads
+    parameters : how it is read
+    codes : what the labels mean
+    label : column with the truth
+    labels : file with the truth, in the same order; None: the cloud itself
+    injection : how to make outliers; None: the truth is in the labels
+    stretches : how many to cut it into, of equal numbers of points, along its longest side
+
+    Raises
+    ------
+    FilterError
+        If a file cannot be read, has no such column, or lacks what the chain needs.
+
+    """
+    file = open_cloud(path)
+    along = along_lines(parameters.chain)
+    timed = bool(along)
+    names = file_points.choose_coordinates(file, ())
+    loaded = file_points.load(file, names, parameters, timed=timed)
+    if timed and not loaded.lines:
+        must_be = f'without {along}, as {path} has {loaded.lack}'
+        raise RecordingError('chain', must_be, ', '.join(parameters.chain))
+    valid = loaded.points.valid
+    cloud = loaded.points.take(valid)
+    if injection is not None:
+        (cloud,), code = inject([cloud], injection)
+    else:
+        code = read_codes(labels or path, label)
+        if len(code) != len(valid):
+            raise RecordingError(f'the labels in {labels}', f'for {len(valid)} points', len(code))
+        code = code[valid]
+    longest = int(np.argmax(np.ptp(cloud.xyz, axis=0))) if len(cloud) else 0
+    pieces = cut(cloud.xyz[:, longest], stretches)
+    return _checked([cloud], code, codes, pieces, stretches, streamed=False)
+
+
+def cut(values: NDArray[Any], stretches: int) -> Integers:
+    """Cut points into stretches of equal numbers, by their values (N,) in ascending order."""
+    rank = np.empty(len(values), np.int64)
+    rank[np.argsort(values, kind='stable')] = np.arange(len(values))
+    return rank * stretches // max(len(values), 1)
+
+
+def _checked(  # noqa: PLR0913  all that is known
+    clouds: Sequence[Points],
+    code: Integers,
+    codes: Codes,
+    stretch: Integers,
+    stretches: int,
+    *,
+    streamed: bool,
+    refused: int = 0,
+) -> Training:
+    counted, bad = codes.counted(code), codes.bad(code)
+    outliers, good = np.count_nonzero(counted & bad), np.count_nonzero(counted & ~bad)
+    if outliers == 0 or good == 0:
+        got = f'{outliers} outliers and {good} good points'
+        raise RecordingError('the points to learn from', 'outliers and good points', got)
+    return Training(
+        tuple(clouds), bad & counted, ~bad & counted, stretch, stretches, streamed, refused
+    )

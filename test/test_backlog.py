@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What waits is bounded and stays in order; what is too much is met as the policy says."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+from lidar_outlier_filter.parameters.node import Load
+from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+FILTER, SHED, PASS, DROP = Treatment.FILTER, Treatment.SHED, Treatment.PASS, Treatment.DROP
+
+
+def cloud(name: object, size: int = 1, at: int = 0) -> Received:
+    """Make a cloud in wait."""
+    return Received(name, at, size)
+
+
+def left(inbox: Inbox) -> list[object]:
+    """Take all that is there: names of clouds, results of commands."""
+    found: list[object] = []
+    while (item := inbox.take(0)) is not None:
+        found.append(item() if callable(item) else item.msg)
+    return found
+
+
+def test_clouds_stay_in_order() -> None:
+    """First in, first out; commands before all, or in their turn."""
+    inbox = Inbox(Load())
+    assert inbox.put(cloud(1)) == 0
+    inbox.order(lambda: 'in turn', in_turn=True)
+    assert inbox.put(cloud(2)) == 0
+    inbox.order(lambda: 'at once')
+    inbox.order(lambda: 'then')
+    assert (inbox.clouds, inbox.size) == (2, 2)
+    assert left(inbox) == ['at once', 'then', 1, 'in turn', 2]
+    assert (inbox.clouds, inbox.size, inbox.fill) == (0, 0, 0)
+
+
+def test_bounded_by_number() -> None:
+    """The oldest goes; a command among the clouds stays in its place."""
+    inbox = Inbox(Load(clouds=3))
+    inbox.order(lambda: 'first', in_turn=True)
+    assert [inbox.put(cloud(number)) for number in range(6)] == [0, 0, 0, 1, 1, 1]
+    assert inbox.fill == 1
+    assert left(inbox) == ['first', 3, 4, 5]
+
+
+def test_bounded_by_memory() -> None:
+    """As many go as it takes; a single cloud has room, whatever its size."""
+    inbox = Inbox(Load(megabytes=10))
+    assert [inbox.put(cloud(size, size * 10**6)) for size in (4, 6, 5, 11)] == [0, 0, 2, 1]
+    assert (inbox.clouds, inbox.size) == (1, 11_000_000)
+    assert left(inbox) == [11]
+
+
+def test_closed_nothing_is_too_much() -> None:
+    """All that was received is filtered before the end."""
+    inbox = Inbox(Load(clouds=1))
+    inbox.close()
+    assert [inbox.put(cloud(number)) for number in range(3)] == [0, 0, 0]
+    assert inbox.closed
+    assert left(inbox) == [0, 1, 2]
+    inbox.put(cloud(4))
+    inbox.order(lambda: 'at once')
+    inbox.close(discard=True)
+    assert (left(inbox), inbox.clouds, inbox.size) == ([], 0, 0)
+
+
+def test_received_by_another_clock() -> None:
+    """All that waits is received now."""
+    inbox = Inbox(Load())
+    inbox.put(cloud(1, at=5))
+    inbox.order(lambda: 'command', in_turn=True)
+    inbox.received_now(7)
+    item = inbox.take(0)
+    assert isinstance(item, Received)
+    assert item.at == 7
+
+
+@pytest.mark.parametrize(
+    'wake',
+    [
+        lambda inbox: inbox.put(cloud(1)),
+        lambda inbox: inbox.order(str),
+        lambda inbox: inbox.order(str, in_turn=True),
+        lambda inbox: inbox.wake(),
+        lambda inbox: inbox.close(),
+    ],
+)
+def test_take_waits(wake: Callable[[Inbox], object]) -> None:
+    """Until there is something, or it is woken; being woken before counts, once."""
+    inbox = Inbox(Load())
+    thread = threading.Thread(target=inbox.take, args=[None])
+    thread.start()
+    wake(inbox)
+    thread.join(60)
+    assert not thread.is_alive()
+    inbox.wake()
+    assert inbox.take(60) is None
+    if not inbox.closed:
+        assert inbox.take(0.001) is None
+
+
+def decide(overload: Overload, policy: str, *waits: tuple[float, float]) -> list[Treatment]:
+    """Decide for clouds of (fill, age), max_delay 1 s."""
+    return [overload.decide(policy, fill, age, 1.0) for fill, age in waits]
+
+
+def test_nothing_is_done_before_it_is_too_much() -> None:
+    """Below half of what may wait, and of how long, all is filtered."""
+    for policy in ('drop_oldest', 'pass_through', 'shed'):
+        assert decide(Overload(), policy, (0, 0), (0.49, 0), (0, 0.44)) == [FILTER] * 3
+
+
+def test_drop_oldest() -> None:
+    """Dropped is what cannot be answered in time, unless it is the newest."""
+    waits = ((0.9, 0), (0.1, 0.89), (0.1, 0.91), (0, 5), (0.001, 0.91))
+    assert decide(Overload(), 'drop_oldest', *waits) == [FILTER, FILTER, DROP, FILTER, DROP]
+
+
+@pytest.mark.parametrize('much', [(0.5, 0.0), (0.0, 0.45)])
+def test_pass_through(much: tuple[float, float]) -> None:
+    """From half on everything passes, until nothing waits."""
+    found = decide(
+        Overload(), 'pass_through', (0.4, 0), much, (0.1, 0), (0.01, 0), (0, 0), (0.4, 0)
+    )
+    assert found == [FILTER, PASS, PASS, PASS, FILTER, FILTER]
+
+
+def test_shed() -> None:
+    """From half on the smoother alone, from three quarters nobody, until nothing waits."""
+    waits = ((0.4, 0), (0.5, 0), (0.75, 0), (0.74, 0), (0.1, 0.89), (0.1, 0.91), (0.1, 0), (0, 0))
+    found = decide(Overload(), 'shed', *waits)
+    assert found == [FILTER, SHED, PASS, SHED, PASS, PASS, SHED, FILTER]
+
+
+def test_the_verdict_takes_time_too() -> None:
+    """What clouds took of late is kept for the next one, a tenth to half of max_delay."""
+    overload = Overload()
+    assert overload.lead(1.0) == 0.1
+    overload.took(0.3)
+    assert overload.lead(1.0) == 0.3
+    assert overload.lead(0.4) == 0.2
+    assert overload.lead(10.0) == 1.0
+    assert decide(overload, 'drop_oldest', (0.1, 0.69), (0.1, 0.71)) == [FILTER, DROP]
+    for _ in range(10):
+        overload.took(0.0)
+    assert 0.1 < overload.lead(1.0) < 0.2
+    for _ in range(30):
+        overload.took(0.0)
+    assert overload.lead(1.0) == 0.1

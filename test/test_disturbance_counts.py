@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The lot that gives a cloud exactly the outliers it is to have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.simulation import disturbance_counts as choose
+from lidar_outlier_filter.simulation.demo_street import demo_drive
+from lidar_outlier_filter.simulation.drive import Block, Drive, Returns, merge, simulate
+from lidar_outlier_filter.simulation.recording import POINT
+from lidar_outlier_filter.simulation.scene import Cause, Scene
+from lidar_outlier_filter.simulation.surfaces import Ground
+
+GOOD, SNOW, MIXED = Cause.GOOD, Cause.SNOW, Cause.MIXED
+
+
+def returns(shots: list[int], labels: list[Cause]) -> Returns:
+    """Make points of shots, with x = shot."""
+    points = np.zeros(len(shots), POINT)
+    points['x'], points['label'] = shots, labels
+    return Returns(np.array(shots, np.int64), points)
+
+
+# Shots 0 to 9; 3 and 4 see the sky, 6 a silhouette. Five are disturbed, 2 and 4 most likely.
+CLEAN = returns([0, 1, 2, 5, 6, 7, 8, 9], [GOOD, GOOD, GOOD, GOOD, MIXED, GOOD, GOOD, GOOD])
+SPOILT = returns([2, 4, 5, 6, 9], [SNOW] * 5)
+BLOCK = Block(CLEAN, SPOILT, np.array([0.1, 0.2, 0.5, 0.3, 0.9]))
+
+
+def test_merge() -> None:
+    """Disturbed shots take the place of what they had measured, in order."""
+    shot, points = merge(CLEAN, SPOILT)
+    assert shot.tolist() == [0, 1, 2, 4, 5, 6, 7, 8, 9]
+    assert points['x'].tolist() == shot.tolist()
+    assert points['label'].tolist() == [0, 0, SNOW, SNOW, SNOW, SNOW, 0, 0, SNOW]
+
+
+@pytest.mark.parametrize(
+    ('points', 'outliers', 'shots'),
+    [
+        (8, 1, []),  # the silhouette alone
+        (8, 2, [2]),
+        (8, 3, [2, 5]),  # 4 would be one point more, 6 is an outlier already
+        (8, 4, [2, 5, 9]),
+        (4, 1, [2]),
+        (4, 2, [2, 5]),
+    ],
+)
+def test_exactly(points: int, outliers: int, shots: list[int]) -> None:
+    """The first points stay; by lot as many of the good ones as told become outliers."""
+    shot, cloud = choose.exactly(BLOCK, points, outliers)
+    assert shot.tolist() == CLEAN.shot[:points].tolist()
+    assert cloud['x'].tolist() == shot.tolist()
+    assert shot[cloud['label'] == SNOW].tolist() == shots
+    assert np.count_nonzero(cloud['label']) == outliers
+
+
+def test_exactly_refuses() -> None:
+    """Fewer outliers than the scene itself makes, or more than were disturbed, are refused."""
+    for points, outliers in ((8, 0), (8, 5), (4, 3)):
+        with pytest.raises(FilterError, match=r'the share must be from .* here, got'):
+            choose.exactly(BLOCK, points, outliers)
+
+
+@pytest.mark.parametrize(
+    ('share', 'shots'),
+    [
+        (1 / 8, []),
+        (2 / 8, [2]),
+        (3 / 9, [2, 4]),
+        (0.31, [2, 4]),  # nearer than 2 of 8
+        (4 / 9, [2, 4, 5, 6]),  # 6 changes no count, and 5 comes after it
+        (5 / 9, [2, 4, 5, 6, 9]),
+    ],
+)
+def test_about(share: float, shots: list[int]) -> None:
+    """Shots at the sky make points that would not be; the share comes as near as it can."""
+    shot, cloud = choose.about(BLOCK, share)
+    assert shot[cloud['label'] == SNOW].tolist() == shots
+
+
+def test_about_refuses() -> None:
+    """A share below the scene's own, or above all that were disturbed, is refused."""
+    for share in (0.1, 0.6):
+        with pytest.raises(FilterError, match=r'the share must be from 0.125000 to 0.555556 here'):
+            choose.about(BLOCK, share)
+
+
+def test_gather_stops_where_there_are_enough() -> None:
+    """A drive is cast until there are points enough, the share done told; too few are refused."""
+    drive = replace(demo_drive(), lines=100)
+    done: list[float] = []
+    some = choose.gather(drive, 15_000, done.append)
+    assert done[-1] == 1.0
+    assert done == sorted(done)
+    assert 15_000 <= len(some.clean.shot) < 30_000
+    whole = choose.gather(drive)
+    np.testing.assert_array_equal(whole.clean.shot[: len(some.clean.shot)], some.clean.shot)
+    np.testing.assert_array_equal(whole.clean.points[: len(some.clean.shot)], some.clean.points)
+    with pytest.raises(FilterError, match='the points of the drive must be at least 90000, got'):
+        choose.gather(drive, 90_000)
+
+
+def test_all_disturbed_is_what_simulate_gives() -> None:
+    """Choosing every disturbed shot gives the drive as it is simulated without choosing."""
+    drive = replace(demo_drive(), lines=40)
+    block = choose.gather(drive)
+    shot, points = merge(block.clean, block.spoilt)
+    blocks = [part for _, part in simulate(drive)]
+    np.testing.assert_array_equal(shot, np.concatenate([part.shot for part in blocks]))
+    np.testing.assert_array_equal(points, np.concatenate([part.points for part in blocks]))
+    assert len(block.spoilt.shot) > 20
+
+
+def test_lots_are_even() -> None:
+    """Chosen shots are spread over all disturbed ones, and each lot is in 0 to 1."""
+    drive = Drive(Scene((Ground(-90.0, 90.0, 90.0),)), lines=100)
+    block = choose.gather(drive)
+    assert 0.0 <= block.lot.min() < block.lot.max() < 1.0
+    assert block.lot.mean() == pytest.approx(0.5, abs=4 * np.sqrt(1 / 12 / len(block.lot)))
+    half = int(np.count_nonzero(block.clean.points['label'])) + len(block.lot) // 2
+    chosen = choose.exactly(block, len(block.clean.shot), half)
+    where = chosen.shot[chosen.points['label'] != Cause.GOOD]
+    assert np.median(where) == pytest.approx(np.median(block.spoilt.shot), rel=0.2)

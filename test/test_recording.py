@@ -1,0 +1,408 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The simulator is checked, not believed: every number it states is measured in what it makes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.simulation.demo_street import demo_drive
+from lidar_outlier_filter.simulation.drive import Disturbances, Drive, Returns, simulate
+from lidar_outlier_filter.simulation.particles import Fall, Puff
+from lidar_outlier_filter.simulation.recording import POINT, clouds, record
+from lidar_outlier_filter.simulation.scene import Cause, Kind, Rays, Scene
+from lidar_outlier_filter.simulation.sensors import ProfileScanner, _strongest
+from lidar_outlier_filter.simulation.surfaces import (
+    BarrierArm,
+    Box,
+    Building,
+    Ground,
+    Pole,
+)
+from lidar_outlier_filter.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.simulation.scene import Surface
+
+QUIET = Disturbances(reflection=0.0, near_surface=0.0)
+SMOOTH = Trajectory(speed_change=0.0, bump=0.0, sway=0.0)
+FLAT = Scene((Ground(-500.0, 500.0, 500.0),))
+
+
+def rays(origin: tuple[float, ...], *goals: tuple[float, ...]) -> Rays:
+    """Aim one ray at each goal."""
+    step = np.array(goals).T - np.reshape(origin, (3, 1))
+    direction = step / np.linalg.norm(step, axis=0)
+    start = np.broadcast_to(np.reshape(origin, (3, 1)), direction.shape)
+    return Rays(start[:, :, None], direction[:, :, None], np.zeros(len(goals)))
+
+
+def returns(drive: Drive) -> Returns:
+    """Cast a whole drive."""
+    blocks = [block for _, block in simulate(drive)]
+    joined = Returns(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
+    assert len(joined.shot) == len(joined.points)
+    return joined
+
+
+def position(points: NDArray[np.void]) -> NDArray[np.float64]:
+    """Coordinates (3, N)."""
+    return np.stack([points[axis] for axis in 'xyz']).astype(np.float64)
+
+
+def origins(drive: Drive, shot: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Where the scanner was at each shot (3, N)."""
+    return drive.rays(shot).origin[:, :, 0]
+
+
+@pytest.mark.parametrize(
+    ('surface', 'origin', 'goal', 'distance', 'cosine'),
+    [
+        (Ground(-9.0, 9.0, 9.0), (0.0, 0.0, 3.0), (4.0, 0.0, 0.0), 5.0, 0.6),
+        (Ground(-9.0, 9.0, 5.0, crown=0.1), (0.0, 0.0, 2.1), (0.0, 0.0, 0.0), 2.0, 1.0),
+        (Ground(-9.0, 9.0, 5.0, crown=0.1), (0.0, 5.0, 2.0), (0.0, 5.0, 0.0), 2.0, 0.99920),
+        (Box((2, -1, -1), (3, 1, 1), Kind.CAR), (0.0, 0.0, 0.0), (2.0, 0.0, 0.0), 2.0, 1.0),
+        (Box((3, 3, -1), (5, 5, 1), Kind.CAR), (0.0, 0.0, 0.0), (3.0, 4.0, 0.0), 5.0, 0.6),
+        (Pole(3.0, 0.0, radius=0.5), (0.0, 0.0, 1.0), (3.0, 0.0, 1.0), 2.5, 1.0),
+        (Pole(3.0, 4.0, radius=0.5), (0.0, 0.0, 1.0), (3.0, 4.0, 1.0), 4.5, 1.0),
+    ],
+)
+def test_surfaces(
+    surface: Surface,
+    origin: tuple[float, ...],
+    goal: tuple[float, ...],
+    distance: float,
+    cosine: float,
+) -> None:
+    """Rays meet surfaces at the distances and angles that one finds by hand."""
+    hits = Scene((surface,)).cast(rays(origin, goal))
+    np.testing.assert_allclose(hits.distance, distance, atol=1e-9)
+    np.testing.assert_allclose(hits.cosine, cosine, atol=1e-5)
+
+
+def test_rays_miss() -> None:
+    """The sky, what is beside or behind, and what is beyond an end, give nothing."""
+    scene = Scene((Ground(-9.0, 9.0, 5.0, crown=0.1), Pole(3.0, 0.0, tall=2.0)))
+    goals = ((0.0, 0.0, 9.0), (0.0, 9.0, 0.0), (20.0, 0.0, 0.0), (3.0, 0.0, 1.6), (3.0, 1.0, 1.6))
+    hits = scene.cast(rays((0.0, 0.0, 3.0), *goals))
+    assert np.isinf(hits.distance).tolist() == [[True], [True], [True], [False], [False]]
+    assert hits.surface[:, 0].tolist() == [-1, -1, -1, 1, 0]
+
+
+def test_nearest_surface_counts() -> None:
+    """Of two surfaces on a ray, the nearer one hides the other, in either order."""
+    near, far = (Box((x, -1, -1), (x + 1, 1, 1), Kind.CAR) for x in (2.0, 5.0))
+    for scene in (Scene((near, far)), Scene((far, near))):
+        assert scene.cast(rays((0.0, 0.0, 0.0), (9.0, 0.1, 0.1))).distance < 3.0
+
+
+def test_windows() -> None:
+    """A facade gives its wall, and the reveals and panes of its windows; open ones give nothing."""
+    wall = Building((0.0, 5.0, 0.0), (12.0, 9.0, 3.2), open_every=4)  # windows at 1.5, 4.5, ... m
+
+    def depth(x: float, z: float, step: float = 0.0) -> float:
+        hits = Scene((wall,)).cast(rays((x - step, 0.0, z), (x, 5.0, z)))
+        return float(hits.distance[0, 0] * 5.0 / np.hypot(5.0, step))
+
+    assert depth(3.0, 1.7) == pytest.approx(5.0)
+    assert depth(4.5, 1.7) == pytest.approx(5.2)
+    assert np.isinf(depth(1.5, 1.7))
+    # Towards +x at 45°, 0.1 m before the edge at x = 5.15: the reveal is met after 0.1 m.
+    assert depth(5.05, 1.7, step=5.0) == pytest.approx(5.1)
+
+
+def test_barrier_arm_moves() -> None:
+    """The arm is where its angle at the time of the ray puts it."""
+    arm = BarrierArm((5.0, 0.0, 1.0), 4.0, angle=0.0, rate=np.pi / 4)
+    lying, standing = (5.0, -3.0, 1.0), (5.0, 0.0, 4.0)
+    aim = rays((0.0, 0.0, 1.0), lying, standing, lying, standing)
+    at = Rays(aim.origin, aim.direction, np.array([0.0, 0.0, 2.0, 2.0]))
+    assert np.isfinite(Scene((arm,)).cast(at).distance[:, 0]).tolist() == [1, 0, 0, 1]
+
+
+def parallel(count: int, t: float = 0.0) -> Rays:
+    """Send single rays along x, all on the same line."""
+    direction = np.zeros((3, count, 1))
+    direction[0] = 1.0
+    return Rays(np.zeros((3, count, 1)), direction, np.full(count, t))
+
+
+def test_puff_follows_beer_lambert() -> None:
+    """As many rays are sent back as the optical depth says, and none beyond a wall."""
+    puff = Puff((10.0, 0.0, 0.0), (0.5, 0.5, 0.5), density=0.8)
+    count = 100_000
+    dice = np.random.default_rng(1).random(count)
+    far = puff.meet(parallel(count), np.full(count, np.inf), dice)
+    met = np.isfinite(far)
+    share = -np.expm1(-0.8 * 0.5 * np.sqrt(2 * np.pi))
+    assert met.mean() == pytest.approx(share, abs=0.005)
+    assert far[met].mean() < 10.0  # the near side is met more often
+    wall = puff.meet(parallel(count), np.full(count, 9.8), dice)
+    assert wall[np.isfinite(wall)].max() <= 9.8
+    np.testing.assert_array_equal(far[far < 9.8], wall[np.isfinite(wall)])
+
+
+def test_puff_drifts() -> None:
+    """A puff that moves sends back where it has moved to."""
+    puff = Puff((10.0, 0.0, 0.0), (0.5, 0.5, 0.5), 0.8, velocity=(2.0, 0.0, 0.0))
+    dice = np.random.default_rng(1).random(10_000)
+    now, later = (puff.meet(parallel(10_000, t), np.full(10_000, 99.0), dice) for t in (0.0, 1.5))
+    met = np.isfinite(now)
+    np.testing.assert_array_equal(met, np.isfinite(later))
+    np.testing.assert_allclose(later[met], now[met] + 3.0)
+
+
+def test_rain_and_snow_fade_with_the_range() -> None:
+    """As many rays are sent back before any range as the stated density sums up to."""
+    snow, count = Fall(Cause.SNOW, density=0.05, fade=4.0), 100_000
+    far = snow.meet(parallel(count), np.full(count, 50.0), np.random.default_rng(2).random(count))
+    for reach in (1.0, 4.0, 12.0, 49.9):
+        depth = np.trapezoid(0.05 / (1 + (np.linspace(0, reach, 9999) / 4) ** 2), dx=reach / 9998)
+        share = -np.expm1(-depth)
+        assert (far < reach).mean() == pytest.approx(share, abs=float(4 * np.sqrt(share / count)))
+    assert far[np.isfinite(far)].max() < 50.0
+
+
+def test_noise_on_a_flat_road() -> None:
+    """Residuals have the stated standard deviation at all ranges and incidences, and no bias."""
+    drive = Drive(FLAT, lines=100, trajectory=SMOOTH, disturbances=QUIET)
+    shot, points = returns(drive)
+    eye = origins(drive, shot)
+    step = position(points) - eye
+    measured = np.linalg.norm(step, axis=0)
+    fall = -step[2] / measured
+    true = eye[2] / fall
+    assert (points['label'] == Cause.GOOD).all()
+    residual = (measured - true) / drive.sensor.range_sigma(true, fall)
+    for low, high in ((2.0, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 40.0)):
+        some = residual[(true >= low) & (true < high)]
+        assert len(some) > 1000
+        assert abs(some.mean()) < 4.0 / np.sqrt(len(some))
+        assert some.std() == pytest.approx(1.0, abs=3.0 / np.sqrt(len(some)))
+    near = true < 2.6  # straight below the vehicle, where the scan plane leans by 15°
+    assert (measured - true)[near].std() == pytest.approx(0.0083, abs=0.0003)
+
+
+def test_range_sigma() -> None:
+    """The formula of the noise: 8 mm and 0.1 mm per metre, more where the footprint is spread."""
+    sensor = ProfileScanner()
+    at = sensor.range_sigma(np.array([0.0, 20.0, 20.0]), np.array([1.0, 1.0, np.sqrt(0.5)]))
+    np.testing.assert_allclose(at, [0.008, 0.010, np.hypot(0.010, 0.25 * 0.010)])
+
+
+def test_shots_and_lines() -> None:
+    """Shots are 5 µs apart, lines 5 ms and what the vehicle drives in that; angles wrap once."""
+    drive = Drive(FLAT, lines=20, trajectory=SMOOTH, disturbances=QUIET)
+    shot, points = returns(drive)
+    messages = list(clouds(drive, lines_per_message=4))
+    times = np.concatenate([stamp + cloud['t'].astype(np.int64) for stamp, cloud in messages])
+    np.testing.assert_array_equal(times - messages[0][0], shot * 5000)
+    angle = points['scan_angle']
+    assert np.count_nonzero(np.diff(angle) < 0) == 19
+    np.testing.assert_allclose(angle, 2 * np.pi * (shot % 1000) / 1000, rtol=1e-6)
+    x = position(points[shot % 1000 == 500])[0]
+    assert np.diff(x).mean() == pytest.approx(8.5 * 0.005, abs=0.001)
+    # The scan plane is turned by 45°, so a line leaves the road at both sides, far apart along it.
+    along, across = position(points[(shot < 1000) & (np.abs(angle - np.pi) < 1.2)])[:2]
+    assert np.polyfit(across, along, 1)[0] == pytest.approx(-1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ('lines', 'shots', 'interval'),
+    [(156.25, 1280, 5000), (200.0, 1250, 4000), (250.0, 800, 5000), (250.0, 2000, 2000)],
+)
+def test_rates_of_survey_scanners(lines: float, shots: int, interval: int) -> None:
+    """From 150 to 250 lines a second and from 200 to 500 thousand shots."""
+    sensor = ProfileScanner(lines_per_second=lines, shots_per_line=shots, numbers_lines=True)
+    assert sensor.interval == interval
+    drive = Drive(FLAT, lines=5, sensor=sensor, trajectory=SMOOTH, disturbances=QUIET)
+    shot, points = returns(drive)
+    np.testing.assert_array_equal(points['line'], shot // shots)
+    first, last = (np.median(points['x'][points['line'] == line]) for line in (0, 4))
+    assert last - first == pytest.approx(4 * 8.5 / lines, rel=0.05)
+
+
+def test_sky_gives_missing_shots() -> None:
+    """No shot above the horizon comes back from a plain; nearly all steep ones come back."""
+    drive = Drive(FLAT, lines=20, trajectory=SMOOTH, disturbances=QUIET)
+    shot, _ = returns(drive)
+    up = drive.rays(np.arange(drive.shots)).direction[2, :, 0]
+    assert (up[shot] < 0.0).all()
+    assert np.isin(np.flatnonzero(up < -0.2), shot).all()
+    assert 0.3 < len(shot) / drive.shots < 0.5
+
+
+def test_shares_of_outliers() -> None:
+    """Reflections and near-surface noise come in the stated shares, at the stated heights."""
+    how = Disturbances(reflection=0.02, near_surface=0.01)
+    drive = Drive(FLAT, lines=100, trajectory=SMOOTH, disturbances=how)
+    _, points = returns(drive)
+    height = position(points)[2]
+    for cause, share, (low, high) in (
+        (Cause.REFLECTION, how.reflection, how.reflection_height),
+        (Cause.NEAR_SURFACE, how.near_surface, how.near_surface_height),
+    ):
+        some = points['label'] == cause
+        assert some.mean() == pytest.approx(share, abs=4 * np.sqrt(share / len(points)))
+        assert (points['surface'][some] == Kind.AIR).all()
+        assert low - 0.05 < height[some].min() < height[some].max() < high + 0.05
+
+
+def test_mixed_pixels_lie_between_surfaces() -> None:
+    """Edges closer together than a pulse give points between them; farther apart, none."""
+    for gap, mixes in ((0.5, True), (3.0, False)):
+        front = Box((-500.0, 5.0, 0.0), (500.0, 5.01, 3.0), Kind.FACADE)
+        back = Box((-500.0, 5.0 + gap, 0.0), (500.0, 9.0, 9.0), Kind.FACADE)
+        drive = Drive(Scene((front, back)), lines=200, disturbances=QUIET)
+        _, points = returns(drive)
+        mixed = points['label'] == Cause.MIXED
+        assert mixed.any() == mixes
+        y = position(points)[1]
+        assert ((y[mixed] > 5.01) & (y[mixed] < 5.0 + gap)).all()
+        # Good points stay on the surfaces, but for noise along the ray.
+        off = np.minimum(np.abs(y - 5.0), np.abs(y - 5.0 - gap))[~mixed]
+        assert np.percentile(off, 99.9) < 0.06
+
+
+def test_scanner_that_tells_mixed_pulses() -> None:
+    """It gives no echo where another gives one between surfaces; elsewhere the same."""
+    front = Box((-500.0, 5.0, 0.0), (500.0, 5.01, 3.0), Kind.FACADE)
+    back = Box((-500.0, 5.5, 0.0), (500.0, 9.0, 9.0), Kind.FACADE)
+    drive = Drive(Scene((front, back)), lines=40, disturbances=QUIET)
+    shot, points = returns(drive)
+    teller = replace(drive, sensor=ProfileScanner(keeps_mixed=False))
+    fewer, clean = returns(teller)
+    np.testing.assert_array_equal(fewer, shot[points['label'] == Cause.GOOD])
+    assert (clean['label'] == Cause.GOOD).all()
+    assert len(fewer) < len(shot)
+
+
+def test_strongest_echo() -> None:
+    """Of two groups of rays the larger one is measured, of equal ones the nearer."""
+    inf = np.inf
+    distance = np.array(
+        [[9, 9, 9, 9, 9, 5, 5], [9, 9, 9, 5, 5, 5, inf], [inf] * 7, [7, 7.2, 7.6, 7.8, 7, 7, 7]]
+    )
+    mean, share = _strongest(distance, 0.8)
+    np.testing.assert_allclose(mean, [9.0, 5.0, inf, 50.6 / 7])
+    np.testing.assert_allclose(share, [5 / 7, 3 / 7, 0.0, 1.0])
+    # Exactly a pulse apart is one echo still.
+    mean, share = _strongest(np.array([[5.0, 5.5, 6.0], [5.0, 5.5, 6.1]]), 0.5)
+    np.testing.assert_allclose(mean, [5.5, 5.25])
+
+
+def test_weak_echoes_are_not_seen() -> None:
+    """An echo counts within limits, up to where it is as weak as the scanner bears."""
+    sensor = ProfileScanner(nearest=2.0, farthest=100.0, weakest=1e-4)
+    at = np.array([1.9, 2.0, 10.0, 10.1, 100.0, 101.0, np.inf])
+    strength = np.array([1.0, 1.0, 0.01, 0.01, 1.0, 9.0, 9.0])
+    assert sensor.is_seen(at, strength).tolist() == [0, 1, 1, 0, 1, 0, 0]
+
+
+def test_mirrors_put_what_is_before_them_behind_them() -> None:
+    """A pane mirrors a wall, a wet road what stands on it: at the whole distance, straight on."""
+    pane = Box((-500.0, 6.0, 0.0), (500.0, 6.1, 9.0), Kind.GLASS)
+    wall = Box((-500.0, -4.1, 0.0), (500.0, -4.0, 9.0), Kind.FACADE)
+    how = replace(QUIET, glass=0.5, wet=1.0, mirrored=1.0)
+    drive = Drive(
+        Scene((Ground(-500.0, 500.0, 3.9), pane, wall)),
+        lines=60,
+        trajectory=Trajectory(start=(0.0, 0.0), bump=0.0, sway=0.0, speed_change=0.0),
+        disturbances=how,
+    )
+    shot, points = returns(drive)
+    _, y, z = position(points)
+    ghost, twice = (points['label'] == cause for cause in (Cause.GHOST, Cause.REFLECTION))
+    # The wall is 10 m before the pane, and appears 10 m behind it; of the road, as much.
+    wall_seen = ghost & (np.abs(y - 16.0) < 0.1)
+    assert wall_seen.sum() > 0.2 * ghost.sum()
+    assert (y[ghost] > 6.0).all()
+    shots = np.count_nonzero((points['surface'] == Kind.GLASS) & (points['label'] == Cause.GOOD))
+    assert 0.1 < ghost.sum() / (shots + ghost.sum()) < 0.5
+    # What stands on a road is mirrored upside down below it.
+    assert twice.sum() > 50
+    assert (z[twice] < 0.0).all()
+    assert (np.abs(np.abs(y[twice] - 1.0) - 5.0) < 0.2).mean() > 0.95
+    assert (points['surface'][ghost | twice] == Kind.AIR).all()
+    # The steeper, the rarer.
+    eye = origins(drive, shot)
+    fall = (eye[2] - z)[twice] / np.linalg.norm(position(points) - eye, axis=0)[twice]
+    assert np.median(fall) < 0.6
+    assert fall.max() < 0.95
+
+
+def test_demo_drive_has_every_cause() -> None:
+    """A part of the demo's street shows every surface, and outliers of all causes."""
+    drive = replace(demo_drive(), lines=240, trajectory=Trajectory(start=(15.0, -1.6)))
+    _, points = returns(drive)
+    labels, kinds = np.unique(points['label']), np.unique(points['surface'])
+    assert labels.tolist() == [*range(Cause.MIXED + 1)]
+    assert kinds.tolist() == [*range(Kind.ARM + 1)]
+    assert 0.005 < (points['label'] != Cause.GOOD).mean() < 0.05
+
+
+@pytest.mark.slow
+def test_demo_drive_is_as_it_was() -> None:
+    """The demo's figures in the documentation are those of these points."""
+    drive = demo_drive()
+    counts = np.zeros(len(Cause), np.int64)
+    for _, cloud in clouds(drive):
+        counts += np.bincount(cloud['label'], minlength=len(Cause))
+    assert counts[:6].tolist() == [562_476, 1156, 4796, 306, 292, 1140]
+    assert counts.sum() == 570_166
+
+
+def test_message_length_does_not_matter() -> None:
+    """The same points come in messages of any number of lines, the last one shorter."""
+    drive = replace(demo_drive(), lines=45)
+    clouds_of_45 = list(clouds(drive, 45))
+    clouds_of_7 = list(clouds(drive, 7))
+    assert [len(clouds_of_45), len(clouds_of_7)] == [1, 7]
+    assert np.diff([stamp for stamp, _ in clouds_of_7]).tolist() == [35_000_000] * 6
+    whole = clouds_of_45[0][1]
+    for name in POINT.names or ():
+        if name != 't':
+            parts = np.concatenate([cloud[name] for _, cloud in clouds_of_7])
+            np.testing.assert_array_equal(parts, whole[name])
+
+
+def test_same_seed_same_bytes(tmp_path: Path) -> None:
+    """The same drive gives the same files; another seed gives others."""
+    drive = replace(demo_drive(), lines=30)
+    for name, some in (('a', drive), ('b', drive), ('c', replace(drive, seed=2))):
+        (tmp_path / name).mkdir()
+        record(some, tmp_path / name / 'bag')
+    a, b, c = ((tmp_path / name / 'bag' / 'bag.mcap').read_bytes() for name in 'abc')
+    assert a == b
+    assert a != c
+
+
+def test_recording(tmp_path: Path) -> None:
+    """A recording holds one cloud per message, at the time of its last shot, and its truth."""
+    drive = replace(demo_drive(), lines=25)
+    done: list[float] = []
+    truth = record(drive, tmp_path / 'bag', lines_per_message=10, progress=done.append)
+    assert truth.points == sum(truth.causes.values()) == sum(truth.kinds.values())
+    assert done == [0.4, 0.8, 1.0]
+    with Recording(tmp_path / 'bag') as recording:
+        times = [time for _, time, _ in recording.messages()]
+        assert [topic.name for topic in recording.topics] == ['/lidar/points']
+    assert np.diff(times).tolist() == [50_000_000, 25_000_000]
+
+
+def test_refusals(tmp_path: Path) -> None:
+    """An output that exists, and a shot rate that the clock cannot count, are refused."""
+    with pytest.raises(RecordingError, match='the output must be a new folder'):
+        record(replace(demo_drive(), lines=1), tmp_path)
+    with pytest.raises(FilterError, match='must be whole nanoseconds'):
+        ProfileScanner(lines_per_second=300.0, shots_per_line=1234)

@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scan lines and segments, compared with plain loops."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from naive import alpha_beta_gamma as naive
+
+from lidar_outlier_filter.core.points import Points, concatenate
+from lidar_outlier_filter.core.scan_lines import (
+    LineCounter,
+    Lines,
+    _count_lines,
+    find_lines,
+    order_by_line,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def points_of(t: Sequence[int], line: Sequence[int]) -> Points:
+    """Make points of which only time and line matter."""
+    times, lines = np.array(t, np.int64), np.array(line, np.int64)
+    return Points(np.zeros((len(times), 3)), times, lines, np.ones(len(times), np.bool_))
+
+
+def random_points(seed: int) -> Points:
+    """Make lines with gaps and ties, in order of time, of line, or of nothing."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 300))
+    t = rng.choice([0, 1, 10, 10, 10, 10, 15, 16, 100], count).cumsum() - 1000
+    line = rng.integers(0, rng.integers(1, 12), count)
+    points = points_of(t.tolist(), line.tolist())
+    orders = [np.arange(count), np.lexsort((t, line)), rng.permutation(count)]
+    return points.take(orders[seed % 3])
+
+
+def segments_of(lines: Lines) -> list[int]:
+    """Return the number of the segment of each point, as the links make them."""
+    answer: list[int] = []
+    for i, neighbour in enumerate(lines.before.tolist()):
+        assert neighbour in {-1, i - 1}
+        answer.append(0 if not answer else answer[-1] + (neighbour == -1))
+    return answer
+
+
+@pytest.mark.parametrize('seed', range(60))
+def test_against_loops(seed: int) -> None:
+    """Order, lines, intervals, segments and links are those of plain loops."""
+    points = random_points(seed)
+    order = order_by_line(points)
+    assert order.tolist() == naive.scan_order(points.t.tolist(), points.line.tolist())
+    points = points.take(order)
+    t, line = points.t.tolist(), points.line.tolist()
+    for gap_factor in (1.0, 1.5, 4.0):
+        lines = find_lines(points, gap_factor)
+        assert segments_of(lines) == naive.segments(t, line, gap_factor)
+        after = [
+            b if a != -1 else -1 for a, b in zip(lines.before[1:], range(1, len(t)), strict=True)
+        ]
+        assert lines.after.tolist() == [*after, -1]
+        starts = [i for i in range(len(t)) if i == 0 or line[i] != line[i - 1]]
+        assert lines.first.tolist() == [*starts, len(t)]
+        for number, (begin, end) in enumerate(zip(starts, [*starts[1:], len(t)], strict=True)):
+            assert lines.interval[number] == (naive.shot_interval(t[begin:end]) or 0)
+
+
+@pytest.mark.parametrize('factor', [1.0, 1.5, 2.5])
+def test_gap_of_exactly_the_factor(factor: float) -> None:
+    """A shot that is exactly gap_factor intervals later goes on; a nanosecond more ends it."""
+    step = int(1000 * factor)
+    exact = find_lines(points_of([0, 1000, 2000, 2000 + step, 3000 + step], [0] * 5), factor)
+    assert segments_of(exact) == [0] * 5
+    later = find_lines(points_of([0, 1000, 2000, 2001 + step, 3001 + step], [0] * 5), factor)
+    assert segments_of(later) == [0, 0, 0, 1, 1]
+
+
+def test_each_line_has_its_own_interval() -> None:
+    """A slow line is not broken by the interval of a fast one."""
+    fast, slow = list(range(0, 100, 10)), list(range(0, 1000, 100))
+    lines = find_lines(points_of(fast + slow, [0] * 10 + [1] * 10), 1.5)
+    assert lines.interval.tolist() == [10, 100]
+    assert segments_of(lines) == [0] * 10 + [1] * 10
+
+
+def test_ties() -> None:
+    """Points of one time are of one segment, count for no interval, and stay as they came."""
+    points = points_of([5, 5, 5, 15, 15, 25], [0] * 6)
+    assert order_by_line(points).tolist() == list(range(6))
+    lines = find_lines(points, 1.0)
+    assert lines.interval.tolist() == [10]
+    assert segments_of(lines) == [0] * 6
+    only = find_lines(points_of([5, 5, 5], [0] * 3), 1.0)
+    assert only.interval.tolist() == [0]
+    assert segments_of(only) == [0, 0, 0]
+
+
+def test_nothing() -> None:
+    """No points make no lines."""
+    none = points_of([], [])
+    assert order_by_line(none).shape == (0,)
+    lines = find_lines(none, 1.5)
+    assert lines.first.tolist() == [0]
+    assert lines.interval.shape == lines.before.shape == lines.after.shape == (0,)
+
+
+def test_one_point() -> None:
+    """A single point is a line and a segment."""
+    one = points_of([7], [3])
+    assert order_by_line(one).tolist() == [0]
+    lines = find_lines(one, 1.5)
+    assert lines.first.tolist() == [0, 1]
+    assert (lines.before.tolist(), lines.after.tolist()) == ([-1], [-1])
+    assert lines.interval.tolist() == [0]
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_counting_order_is_lexsort(seed: int) -> None:
+    """Where the times of a line do not go back, counting gives the order that sorting gives."""
+    points = random_points(seed)
+    points = points.take(np.argsort(points.t, kind='stable'))
+    low, high = int(points.line.min()), int(points.line.max())
+    order = _count_lines(points.line, low, high - low + 1)
+    np.testing.assert_array_equal(order, np.lexsort((points.t, points.line)))
+
+
+@pytest.mark.parametrize('numbers', [(-(2**62), 2**62), (0, 10**9), (-5, -3)])
+def test_odd_line_numbers(numbers: tuple[int, int]) -> None:
+    """Lines may be numbered in any way: far apart, negative, beyond 32 bits."""
+    points = points_of([3, 2, 1, 0], [numbers[1], numbers[0]] * 2)
+    assert order_by_line(points).tolist() == [3, 1, 2, 0]
+
+
+def test_counter_numbers_messages() -> None:
+    """Each message without line numbers is a line of its own."""
+    counter = LineCounter()
+    lines = [counter.next_line(2).tolist() for _ in range(3)]
+    assert [line[0] == line[1] for line in lines] == [True] * 3
+    assert len({line[0] for line in lines}) == 3
+    assert counter.next_line(0).tolist() == []
+
+
+def test_half_a_turn_is_no_wrap() -> None:
+    """A step of exactly half a turn is none; the first angle ever is none either."""
+    counter = LineCounter()
+    angle = np.array([3.0, 3.0 - np.pi, 3.0, -0.2, 3.0])
+    line = counter.by_angle(angle, np.ones(5, np.bool_))
+    assert (line - line[0]).tolist() == [0, 0, 0, 1, 2]
+
+
+def test_counter_without_angles() -> None:
+    """Missing returns only, or none at all, leave the counter where it was."""
+    counter = LineCounter()
+    angle, valid = np.array([3.0]), np.array([True])
+    first = counter.by_angle(angle, valid)[0]
+    nothing = counter.by_angle(np.array([np.nan, 0.0]), np.array([False, False]))
+    assert nothing.tolist() == [first, first]
+    assert counter.by_angle(np.empty(0), np.empty(0, np.bool_)).tolist() == []
+    assert counter.by_angle(-angle, valid)[0] == first + 1
+
+
+def test_points_are_taken_and_joined() -> None:
+    """Columns stay together; without a standard deviation there is none after either."""
+    points = random_points(5)
+    parts = [points.take(slice(0, 2)), points.take(slice(2, 2)), points.take(slice(2, None))]
+    joined = concatenate(parts)
+    assert joined.t.tolist() == points.t.tolist()
+    assert joined.line.tolist() == points.line.tolist()
+    assert joined.sigma is None
+    own = Points(points.xyz, points.t, points.line, points.valid, points.t.astype(np.float64))
+    both = concatenate([own.take(points.t > 0), own.take(points.t <= 0)])
+    np.testing.assert_array_equal(both.sigma, both.t)
