@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from lidar_outlier_filter.parameters.node import Load
+from lidar_outlier_filter.parameters.node import LoadParameters
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def left(inbox: Inbox) -> list[object]:
 
 def test_clouds_stay_in_order() -> None:
     """First in, first out; commands before all, or in their turn."""
-    inbox = Inbox(Load())
+    inbox = Inbox(LoadParameters())
     assert inbox.put(cloud(1)) == 0
     inbox.order(lambda: 'in turn', in_turn=True)
     assert inbox.put(cloud(2)) == 0
@@ -46,7 +46,7 @@ def test_clouds_stay_in_order() -> None:
 
 def test_bounded_by_number() -> None:
     """The oldest goes; a command among the clouds stays in its place."""
-    inbox = Inbox(Load(clouds=3))
+    inbox = Inbox(LoadParameters(clouds=3))
     inbox.order(lambda: 'first', in_turn=True)
     assert [inbox.put(cloud(number)) for number in range(6)] == [0, 0, 0, 1, 1, 1]
     assert inbox.fill == 1
@@ -55,7 +55,7 @@ def test_bounded_by_number() -> None:
 
 def test_bounded_by_memory() -> None:
     """As many go as it takes; a single cloud has room, whatever its size."""
-    inbox = Inbox(Load(megabytes=10))
+    inbox = Inbox(LoadParameters(megabytes=10))
     assert [inbox.put(cloud(size, size * 10**6)) for size in (4, 6, 5, 11)] == [0, 0, 2, 1]
     assert (inbox.clouds, inbox.size) == (1, 11_000_000)
     assert left(inbox) == [11]
@@ -63,7 +63,7 @@ def test_bounded_by_memory() -> None:
 
 def test_closed_nothing_is_too_much() -> None:
     """All that was received is filtered before the end."""
-    inbox = Inbox(Load(clouds=1))
+    inbox = Inbox(LoadParameters(clouds=1))
     inbox.close()
     assert [inbox.put(cloud(number)) for number in range(3)] == [0, 0, 0]
     assert inbox.closed
@@ -76,7 +76,7 @@ def test_closed_nothing_is_too_much() -> None:
 
 def test_received_by_another_clock() -> None:
     """All that waits is received now."""
-    inbox = Inbox(Load())
+    inbox = Inbox(LoadParameters())
     inbox.put(cloud(1, at=5))
     inbox.order(lambda: 'command', in_turn=True)
     inbox.received_now(7)
@@ -97,7 +97,7 @@ def test_received_by_another_clock() -> None:
 )
 def test_take_waits(wake: Callable[[Inbox], object]) -> None:
     """Until there is something, or it is woken; being woken before counts, once."""
-    inbox = Inbox(Load())
+    inbox = Inbox(LoadParameters())
     thread = threading.Thread(target=inbox.take, args=[None])
     thread.start()
     wake(inbox)

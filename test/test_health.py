@@ -10,7 +10,7 @@ import pytest
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.parameters.node import Health as Limits
+from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN, Backlog, Health
 from lidar_outlier_filter.stream.cloud_filter import Statistics
 
@@ -19,10 +19,10 @@ MAX_DELAY = 1.0
 
 
 def look(
-    health: Health, limits: Limits | None = None, seconds: float = 2.0
+    health: Health, limits: HealthLimits | None = None, seconds: float = 2.0
 ) -> tuple[int, str, dict[str, str], dict[str, float]]:
     """Look, with nothing that waits."""
-    report = health.look(seconds, limits or Limits(), MAX_DELAY, NOTHING)
+    report = health.look(seconds, limits or HealthLimits(), MAX_DELAY, NOTHING)
     plotted = dict(zip(PLOTTED, report.plotted, strict=True))
     return report.level, report.message, report.values, plotted
 
@@ -40,7 +40,9 @@ def test_what_has_happened_since_the_last_look() -> None:
     counts.poses = Counter({'a pose': 3})
     health.spent(0.05)
     health.counted(counts)
-    level, _, values, plotted = look(health, Limits(unfiltered_warn=1.0, unfiltered_error=1.0))
+    level, _, values, plotted = look(
+        health, HealthLimits(unfiltered_warn=1.0, unfiltered_error=1.0)
+    )
     assert level == OK
     assert values == {
         'clouds/s': '1.0',
@@ -169,7 +171,7 @@ def test_silence() -> None:
     assert found == [OK] * 2 + [WARN] * 8 + [ERROR] * 2
     health.received(1)
     assert look(health)[:2] == (OK, 'clouds are filtered in time')
-    report = health.look(5.0, Limits(), MAX_DELAY, Backlog(0, 0.0, 0, 2))
+    report = health.look(5.0, HealthLimits(), MAX_DELAY, Backlog(0, 0.0, 0, 2))
     assert report.message.startswith('no cloud for 5 s, publishers: 2 (for large clouds set ')
 
 
@@ -177,7 +179,7 @@ def test_remarks_are_warnings() -> None:
     """What others have to say is added."""
     health = Health()
     health.received(1)
-    report = health.look(1.0, Limits(), MAX_DELAY, NOTHING, ['one thing', 'another'])
+    report = health.look(1.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing', 'another'])
     assert (report.level, report.message) == (WARN, 'one thing; another')
 
 

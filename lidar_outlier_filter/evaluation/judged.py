@@ -27,11 +27,12 @@ from lidar_outlier_filter.evaluation.labels import (
     read_codes,
     read_column,
     usual_column,
+    words,
 )
-from lidar_outlier_filter.evaluation.report import words
 from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.simulation.scene import Cause
+from lidar_outlier_filter.stream.topics import CLEANED, OUTLIERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -39,9 +40,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.evaluation.join import Answer
+    from lidar_outlier_filter.evaluation.join import JoinedAnswer
 
-CLEANED, OUTLIERS = '/cleaned', '/outliers'
 SURFACE, OUTLIER = 'surface', 'outlier'
 # What the label of a simulated drive says.
 CAUSES = Codes(names={cause: words(cause.name) for cause in Cause})
@@ -164,7 +164,7 @@ def read_points(
 
 def answers(
     recording: Path, topic: str | None, label: str = '', files: Sequence[Path] = ()
-) -> Iterator[Answer]:
+) -> Iterator[JoinedAnswer]:
     """Yield every answer that has any points."""
     store = get_typestore(Stores.ROS2_JAZZY)
     with Recording(recording) as source:
@@ -198,7 +198,7 @@ def _choose(source: Recording, topic: str | None) -> str:
     return topic
 
 
-def _part(answer: Answer) -> Judged:
+def _part(answer: JoinedAnswer) -> Judged:
     """Take what counts from one cleaned or outlier cloud."""
     points = answer.points
     names = points.dtype.names or ()

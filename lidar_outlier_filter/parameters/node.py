@@ -11,7 +11,7 @@ from lidar_outlier_filter.parameters.declaration import declare
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionParameters:
     """Where the sensor is when, so that points of different times lie in one frame."""
 
     source: str = declare(
@@ -49,7 +49,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Load:
+class LoadParameters:
     """What waits to be filtered, and what becomes of it when it is too much."""
 
     policy: str = declare(
@@ -68,7 +68,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Health:
+class HealthLimits:
     """When the diagnostics warn, and when they tell of an error; each above its limit."""
 
     delay_warn: float = declare(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.parameters.node import Load
+    from lidar_outlier_filter.parameters.node import LoadParameters
 
     Command = Callable[[], object]
 
@@ -38,7 +38,7 @@ class Inbox:
     Commands are done between two clouds: at once, or in their turn among the clouds.
     """
 
-    def __init__(self, load: Load) -> None:
+    def __init__(self, load: LoadParameters) -> None:
         """Take the bounds."""
         self.load = load
         self._changed = threading.Condition()

@@ -24,6 +24,7 @@ from lidar_outlier_filter.ros.clocks import DelayClock
 from lidar_outlier_filter.ros.health import Backlog, Health, Report
 from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter, Statistics
 from lidar_outlier_filter.stream.motion import make_motion
+from lidar_outlier_filter.stream.topics import answers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -63,8 +64,8 @@ class Channel:
         self._filter = CloudFilter(parameters, self._log_info, self._log_warning, self._motion)
         self._filter.refuse = self._log_refusal
         self._enabled = True
-        self.cleaned_publisher = self._advertise(f'{topic}/cleaned')
-        self.outliers_publisher = self._advertise(f'{topic}/outliers')
+        publishers = (self._advertise(name) for name in answers(topic))
+        self.cleaned_publisher, self.outliers_publisher = publishers
         self._subscription: Subscription | None = None
         self._odometry: Subscription | None = None
         self._clock = DelayClock(node)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.stream.motion import Motion
+    from lidar_outlier_filter.stream.motion import PoseSource
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class CloudFilter:
         parameters: FilterParameters,
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
-        motion: Motion | None = None,
+        motion: PoseSource | None = None,
     ) -> None:
         """Compile the kernels; ``inform`` and ``warn`` are told once how the clouds are read.
 

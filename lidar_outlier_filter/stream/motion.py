@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 STEP = SECOND // 100  # between two looks into tf: vehicles turn slowly
 
 
-class Motion(Protocol):
+class PoseSource(Protocol):
     """What knows where the sensor was."""
 
     topic: str  # of nav_msgs/Odometry; empty: none
@@ -134,7 +134,7 @@ class Tf:
         return track.move(points, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
-def make_motion(node: Node, parameters: FilterParameters) -> Motion | None:
+def make_motion(node: Node, parameters: FilterParameters) -> PoseSource | None:
     """Make what ``motion.source`` asks for; None for 'none'.
 
     Raises

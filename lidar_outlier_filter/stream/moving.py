@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.stream.motion import Motion
+    from lidar_outlier_filter.stream.motion import PoseSource
 
     Finished = list[tuple[Any, Verdict]]
 
@@ -45,7 +45,7 @@ class MovingStream:
     def __init__(
         self,
         stream: Stream,
-        motion: Motion,
+        motion: PoseSource,
         parameters: FilterParameters,
         refuse: Callable[[CloudError], object],
     ) -> None:

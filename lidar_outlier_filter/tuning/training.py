@@ -21,6 +21,7 @@ from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.messages.cloud import is_empty, structured
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.stream.topics import CLEANED, OUTLIERS
 from lidar_outlier_filter.tuning.inject import Injection, inject
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     Integers = NDArray[np.int64]
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
-ANSWERS = ('/cleaned', '/outliers')
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,8 @@ def _choose(source: Recording, topic: str | None) -> str:
         name
         for name in names
         if not any(
-            name.endswith(answer) and name.removesuffix(answer) in names for answer in ANSWERS
+            name.endswith(answer) and name.removesuffix(answer) in names
+            for answer in (CLEANED, OUTLIERS)
         )
     ]
     if topic is None and len(inputs) == 1:
