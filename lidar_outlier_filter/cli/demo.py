@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,7 +33,6 @@ def add_demo(commands: Commands) -> None:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     from rich.console import Console
 
     from lidar_outlier_filter.results.demo import run

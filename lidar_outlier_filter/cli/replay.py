@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,8 +61,6 @@ def add_replay(commands: Commands) -> None:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    # The node only serves this process: no other on the network needs to see it.
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     from lidar_outlier_filter.recordings.replay import replay
 
     with stopping() as leave_if_asked, progress_bar(options.recording.name) as show:
@@ -79,6 +76,7 @@ def _replay(options: argparse.Namespace) -> int:
             read_parameters(options.params, options.settings),
             drop_input=options.drop_input,
             progress=progress,
+            inform=say,
         )
     _show(report)
     return DONE if report.is_complete else INCOMPLETE

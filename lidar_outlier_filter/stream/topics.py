@@ -1,13 +1,36 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the two answers to the clouds of a topic are named."""
+"""Names of topics: which ROS 2 allows, and how the two answers to the clouds of one are named."""
 
 from __future__ import annotations
 
-# Behind the name of the topic; in the middle of a name they are nothing special.
-CLEANED, OUTLIERS = '/cleaned', '/outliers'
+import re
+
+from lidar_outlier_filter.errors import RecordingError
+
+CLEANED, OUTLIERS = '/cleaned', '/outliers'  # behind the name of the topic
+# Words of letters, digits and single underscores, between slashes; no word begins with a digit.
+_NAME = re.compile(r'(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 
 
 def answers(topic: str) -> tuple[str, str]:
     """Name the topics of the cleaned and of the outlier clouds of ``topic``."""
     return topic + CLEANED, topic + OUTLIERS
+
+
+def resolve(name: str) -> str:
+    """Name a topic as a node without a namespace does."""
+    return name if name.startswith('/') else f'/{name}'
+
+
+def check_name(what: str, name: str) -> None:
+    """Refuse the name of a topic that ROS 2 does not allow.
+
+    Raises
+    ------
+    RecordingError
+        If it does not. ``what`` names the topic in the sentence.
+
+    """
+    if not _NAME.fullmatch(name) or '__' in name:
+        raise RecordingError(what, 'a name that ROS 2 allows', name)
