@@ -13,6 +13,7 @@ import pytest
 from cloud_files import columns, copied, every_third, verdict
 
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 
 if TYPE_CHECKING:
@@ -65,6 +66,24 @@ def test_null_is_nan(tmp_path: Path) -> None:
     lat, speed = columns(path, 'lat', 'speed "km/h"')
     assert np.flatnonzero(np.isnan(lat)).tolist() == [1]
     assert np.flatnonzero(np.isnan(speed)).tolist() == [1]
+
+
+def test_whole_numbers_are_exact(tmp_path: Path) -> None:
+    """Large whole numbers are not rounded, stored as text or not; beyond 64 bits they are."""
+    large = 2**53 + 1
+    path = tmp_path / 'large.db'
+    run(
+        path,
+        'CREATE TABLE t (x, y TEXT, z)',
+        "INSERT INTO t VALUES (9007199254740993, '9007199254740993', 9223372036854775808)",
+    )
+    x, y, z = columns(path)
+    assert (x.tolist(), y.tolist(), z.tolist()) == ([large], [large], [2.0**63])
+    run(path, 'INSERT INTO t VALUES (NULL, NULL, NULL)')
+    chunks = cloud_file.read_exact(open_cloud(path), ['x', 'y', 'z'])
+    x, y, z = next(chunks)
+    assert x.tolist() == y.tolist() == [large, None]
+    np.testing.assert_array_equal(z, [2.0**63, np.nan])
 
 
 def test_verdict(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import sqlite3
-from contextlib import closing
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,7 +48,9 @@ class SqliteFile:
                 f'SELECT * FROM {_quoted(self.table)} ORDER BY rowid LIMIT 1'  # noqa: S608  quoted
             ).fetchone()
         self.columns: Mapping[str, np.dtype[Any]] = {
-            name: np.dtype(np.int64 if 'INT' in kind.upper() else np.float64)
+            name: np.dtype(
+                np.int64 if 'INT' in kind.upper() or isinstance(value, int) else np.float64
+            )
             for (_, name, kind, *_), value in zip(about, first or (), strict=False)
             if value is None or _number(value) is not None
         }
@@ -61,7 +63,7 @@ class SqliteFile:
         return self._count
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Read columns chunk by chunk, in the order of the row ids; NULL is NaN."""
+        """Read columns chunk by chunk, in the order of the row ids; NULL is missing."""
         wanted = ', '.join(_quoted(name) for name in names)
         with closing(self._connect()) as database:
             for rows in self._chunks(database, wanted):
@@ -72,11 +74,17 @@ class SqliteFile:
 
     def _numbers(self, name: str, values: Sequence[Any]) -> NDArray[Any]:
         """Turn a column into numbers, whatever it was declared to be."""
-        known = [np.nan if value is None else _number(value) for value in values]
+        known = [0 if value is None else _number(value) for value in values]
         if None in known:
             what = f'column {name!r} of table {self.table!r}'
             raise CloudError(what, 'of numbers', repr(values[known.index(None)]))
-        return np.array(known)
+        missing = np.array([value is None for value in values])
+        numbers = np.array(known)
+        if numbers.dtype.kind == 'f':
+            numbers[missing] = np.nan
+        elif missing.any():
+            return np.ma.MaskedArray(numbers, missing)
+        return numbers
 
     def _chunks(self, database: sqlite3.Connection, wanted: str) -> Iterator[list[Any]]:
         cursor = database.execute(
@@ -127,10 +135,18 @@ def _number(value: Any) -> float | None:
     """Return a number, even if it was stored as a text; None for what is none."""
     if isinstance(value, int | float):
         return value
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return None
+    for kind in (_whole, float):
+        with suppress(TypeError, ValueError):
+            return kind(value)
+    return None
+
+
+def _whole(value: Any) -> int:
+    """Return a whole number that a text holds, as SQLite itself would hold it."""
+    number = int(value)
+    if not -(2**63) <= number < 2**63:
+        raise ValueError
+    return number
 
 
 def _quoted(name: str) -> str:
