@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.cloud_file import Change
 
 VERDICT = '_verdict'  # behind the name of the table
+ROW_IDS = ('rowid', 'oid', '_rowid_')  # SQLite's names for it, where no column has them
 _TYPES = {'f': 'REAL', 'u': 'INTEGER', 'i': 'INTEGER'}
 
 
@@ -41,11 +42,14 @@ class SqliteFile:
         self.path = path
         with closing(self._connect()) as database:
             self.table = _choose(database, path, table)
-            about = database.execute(f'PRAGMA table_info({_quoted(self.table)})').fetchall()
+            # With the columns that are computed; hidden ones (1) do not stand in a row.
+            about = database.execute(f'PRAGMA table_xinfo({_quoted(self.table)})').fetchall()
+            about = [column for column in about if column[-1] != 1]
+            self._row_id = _row_id(self.table, [column[1] for column in about])
             count = f'SELECT count(*) FROM {_quoted(self.table)}'  # noqa: S608  quoted
             self._count: int = database.execute(count).fetchone()[0]
             first = database.execute(
-                f'SELECT * FROM {_quoted(self.table)} ORDER BY rowid LIMIT 1'  # noqa: S608  quoted
+                f'SELECT * FROM {_quoted(self.table)} ORDER BY {self._row_id} LIMIT 1'  # noqa: S608  quoted
             ).fetchone()
         self.columns: Mapping[str, np.dtype[Any]] = {
             name: np.dtype(
@@ -88,7 +92,7 @@ class SqliteFile:
 
     def _chunks(self, database: sqlite3.Connection, wanted: str) -> Iterator[list[Any]]:
         cursor = database.execute(
-            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY rowid'  # noqa: S608  quoted
+            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY {self._row_id}'  # noqa: S608  quoted
         )
         while rows := cursor.fetchmany(CHUNK):
             yield rows
@@ -107,7 +111,7 @@ class SqliteFile:
             done = 0
             with target:
                 target.execute(f'CREATE TABLE {name} (row_id INTEGER PRIMARY KEY{columns})')
-                for rows in self._chunks(source, 'rowid'):
+                for rows in self._chunks(source, self._row_id):
                     part = slice(done, done + len(rows))
                     added = [values[part].tolist() for values in change.added.values()]
                     ids = (row[0] for row in rows)
@@ -129,6 +133,16 @@ def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str
         must_be = f'without {wanted + VERDICT}, which is to be made'
         raise CloudError(f'the tables of {path}', must_be, ', '.join(names))
     return wanted
+
+
+def _row_id(table: str, columns: Sequence[str]) -> str:
+    """Find a name of the row id that no column has."""
+    taken = {name.lower() for name in columns}
+    free = [name for name in ROW_IDS if name not in taken]
+    if not free:
+        must_be = f'without one of {", ".join(ROW_IDS)}, which SQLite numbers the rows by'
+        raise CloudError(f'the columns of table {table!r}', must_be, ', '.join(columns))
+    return free[0]
 
 
 def _number(value: Any) -> float | None:
