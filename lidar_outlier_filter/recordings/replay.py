@@ -96,6 +96,9 @@ def replay(  # noqa: PLR0913  what the command line offers
 ) -> ReplayReport:
     """Write a copy of a recording, with the cleaned and the outlier clouds added.
 
+    Answers have the bag time of their cloud. They stand behind it: first the cleaned, then the
+    outlier cloud.
+
     Parameters
     ----------
     recording : ROS 2 bag folder, ``.mcap``, ``.db3``, or ROS 1 ``.bag``
@@ -144,17 +147,20 @@ def _copy(
         if topic not in dropped:
             bag.add(topic)
     names = {topic.name for topic in source.topics}
-    listeners: dict[str, Callable[[int, bytes], object]] = {}
+    # By type, too: a topic of a recording may carry several.
+    listeners: dict[tuple[str, str], Callable[[int, bytes], object]] = {}
     for topic, stream in streams.items():
         stream.begin(bag, names)
-        listeners[topic.name] = stream.feed
-        listeners |= {stream.odometry: stream.feed_pose} if stream.odometry else {}
+        listeners[topic.name, CLOUD] = stream.feed
+        if stream.odometry:
+            listeners[stream.odometry, ODOMETRY] = stream.feed_pose
     done = 0
     for topic, time, data in source.messages():
         if topic not in dropped:
             bag.write(topic, time, data)
-        if topic.name in listeners:
-            listeners[topic.name](time, data)
+        listener = listeners.get((topic.name, topic.msgtype))
+        if listener is not None:
+            listener(time, data)
         done += 1
         if progress is not None:
             progress(done, source.message_count)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+    from rosbags.typesys.store import Typestore
 
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.evaluation.labels import Codes
@@ -198,13 +199,13 @@ def _read(
     with Recording(recording) as source:
         name = _choose(source, topic)
         for channel, _, data in source.messages():
-            if channel.name != name:
+            if (channel.name, channel.msgtype) != (name, CLOUD):
                 continue
-            message = store.deserialize_cdr(data, channel.msgtype)
             number += 1
             if files and number > len(files):
                 continue
             try:
+                message = _message(store, data)
                 points = decoder.decode(message)
                 dry.push(points)
             except CloudError:
@@ -219,6 +220,14 @@ def _read(
         must_be = f'one for each of the {number} clouds of {name}'
         raise RecordingError('the files with labels', must_be, len(files))
     return clouds, labels, number - taken
+
+
+def _message(store: Typestore, data: bytes) -> Any:
+    """Read the CDR bytes of a cloud."""
+    try:
+        return store.deserialize_cdr(data, CLOUD)
+    except Exception as err:  # damaged ones make it raise whatever it comes upon
+        raise CloudError('the CDR bytes', 'those of a cloud', repr(err)) from err
 
 
 class _Nothing(Chain):
