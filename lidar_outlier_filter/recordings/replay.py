@@ -30,6 +30,7 @@ from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.odometry import ODOMETRY, check_motion
 from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 if TYPE_CHECKING:
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.stream.cloud_filter import Answer
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
-ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 @dataclass(frozen=True)
@@ -200,17 +200,12 @@ def _choose(source: Recording, wanted: Collection[str]) -> list[Topic]:
 
 def _check_motion(source: Recording, streams: Mapping[Topic, _Stream]) -> None:
     """Refuse motion that the recording cannot tell."""
-    names = [topic.name for topic in source.topics if topic.msgtype == ODOMETRY]
     for stream in streams.values():
-        kind = stream.node.filter_parameters.motion.source
-        if kind == 'tf':
-            raise ParameterError('motion.source', "'none' or 'odometry' in a replay", repr(kind))
-        if kind == 'odometry' and len(streams) > 1:
+        motion = stream.node.filter_parameters.motion
+        if motion.source == 'odometry' and len(streams) > 1:
             must_be = "'none' for several topics, whose sensors are not at the same place"
-            raise ParameterError('motion.source', must_be, repr(kind))
-        if kind == 'odometry' and stream.odometry not in names:
-            must_be = 'one of the odometry topics ' + (', '.join(names) or '(none)')
-            raise RecordingError('motion.topic', must_be, repr(stream.odometry))
+            raise ParameterError('motion.source', must_be, repr(motion.source))
+        check_motion(source, motion, stream.odometry)
 
 
 class _Stream:
