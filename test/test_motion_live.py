@@ -19,9 +19,11 @@ from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from rclpy.publisher import Publisher
+    from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.ros.node import OutlierFilterNode
 
@@ -84,14 +86,23 @@ def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
     assert node.statistics.refused == 0
 
 
-def write(path: Path, drive: Drive, topics: tuple[str, ...] = ('/points',)) -> Path:
-    """Write a recording: clouds at the end of their time, odometry a little after its own."""
+def write(
+    path: Path,
+    drive: Drive,
+    topics: tuple[str, ...] = ('/points',),
+    late: Sequence[PointCloud2] = (),
+) -> Path:
+    """Write a recording: clouds at the end of their time, odometry a little after its own.
+
+    Some clouds may be late by a minute.
+    """
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         events = []
         for topic in topics:
             where = bag.add_connection(topic, 'sensor_msgs/msg/PointCloud2', typestore=store)
             events += [(_time(msg) + 10**8, where, msg) for msg in drive.clouds(drive.own)]
+            events += [(_time(msg) + 60 * 10**9, where, msg) for msg in late]
         where = bag.add_connection('/odom', 'nav_msgs/msg/Odometry', typestore=store)
         events += [(_time(msg) + 3 * 10**7, where, msg) for msg in drive.odometry()]
         for time, connection, msg in sorted(events, key=lambda event: event[0]):

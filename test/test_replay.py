@@ -23,7 +23,8 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
-from lidar_outlier_filter.recordings.replay import CLOUD, replay
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.stream.topics import CLOUD
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -228,6 +229,47 @@ def test_refused_clouds_are_counted(tmp_path: Path) -> None:
     assert {name: after[name] for name in before} == before
     del before['/lidar'][2:4]
     check_answers(before, after, '/lidar')
+
+
+def test_two_types_on_one_topic(tmp_path: Path) -> None:
+    """What else comes on the topic of the clouds is copied; it is no cloud, and not refused."""
+    source = tmp_path / 'drive'
+    clouds, texts = topic_of('/lidar', CLOUD), topic_of('/lidar', STRING)
+    with NewBag(source) as bag:
+        bag.add(texts)
+        bag.add(clouds)
+        for index in range(6):
+            bag.write(texts, index * PERIOD, cdr(STRING, f'cloud {index}'))
+            bag.write(clouds, index * PERIOD, serialize_message(cloud(index)))
+    report = replay(source, tmp_path / 'out')
+    (topic,) = report.topics
+    assert report.is_complete
+    assert (topic.messages, topic.points, topic.refusals) == (6, 1200, {})
+    one_type = write_drive(tmp_path / 'one', map(cloud, range(6)))
+    replay(one_type, tmp_path / 'alone')
+    both, alone = content(tmp_path / 'out'), content(tmp_path / 'alone')
+    assert both['/lidar'] == content(source)['/lidar']
+    for answer in ('/lidar/cleaned', '/lidar/outliers'):
+        assert both[answer] == alone[answer]
+    replay(source, tmp_path / 'without', drop_input=True)
+    assert [data for _, data in content(tmp_path / 'without')['/lidar']] == [
+        cdr(STRING, f'cloud {index}') for index in range(6)
+    ]
+
+
+@pytest.mark.parametrize('blocks', ['message', 'time'])
+@pytest.mark.parametrize('answered', ['at once', 'at the end'])
+def test_a_cloud_stands_before_its_answers(tmp_path: Path, blocks: str, answered: str) -> None:
+    """At one time a cloud is in the output before what was made of it: cleaned, then outliers."""
+    long = {'block': 60.0, 'max_delay': 100.0} if answered == 'at the end' else {}
+    source = write_drive(tmp_path / 'drive', map(cloud, range(6)))
+    replay(source, tmp_path / 'out', parameters={'blocks': blocks, **long})
+    with Recording(tmp_path / 'out') as recording:
+        order = [(time, topic.name) for topic, time, _ in recording.messages()]
+    names = ('/lidar', '/lidar/cleaned', '/lidar/outliers')
+    assert [item for item in order if item[1] in names] == [
+        (index * PERIOD, name) for index in range(6) for name in names
+    ]
 
 
 def test_lost_messages_are_counted(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ from lidar_outlier_filter.evaluation.labels import (
 from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.simulation.scene import Cause
-from lidar_outlier_filter.stream.topics import CLEANED, OUTLIERS
+from lidar_outlier_filter.stream.topics import CLEANED, CLOUD, OUTLIERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -171,19 +171,24 @@ def answers(
         topic = _choose(source, topic)
         joiner = Joiner(topic, label if files else label or LABEL, files)
         wanted = {topic + CLEANED, topic + OUTLIERS} | ({topic} if files else set())
-        if missing := wanted - {channel.name for channel in source.topics}:
+        if missing := wanted - _clouds(source):
             must_be = f'with {topic}, which the labels are for'
             raise RecordingError(f'the recording {recording}', must_be, f'no {missing.pop()}')
         for channel, _, data in source.messages():
-            if channel.name in wanted:
+            if channel.name in wanted and channel.msgtype == CLOUD:
                 message = store.deserialize_cdr(data, channel.msgtype)
                 yield from joiner.take(channel.name.removeprefix(topic), message)
         joiner.finish()
 
 
+def _clouds(source: Recording) -> set[str]:
+    """List the topics of clouds."""
+    return {channel.name for channel in source.topics if channel.msgtype == CLOUD}
+
+
 def _choose(source: Recording, topic: str | None) -> str:
     """Find the topic whose answers are to be scored."""
-    names = {channel.name for channel in source.topics}
+    names = _clouds(source)
     filtered = [
         name.removesuffix(CLEANED)
         for name in sorted(names)

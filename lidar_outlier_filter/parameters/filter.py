@@ -101,7 +101,7 @@ class FilterParameters:
     )
     line_source: str = declare(
         'auto',
-        'What makes a scan line: a field (ring), each row, each message, or a wrap of the scan '
+        'What makes a scan line: a field (ring), each row, each message, or each turn of the scan '
         'angle; auto: field, else row, else message.',
         choices=('auto', 'field', 'row', 'message', 'angle'),
         fixed=True,

@@ -14,18 +14,16 @@ from rosbags.typesys import Stores, get_typestore
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import RELIABLE, NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.odometry import check_motion
 from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 from lidar_outlier_filter.stream.motion import Odometry
-from lidar_outlier_filter.stream.topics import answers, check_name, resolve
+from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, answers, check_name, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
     from pathlib import Path
 
     from lidar_outlier_filter.stream.cloud_filter import Answer
-
-CLOUD = 'sensor_msgs/msg/PointCloud2'
-ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 @dataclass(frozen=True)
@@ -80,6 +78,9 @@ def replay(  # noqa: PLR0913  what the command line offers
 ) -> ReplayReport:
     """Write a copy of a recording, with the cleaned and the outlier clouds added.
 
+    Answers have the bag time of their cloud. They stand behind it: first the cleaned, then the
+    outlier cloud.
+
     Parameters
     ----------
     recording : ROS 2 bag folder, ``.mcap``, ``.db3``, or ROS 1 ``.bag``
@@ -123,17 +124,20 @@ def _copy(
         if topic not in dropped:
             bag.add(topic)
     names = {topic.name for topic in source.topics}
-    listeners: dict[str, Callable[[int, bytes], object]] = {}
+    # By type, too: a topic of a recording may carry several.
+    listeners: dict[tuple[str, str], Callable[[int, bytes], object]] = {}
     for topic, stream in streams.items():
         stream.begin(bag, names)
-        listeners[topic.name] = stream.feed
-        listeners |= {stream.odometry: stream.feed_pose} if stream.odometry else {}
+        listeners[topic.name, CLOUD] = stream.feed
+        if stream.odometry:
+            listeners[stream.odometry, ODOMETRY] = stream.feed_pose
     done = 0
     for topic, time, data in source.messages():
         if topic not in dropped:
             bag.write(topic, time, data)
-        if topic.name in listeners:
-            listeners[topic.name](time, data)
+        listener = listeners.get((topic.name, topic.msgtype))
+        if listener is not None:
+            listener(time, data)
         done += 1
         if progress is not None:
             progress(done, source.message_count)
@@ -161,16 +165,11 @@ def _check_motion(
     source: Recording, chosen: Collection[Topic], parameters: FilterParameters
 ) -> None:
     """Refuse motion that the recording does not hold."""
-    kind, wanted = parameters.motion.source, resolve(parameters.motion.topic)
-    names = [topic.name for topic in source.topics if topic.msgtype == ODOMETRY]
-    if kind == 'tf':
-        raise ParameterError('motion.source', "'none' or 'odometry' in a replay", repr(kind))
-    if kind == 'odometry' and len(chosen) > 1:
+    motion = parameters.motion
+    if motion.source == 'odometry' and len(chosen) > 1:
         must_be = "'none' for several topics, whose sensors are not at the same place"
-        raise ParameterError('motion.source', must_be, repr(kind))
-    if kind == 'odometry' and wanted not in names:
-        must_be = 'one of the odometry topics ' + (', '.join(names) or '(none)')
-        raise RecordingError('motion.topic', must_be, repr(wanted))
+        raise ParameterError('motion.source', must_be, repr(motion.source))
+    check_motion(source, motion)
 
 
 class _Stream:

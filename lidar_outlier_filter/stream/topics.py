@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Names of topics: which ROS 2 allows, and how the two answers to the clouds of one are named."""
+"""Names of topics and types: which ROS 2 allows, and how the answers to a topic are named."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import re
 
 from lidar_outlier_filter.errors import RecordingError
 
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+ODOMETRY = 'nav_msgs/msg/Odometry'
 CLEANED, OUTLIERS = '/cleaned', '/outliers'  # behind the name of the topic
 # Words of letters, digits and single underscores, between slashes; no word begins with a digit.
 _NAME = re.compile(r'(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
@@ -18,8 +20,10 @@ def answers(topic: str) -> tuple[str, str]:
     return topic + CLEANED, topic + OUTLIERS
 
 
-def resolve(name: str) -> str:
-    """Name a topic as a node without a namespace does."""
+def resolve(name: str, node: str = '/outlier_filter_node') -> str:
+    """Name a topic as ROS expands it for a node without a namespace."""
+    if name.startswith('~'):
+        return node + name.removeprefix('~')
     return name if name.startswith('/') else f'/{name}'
 
 
