@@ -198,6 +198,6 @@ class Overload:
             if waited >= 1 and fill > 0:
                 self.treatment = Treatment.DROP
         elif self._busy:
-            passes = policy == 'pass_through' or waited >= 1 or pressure >= FULL
+            passes = policy == 'pass_through' or pressure >= FULL
             self.treatment = Treatment.PASS if passes else Treatment.SHED
         return self.treatment

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from typing import TYPE_CHECKING
@@ -15,7 +14,7 @@ from lidar_outlier_filter.load import Inbox, Overload, Received, Treatment
 from lidar_outlier_filter.node_parameters import Load
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 FILTER, SHED, PASS, DROP = Treatment.FILTER, Treatment.SHED, Treatment.PASS, Treatment.DROP
 
@@ -113,25 +112,18 @@ def test_done_is_closed_and_empty(add: Callable[[Inbox], object]) -> None:
 
 
 def test_the_end_comes_with_the_last_clouds() -> None:
-    """A thread that takes until all is done takes all, however threads take turns."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        for _ in range(20):
-            inbox = Inbox(Load(clouds=1))
-            taken: list[object] = []
+    """Nobody looks between the two: a thread that does waits until both are there."""
+    inbox, seen = Inbox(Load()), []
+    looking = threading.Thread(target=lambda: seen.append((inbox.done, inbox.clouds)))
 
-            def take(inbox: Inbox = inbox, taken: list[object] = taken) -> None:
-                while not inbox.done:
-                    taken.append(inbox.take(None))
+    def last() -> Iterator[Received]:
+        looking.start()
+        looking.join(0.05)
+        yield cloud(1)
 
-            thread = threading.Thread(target=take)
-            thread.start()
-            inbox.close(cloud(number) for number in range(100))
-            thread.join(60)
-            assert len(taken) == 100
-    finally:
-        sys.setswitchinterval(before)
+    inbox.close(last())
+    looking.join(60)
+    assert seen == [(False, 1)]
 
 
 def test_received_by_another_clock() -> None:
@@ -207,6 +199,13 @@ def test_drop_oldest() -> None:
     """Dropped is what cannot be answered in time, unless it is the newest."""
     waits = ((0.9, 0), (0.1, 0.89), (0.1, 0.91), (0, 5), (0.001, 0.91))
     assert decide(Overload(), 'drop_oldest', *waits) == [FILTER, FILTER, DROP, FILTER, DROP]
+
+
+def test_exactly_too_late() -> None:
+    """What has waited for all its time, and no more, is too late already."""
+    # A tenth of 10 s is kept for the verdict.
+    late = {policy: Overload().decide(policy, 0.1, 9.0, 10.0) for policy in ('drop_oldest', 'shed')}
+    assert late == {'drop_oldest': DROP, 'shed': PASS}
 
 
 @pytest.mark.parametrize('much', [(0.5, 0.0), (0.0, 0.45)])
