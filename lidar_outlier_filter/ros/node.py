@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -155,8 +155,12 @@ class OutlierFilterNode(TunableNode):
         Does nothing where ROS is shut down already: nobody would hear of it.
         """
         if self.context.ok():
+            # Before one is waited for, so that the queues of the others do not run over meanwhile.
             for channel in self.channels:
-                channel.finish()
+                channel.close()
+            with ExitStack() as others:  # which finish where one has failed
+                for channel in reversed(self.channels):
+                    others.callback(channel.finish)
 
     def destroy_node(self) -> None:
         """End what runs, and let go of the rest."""
