@@ -18,7 +18,7 @@ from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.clocks import DelayClock
 from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.errors import CloudError, JudgingError
 from lidar_outlier_filter.health import Backlog, Health, Report
 from lidar_outlier_filter.load import Inbox, Overload, Received, Treatment
 from lidar_outlier_filter.motion import make_motion
@@ -62,6 +62,7 @@ class Channel:
         self._motion = make_motion(node, parameters)
         self._filter = CloudFilter(parameters, self._log_info, self._log_warning, self._motion)
         self._filter.refuse = self._log_refusal
+        self._filter.fail = self._log_failure
         self._enabled = True
         self.cleaned_publisher = self._advertise(f'{topic}/cleaned')
         self.outliers_publisher = self._advertise(f'{topic}/outliers')
@@ -89,6 +90,7 @@ class Channel:
 
     def start(self) -> None:
         """Subscribe, and filter what comes in a thread of its own."""
+        self._filter.pass_failed = self._parameters.load.policy == 'pass_through'
         self._clock.watch(self._went_on, self._went_back, self._clock_changed)
         self._thread = threading.Thread(target=self._work, name=f'filter {self.topic}', daemon=True)
         self._thread.start()
@@ -107,6 +109,7 @@ class Channel:
 
         def apply() -> None:
             self._filter.change(parameters)
+            self._filter.pass_failed = parameters.load.policy == 'pass_through'
             self._parameters = parameters
 
         self._inbox.load = parameters.load
@@ -391,6 +394,9 @@ class Channel:
             f'{self.resolved}: refused a cloud ({self.statistics.refused} so far): {err}',
             throttle_duration_sec=REFUSAL_PERIOD,
         )
+
+    def _log_failure(self, err: JudgingError) -> None:
+        self._log.error(f'{self.resolved}: a detector raised an error: {err}\n{err.trace}')
 
     def _log_info(self, text: str) -> None:
         self._log.info(f'{self.resolved}: {text}')

@@ -111,6 +111,8 @@ class Tf:
 
     def cover(self, first: int, last: int, frame: str) -> Cover:
         """Tell whether tf knows ``frame`` from ``first`` to ``last``."""
+        if first <= 0:
+            return Cover.NEVER  # to tf2 0 is the latest time, and one before it an error
         if not self._buffer.can_transform(self._fixed, frame, self._time(last)):
             return Cover.NOT_YET
         known = self._buffer.can_transform(self._fixed, frame, self._time(first))
@@ -126,11 +128,13 @@ class Tf:
         for t in np.unique(np.append(np.arange(first, last, STEP), last)).tolist():
             try:
                 found = self._buffer.lookup_transform(self._fixed, frame, self._time(t))
+                p, q = found.transform.translation, found.transform.rotation
+                track.add(t, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
             except self._unknown:
                 return None
-            moved = found.transform
-            p, q = moved.translation, moved.rotation
-            track.add(t, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+            except PoseError as err:
+                self.refusals[err.what] += 1
+                return None
         return track.move(points, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 

@@ -149,6 +149,13 @@ def test_cover() -> None:
     ('seconds', 'pose', 'sentence'),
     [
         (1.0, (math.nan, 0, 0, *LEVEL), r'^a pose must be finite, got nan, 0, 0, 0, 0, 0, 1$'),
+        (
+            1.0,
+            (0, -1e300, 0, *LEVEL),
+            r'^the position of a pose must be within 1e\+09 m, got 0, -1e\+300, 0$',
+        ),
+        (1.0, (1.0000001e9, 0, 0, *LEVEL), r'^the position of a pose must be within 1e\+09 m'),
+        (1.0, (0, 0, 0, 0, 1e300, 0, 0), r'^the norm of a quaternion must be 1, got 1e\+300$'),
         (1.0, (0, 0, 0, 0, 0, 0, 0), r'^the norm of a quaternion must be 1, got 0$'),
         (1.0, (0, 0, 0, 0, 0, 0, 1.02), r'^the norm of a quaternion must be 1, got 1.02$'),
         (

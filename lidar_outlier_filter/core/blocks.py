@@ -9,6 +9,9 @@ a verdict depends on the points alone and not on the messages that brought them.
 A sensor that sends one sweep per message may have the message as its block instead: it is judged at
 once, with the halo before it only. There the message is part of the question: cut otherwise, the
 same points are other blocks.
+
+An error that a detector raises costs its block only: the messages with points in it have no
+verdict, and the next block is judged.
 """
 
 from __future__ import annotations
@@ -21,13 +24,17 @@ import numpy as np
 
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.points import SECOND, Points, concatenate
-from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.core.verdict import Failed, Verdict
+from lidar_outlier_filter.errors import CloudError, JudgingError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.parameters import FilterParameters
+
+    _Members = list[tuple['_Message', slice | NDArray[np.intp]]]
 
 MOST_BLOCKS = 10_000  # in one cloud: wild times must not stall the stream
 BEGINNING = -(2**62)  # before any time, nanoseconds
@@ -43,6 +50,7 @@ class _Message:
     verdict: Verdict  # of all points of the message
     tag: Any
     frame: str  # points of different frames are never judged together
+    error: JudgingError | None = None  # of a block with points of it
     first: int = field(init=False)  # earliest and latest time, ns
     last: int = field(init=False)
     sorted: bool = field(init=False)  # by time
@@ -52,6 +60,12 @@ class _Message:
         t = self.points.t
         self.first, self.last = (int(t.min()), int(t.max())) if len(t) else (END, BEGINNING - 1)
         self.sorted = bool((t[1:] >= t[:-1]).all())
+
+    def answer(self) -> Verdict:
+        """Return the verdict of all points, or why there is none."""
+        if self.error is not None:
+            return Failed.by(self.error, len(self.verdict))
+        return self.verdict
 
     def between(self, begin: int, end: int) -> slice | NDArray[np.intp]:
         """Find the points with begin <= t < end."""
@@ -85,6 +99,7 @@ class Stream:
         self._jump = round(parameters.time_jump * SECOND)
         self._most = parameters.max_points
         self.resets = 0
+        self.fail: Callable[[JudgingError], object] = str  # is told of each block that it costs
         self._clear()
 
     def _clear(self) -> None:
@@ -122,7 +137,8 @@ class Stream:
         -------
         list of (tag, verdict)
             In the order they were pushed. A verdict has an entry for each point of the message;
-            that of an invalid point is untested.
+            that of an invalid point is untested. It is :class:`Failed` for a message with points in
+            a block that a detector raised an error in.
 
         Raises
         ------
@@ -198,38 +214,51 @@ class Stream:
 
     def _judge(self, begin: int, end: int) -> None:
         """Judge the pending points of one block with its halo; tell their messages."""
-        members, verdict = self._judge_together(begin - self._halo, end + self._halo)
+        members = self._members(begin - self._halo, end + self._halo)
+        verdict = self._judge_together(members)
         begin = max(begin, self._judged)
         offset = 0
         for message, index in members:
             t = message.points.t[index]
             mine = _between(t, begin, end, is_sorted=message.sorted)
-            told = verdict.take(slice(offset, offset + len(t))).take(mine)
-            message.verdict.put(message.where[index][mine], told)
+            if not isinstance(verdict, JudgingError):
+                told = verdict.take(slice(offset, offset + len(t))).take(mine)
+                message.verdict.put(message.where[index][mine], told)
+            elif len(t[mine]):
+                message.error = verdict
             offset += len(t)
 
     def _judge_message(self, message: _Message) -> None:
         """Judge a message with the halo before it, at once."""
         if message.first < END:
             # The message is the last of those seen.
-            _, verdict = self._judge_together(message.first - self._halo, END)
-            told = verdict.take(slice(len(verdict) - len(message.points), None))
-            message.verdict.put(message.where, told)
+            verdict = self._judge_together(self._members(message.first - self._halo, END))
+            if isinstance(verdict, JudgingError):
+                message.error = verdict
+            else:
+                told = verdict.take(slice(len(verdict) - len(message.points), None))
+                message.verdict.put(message.where, told)
         self._judged = END
         self._pending = END
         self._forget(self._newest - self._halo)
 
-    def _judge_together(
-        self, first: int, last: int
-    ) -> tuple[list[tuple[_Message, slice | NDArray[np.intp]]], Verdict]:
-        """Judge all points with first <= t < last; return which of each message they are, too."""
+    def _members(self, first: int, last: int) -> _Members:
+        """Find all points with first <= t < last, message by message."""
         near = [message for message in self._seen if first <= message.last and message.first < last]
-        members = [(message, message.between(first, last)) for message in near]
-        parts = [message.points.take(index) for message, index in members]
-        frames = [message.frame for message in near]
-        if len(set(frames)) == 1:
-            return members, self.chain.judge(concatenate(parts))
-        return members, self._judge_apart(parts, frames)
+        return [(message, message.between(first, last)) for message in near]
+
+    def _judge_together(self, members: _Members) -> Verdict | JudgingError:
+        """Judge points; the verdict is in the order of their messages."""
+        frames = [message.frame for message, _ in members]
+        try:
+            parts = [message.points.take(index) for message, index in members]
+            if len(set(frames)) == 1:
+                return self.chain.judge(concatenate(parts))
+            return self._judge_apart(parts, frames)
+        except Exception as err:  # noqa: BLE001  whatever it is, the next block is judged
+            error = JudgingError(err)
+            self.fail(error)
+            return error
 
     def _judge_apart(self, parts: list[Points], frames: list[str]) -> Verdict:
         """Judge the points of each frame by themselves; the verdict is in order of the parts."""
@@ -268,5 +297,5 @@ class Stream:
         while self._waiting and self._waiting[0].last < self._judged:
             message = self._waiting.popleft()
             self._unanswered -= len(message.verdict.score)
-            finished.append((message.tag, message.verdict))
+            finished.append((message.tag, message.answer()))
         return finished

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.points import SECOND, Points
+from lidar_outlier_filter.core.points import FARTHEST, SECOND, Points
 from lidar_outlier_filter.errors import PoseError
 
 if TYPE_CHECKING:
@@ -96,9 +97,12 @@ class Track:
             If it is no pose, or not later than the one before.
 
         """
-        norm = float(np.linalg.norm(pose[3:]))
         if not np.isfinite(pose).all():
             raise PoseError('a pose', 'finite', ', '.join(f'{value:g}' for value in pose))
+        if max(map(abs, pose[:3])) > FARTHEST:
+            got = ', '.join(f'{value:g}' for value in pose[:3])
+            raise PoseError('the position of a pose', f'within {FARTHEST:g} m', got)
+        norm = math.hypot(*pose[3:])
         if abs(norm - 1) > ROUNDING:
             raise PoseError('the norm of a quaternion', '1', f'{norm:g}')
         with self._lock:

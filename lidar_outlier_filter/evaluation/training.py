@@ -14,7 +14,7 @@ from lidar_outlier_filter.bags import Recording
 from lidar_outlier_filter.cloud import is_empty, structured
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain, along_lines
-from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.core.verdict import Failed, Verdict
 from lidar_outlier_filter.decoder import Decoder
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.evaluation.curves import Curve, curve
@@ -130,6 +130,9 @@ def _stream(clouds: Sequence[Points], parameters: FilterParameters) -> Verdict:
     stream = Stream(parameters)
     finished = [answer for cloud in clouds for answer in stream.push(cloud)]
     finished += stream.flush()
+    for _, verdict in finished:
+        if isinstance(verdict, Failed):
+            raise verdict.error
     return _joined([verdict for _, verdict in finished])
 
 

@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Motion that is told by tf: which points are moved, and where to."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_poses import LEVEL, SECOND, START, points, turned
+from tf_buffer import Listener, make_tf, transform
+
+from lidar_outlier_filter.core.poses import Cover
+from lidar_outlier_filter.parameters import FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from lidar_outlier_filter.motion import Tf
+
+MOUNTED = (1.0, 0.0, 2.0, *turned(90))
+
+
+def make(
+    monkeypatch: pytest.MonkeyPatch, poses: Iterable[tuple[float, tuple[float, ...]]], **values: Any
+) -> tuple[Tf, Listener]:
+    """Make the motion of a lidar on a vehicle, with poses at seconds after the start."""
+    given = {'motion.source': 'tf'} | {f'motion.{name}': value for name, value in values.items()}
+    tf, listener = make_tf(monkeypatch, FilterParameters().changed(given))
+    listener.buffer.set_transform_static(transform('base', 'lidar', 0, MOUNTED), '')
+    drive(listener, poses)
+    return tf, listener
+
+
+def drive(listener: Listener, poses: Iterable[tuple[float, tuple[float, ...]]]) -> None:
+    """Let tf have poses of the vehicle."""
+    for seconds, pose in poses:
+        msg = transform('odom', 'base', at(seconds), pose)
+        listener.buffer.set_transform(msg, '')
+
+
+def at(seconds: float) -> int:
+    """Return nanoseconds."""
+    return START + round(seconds * SECOND)
+
+
+def straight(begin: float, end: float, step: float) -> list[tuple[float, tuple[float, ...]]]:
+    """Make poses of a vehicle that drives 10 m/s straight on."""
+    times = np.arange(round(begin / step), round(end / step) + 1) * step
+    return [(float(t), (10 * float(t), 0.0, 0.0, *LEVEL)) for t in times]
+
+
+def test_moved_as_tf_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Point by point, as tf has it at its time; the distance stays that from the sensor."""
+    rng = np.random.default_rng(3)
+    turns = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.02, (40, 3)), axis=0)).as_quat()
+    places = np.cumsum(rng.normal(0, 0.3, (40, 3)), axis=0)
+    poses = [(i * 0.02, (*p, *q)) for i, (p, q) in enumerate(zip(places, turns, strict=True))]
+    tf, listener = make(monkeypatch, poses)
+    times = np.append(rng.permutation(np.arange(0, 300) / 1000 + 0.2), [0.2, 0.499])
+    given = points(*((t, *rng.normal(0, 9, 3)) for t in times))
+    assert tf.cover(at(0.2), at(0.499), 'lidar') is Cover.YES
+    listener.buffer.looks = 0
+    moved = tf.move(given, 'lidar')
+    assert moved is not None
+    assert listener.buffer.looks <= 32  # every 10 ms
+    np.testing.assert_array_equal(moved.range, given.range)
+    time = tf._time
+    for i, t in enumerate(given.t.tolist()):
+        found = listener.buffer.lookup_transform('odom', 'lidar', time(t)).transform
+        q, p = found.rotation, found.translation
+        turned_by = Rotation.from_quat([q.x, q.y, q.z, q.w])
+        there = turned_by.apply(given.xyz[i]) + np.array([p.x, p.y, p.z])
+        # Between two looks the lidar moves along a straight line, in tf along an arc.
+        np.testing.assert_allclose(moved.xyz[i], there, atol=1e-3)
+
+
+def test_worked_out_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A vehicle drives 10 m/s; the lidar is 1 m ahead and 2 m above on it, and looks left."""
+    tf, _ = make(monkeypatch, straight(0, 1, 0.1))
+    moved = tf.move(points((0.1, 3, 0, 0), (0.105, 3, 0, 0), (0.35, 0, 3, 0)), 'lidar')
+    assert moved is not None
+    expected = [(1 + 1, 3, 2), (1.05 + 1, 3, 2), (3.5 + 1 - 3, 0, 2)]
+    np.testing.assert_allclose(moved.xyz, expected, atol=1e-9)
+
+
+def test_points_of_one_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is one look, at the last time as at any other."""
+    tf, listener = make(monkeypatch, straight(0, 1, 0.1))
+    moved = tf.move(points((0.3, 0, 0, 0.5), (0.3, 0, 0, 1)), 'lidar')
+    assert moved is not None
+    np.testing.assert_allclose(moved.xyz, [(4, 0, 2.5), (4, 0, 3)], atol=1e-9)
+    assert listener.buffer.looks == 1
+
+
+def test_what_tf_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the first pose never, after the last not yet; an unknown frame may still come."""
+    tf, _ = make(monkeypatch, straight(0, 1, 0.1))
+    assert tf.cover(at(-0.01), at(0.1), 'lidar') is Cover.NEVER
+    assert tf.cover(at(0.9), at(1.01), 'lidar') is Cover.NOT_YET
+    assert tf.cover(at(0.1), at(0.2), 'radar') is Cover.NOT_YET
+    assert tf.move(points((0.9, 1, 1, 1), (1.01, 1, 1, 1)), 'lidar') is None
+    nothing = points((0.5, 1, 1, 1)).take(slice(0, 0))
+    assert tf.move(nothing, 'lidar') is nothing
+
+
+def test_times_that_tf_cannot_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To tf 0 is the latest pose there is, and a time before it an error."""
+    tf, _ = make(monkeypatch, straight(0, 1, 0.1))
+    for first in (-1, 0):
+        assert tf.cover(first, at(0.5), 'lidar') is Cover.NEVER
+        assert tf.cover(first, first, 'lidar') is Cover.NEVER
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'reason'),
+    [
+        ({'w': 1.02}, 'the norm of a quaternion'),
+        ({'x': math.nan}, 'a pose'),
+    ],
+)
+def test_poses_that_make_no_sense(
+    monkeypatch: pytest.MonkeyPatch, wrong: dict[str, float], reason: str
+) -> None:
+    """They are counted, and the points are not moved."""
+    tf, listener = make(monkeypatch, straight(0, 1, 0.1))
+    look = listener.buffer.lookup_transform
+
+    def look_wrong(*arguments: Any) -> Any:
+        found = look(*arguments)
+        found.transform.rotation.z = 0.0
+        for name, value in wrong.items():
+            setattr(found.transform.rotation, name, value)
+        return found
+
+    monkeypatch.setattr(listener.buffer, 'lookup_transform', look_wrong)
+    assert tf.move(points((0.5, 1, 1, 1)), 'lidar') is None
+    assert tf.refusals == {reason: 1}
+
+
+def test_a_position_that_makes_no_sense(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is counted, and the points are not moved."""
+    tf, _ = make(monkeypatch, [(0.0, (1e300, 0, 0, *LEVEL)), (1.0, (1e300, 0, 0, *LEVEL))])
+    assert tf.move(points((0.5, 1, 1, 1)), 'lidar') is None
+    assert tf.refusals == {'the position of a pose': 1}
