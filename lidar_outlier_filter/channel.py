@@ -341,7 +341,7 @@ class Channel:
             return self._filter.push(msg, tag)
         except CloudError as err:
             self._log_refusal(err)
-            return []
+            return self._filter.advance()
 
     # ROS --------------------------------------------------------------------------------------
 

@@ -182,7 +182,8 @@ class CloudFilter:
         Raises
         ------
         CloudError
-            If the cloud makes no sense. It is counted, and the next one is served.
+            If the cloud makes no sense. It is counted, and the next one is served; ``advance`` has
+            the answers that it finished all the same.
 
         """
         try:
@@ -232,8 +233,8 @@ class CloudFilter:
         return self._answers(self._stream.hurry() if moving is None else moving.hurry_oldest())
 
     def advance(self) -> list[Answer]:
-        """Go on with the clouds that have their poses by now."""
-        return [] if self._moving is None else self._answers(self._moving.advance())
+        """Go on with the clouds that have their poses by now, or that a refused one completed."""
+        return self._answers(self._entrance.advance())
 
     @property
     def can_shed(self) -> bool:

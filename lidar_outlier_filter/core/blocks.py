@@ -105,6 +105,7 @@ class Stream:
     def _clear(self) -> None:
         self._seen: deque[_Message] = deque()  # with points that blocks to come need
         self._waiting: deque[_Message] = deque()  # without an answer yet
+        self._answered: list[tuple[Any, Verdict]] = []  # and not returned yet
         self._held = 0  # points in _seen
         self._unanswered = 0  # points in _waiting, missing returns too
         self._newest = BEGINNING  # latest time of any point
@@ -115,11 +116,13 @@ class Stream:
     @property
     def waiting(self) -> int:
         """Count the messages without an answer."""
-        return len(self._waiting)
+        return len(self._waiting) + len(self._answered)
 
     @property
     def oldest(self) -> Any:
         """The tag of the message that has waited longest; None where none waits."""
+        if self._answered:
+            return self._answered[0][0]
         return self._waiting[0].tag if self._waiting else None
 
     @property
@@ -143,15 +146,18 @@ class Stream:
         Raises
         ------
         CloudError
-            If a point is older than what was judged already, or if more points would be held than
-            ``max_points``. The stream is as it was before.
+            If a point is older than what was judged already: the stream is as it was before. Or if
+            more points would be held than ``max_points``: time goes on all the same, so that what
+            is held is judged and forgotten in its time; :meth:`advance` has what that finished.
 
         """
         where = np.flatnonzero(points.valid)
         valid = points if len(where) == len(points) else points.take(where)
         message = _Message(valid, where, Verdict.untested(len(points)), tag, frame)
         set_back = len(where) > 0 and message.last < self._newest - self._jump
-        self._refuse(message, anew=set_back)
+        self.refuse_span(message.first, message.last)
+        self._refuse_late(message, anew=set_back)
+        self._refuse_too_many(message, anew=set_back)
         # A clock that was set back: what was before has nothing to do with what comes.
         finished = self.flush() if set_back else []
         self.resets += set_back
@@ -168,6 +174,26 @@ class Stream:
             self._judge_until(self._newest - self._lateness)
         return finished + self._finished()
 
+    def advance(self) -> list[tuple[Any, Verdict]]:
+        """Return the messages that a cloud has finished that was refused."""
+        return self._finished()
+
+    def make_room(self, first: int, last: int) -> None:
+        """Judge and forget what a message of these times, nanoseconds, completes from outside."""
+        if not self._by_message:
+            newest = max(self._newest, last)
+            self._close(min(first, newest - self._lateness))
+        elif first < END:
+            self._forget(first - self._halo)
+
+    def go_on(self, t: int) -> None:
+        """Let time go on, nanoseconds, to that of a cloud that was refused."""
+        self._newest = max(self._newest, t)
+        if self._by_message:
+            self._forget(self._newest - self._halo)
+        else:
+            self._close(self._newest - self._lateness)
+
     def flush(self) -> list[tuple[Any, Verdict]]:
         """Judge all that is pending with what is there, and begin anew."""
         finished = self.hurry()
@@ -179,20 +205,47 @@ class Stream:
         self._judge_until(END)
         return self._finished()
 
-    def _refuse(self, message: _Message, *, anew: bool) -> None:
+    def refuse_span(self, first: int, last: int) -> None:
+        """Refuse a cloud whose times, nanoseconds, cannot be true."""
         most = MOST_BLOCKS * self._block
-        if message.last - message.first > most:
-            got = f'{(message.last - message.first) / SECOND:g} s'
+        if last - first > most:
+            got = f'{(last - first) / SECOND:g} s'
             raise CloudError('the time that a cloud spans', f'at most {most / SECOND:g} s', got)
+
+    def _refuse_late(self, message: _Message, *, anew: bool) -> None:
         if not anew and message.first < self._closed and not self._by_message:
             late = (self._closed - message.first) / SECOND
             got = f'a point {late:.6f} s older than that'
             raise CloudError('the time of a cloud', 'at or after what is judged already', got)
-        total = len(message.verdict.score) + (0 if anew else self.held)
+
+    def _refuse_too_many(self, message: _Message, *, anew: bool) -> None:
+        total = len(message.verdict)
+        if not anew:
+            if self._total_with(message) > self._most:
+                self.make_room(message.first, message.last)
+            total = self._total_with(message)
         if total > self._most:
+            if not anew:
+                self.go_on(message.last)
             raise CloudError(
                 'the number of points held', f'at most max_points = {self._most}', total
             )
+
+    def _total_with(self, message: _Message) -> int:
+        """Count the points that would be held with a message."""
+        return max(self._held + len(message.points), self._unanswered + len(message.verdict))
+
+    def _close(self, complete: int) -> None:
+        """Judge every block that is complete with its halo, and take no point of it any more.
+
+        Also where nothing is pending: what is held is held for blocks that may come.
+        """
+        self._judge_until(complete)
+        end = (complete - self._halo) // self._block * self._block
+        if end > self._judged:
+            self._judged, self._closed = end, end + self._halo
+            self._forget()
+        self._settle()
 
     def _judge_until(self, complete: int) -> None:
         """Judge every block that is complete with its halo; END: every block, complete or not."""
@@ -292,10 +345,14 @@ class Stream:
         self._held = sum(len(message.points) for message in self._seen)
 
     def _finished(self) -> list[tuple[Any, Verdict]]:
-        """Take the messages from the head of the queue whose points are all judged."""
-        finished = []
+        """Take the messages whose points are all judged."""
+        self._settle()
+        finished, self._answered = self._answered, []
+        return finished
+
+    def _settle(self) -> None:
+        """Answer the messages from the head of the queue whose points are all judged."""
         while self._waiting and self._waiting[0].last < self._judged:
             message = self._waiting.popleft()
             self._unanswered -= len(message.verdict.score)
-            finished.append((message.tag, message.answer()))
-        return finished
+            self._answered.append((message.tag, message.answer()))
