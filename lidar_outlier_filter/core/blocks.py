@@ -282,10 +282,11 @@ class Stream:
             offset += len(t)
 
     def _judge_message(self, message: _Message) -> None:
-        """Judge a message with the halo before it, at once."""
+        """Judge a message with the halo before it, and with what lies in its own time, at once."""
         if message.first < END:
-            # The message is the last of those seen.
-            verdict = self._judge_together(self._members(message.first - self._halo, END))
+            # The message is the last of those seen, but others may have later points.
+            members = self._members(message.first - self._halo, message.last + 1)
+            verdict = self._judge_together(members)
             if isinstance(verdict, JudgingError):
                 message.error = verdict
             else:
