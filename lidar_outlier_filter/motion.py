@@ -16,6 +16,7 @@ import numpy as np
 from lidar_outlier_filter.core.points import SECOND, Points
 from lidar_outlier_filter.core.poses import Cover, Mounting, Track
 from lidar_outlier_filter.errors import ParameterError, PoseError
+from lidar_outlier_filter.tf_links import Links
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -77,7 +78,7 @@ class Tf:
     """tf2: the transform from the frame of the cloud to one that stands still.
 
     It is looked up every 10 ms and interpolated between, because one look takes 10 µs and a cloud
-    has as many times as points.
+    has as many times as points. tf2 interpolates over any gap, so gaps are looked for here.
     """
 
     def __init__(self, node: Node, parameters: FilterParameters) -> None:
@@ -104,7 +105,8 @@ class Tf:
         self._buffer: Any = tf2_ros.Buffer(cache_time=Duration(seconds=60), node=node)
         Track.compile()
         self._unknown: Any = tf2_ros.TransformException
-        self._listener = tf2_ros.TransformListener(self._buffer, node)
+        self._links = Links(self._buffer)
+        self._listener = tf2_ros.TransformListener(self._links, node)
 
     def take(self, msg: Any) -> None:
         """Do nothing: tf2 has its own subscriptions."""
@@ -115,8 +117,11 @@ class Tf:
             return Cover.NEVER  # to tf2 0 is the latest time, and one before it an error
         if not self._buffer.can_transform(self._fixed, frame, self._time(last)):
             return Cover.NOT_YET
-        known = self._buffer.can_transform(self._fixed, frame, self._time(first))
-        return Cover.YES if known else Cover.NEVER
+        if not self._buffer.can_transform(self._fixed, frame, self._time(first)):
+            return Cover.NEVER
+        longest = round(self._gap * SECOND)
+        has_gap = self._links.has_gap(self._fixed, frame, first, last, longest)
+        return Cover.NEVER if has_gap else Cover.YES
 
     def move(self, points: Points, frame: str) -> Points | None:
         """Move points from ``frame`` to the one that stands still."""

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from test_poses import LEVEL, SECOND, START, points, turned
 from tf_buffer import Listener, make_tf, transform
 
-from lidar_outlier_filter.core.poses import Cover
+from lidar_outlier_filter.core.poses import KEPT, Cover
 from lidar_outlier_filter.parameters import FilterParameters
 
 if TYPE_CHECKING:
@@ -59,18 +59,18 @@ def test_moved_as_tf_says(monkeypatch: pytest.MonkeyPatch) -> None:
     turns = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.02, (40, 3)), axis=0)).as_quat()
     places = np.cumsum(rng.normal(0, 0.3, (40, 3)), axis=0)
     poses = [(i * 0.02, (*p, *q)) for i, (p, q) in enumerate(zip(places, turns, strict=True))]
-    tf, listener = make(monkeypatch, poses)
+    tf, _ = make(monkeypatch, poses)
     times = np.append(rng.permutation(np.arange(0, 300) / 1000 + 0.2), [0.2, 0.499])
     given = points(*((t, *rng.normal(0, 9, 3)) for t in times))
     assert tf.cover(at(0.2), at(0.499), 'lidar') is Cover.YES
-    listener.buffer.looks = 0
+    tf._buffer.looks = 0
     moved = tf.move(given, 'lidar')
     assert moved is not None
-    assert listener.buffer.looks <= 32  # every 10 ms
+    assert tf._buffer.looks <= 32  # every 10 ms
     np.testing.assert_array_equal(moved.range, given.range)
     time = tf._time
     for i, t in enumerate(given.t.tolist()):
-        found = listener.buffer.lookup_transform('odom', 'lidar', time(t)).transform
+        found = tf._buffer.lookup_transform('odom', 'lidar', time(t)).transform
         q, p = found.rotation, found.translation
         turned_by = Rotation.from_quat([q.x, q.y, q.z, q.w])
         there = turned_by.apply(given.xyz[i]) + np.array([p.x, p.y, p.z])
@@ -89,11 +89,11 @@ def test_worked_out_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_points_of_one_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """There is one look, at the last time as at any other."""
-    tf, listener = make(monkeypatch, straight(0, 1, 0.1))
+    tf, _ = make(monkeypatch, straight(0, 1, 0.1))
     moved = tf.move(points((0.3, 0, 0, 0.5), (0.3, 0, 0, 1)), 'lidar')
     assert moved is not None
     np.testing.assert_allclose(moved.xyz, [(4, 0, 2.5), (4, 0, 3)], atol=1e-9)
-    assert listener.buffer.looks == 1
+    assert tf._buffer.looks == 1
 
 
 def test_what_tf_does_not_know(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,8 +126,8 @@ def test_poses_that_make_no_sense(
     monkeypatch: pytest.MonkeyPatch, wrong: dict[str, float], reason: str
 ) -> None:
     """They are counted, and the points are not moved."""
-    tf, listener = make(monkeypatch, straight(0, 1, 0.1))
-    look = listener.buffer.lookup_transform
+    tf, _ = make(monkeypatch, straight(0, 1, 0.1))
+    look = tf._buffer.lookup_transform
 
     def look_wrong(*arguments: Any) -> Any:
         found = look(*arguments)
@@ -136,7 +136,7 @@ def test_poses_that_make_no_sense(
             setattr(found.transform.rotation, name, value)
         return found
 
-    monkeypatch.setattr(listener.buffer, 'lookup_transform', look_wrong)
+    monkeypatch.setattr(tf._buffer, 'lookup_transform', look_wrong)
     assert tf.move(points((0.5, 1, 1, 1)), 'lidar') is None
     assert tf.refusals == {reason: 1}
 
@@ -146,3 +146,72 @@ def test_a_position_that_makes_no_sense(monkeypatch: pytest.MonkeyPatch) -> None
     tf, _ = make(monkeypatch, [(0.0, (1e300, 0, 0, *LEVEL)), (1.0, (1e300, 0, 0, *LEVEL))])
     assert tf.move(points((0.5, 1, 1, 1)), 'lidar') is None
     assert tf.refusals == {'the position of a pose': 1}
+
+
+# Gaps -------------------------------------------------------------------------------------------
+
+
+def test_gaps_are_not_covered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tf interpolates over any gap; what is wider than ``motion.max_gap`` is not covered."""
+    poses = [*straight(0, 1, 0.1), *straight(1.3, 2, 0.1)]
+    tf, _ = make(monkeypatch, poses, max_gap=0.2)
+    assert tf.cover(at(0.5), at(1.0), 'lidar') is Cover.YES
+    assert tf.cover(at(1.3), at(1.9), 'lidar') is Cover.YES
+    assert tf.cover(at(0.9), at(1.01), 'lidar') is Cover.NEVER
+    assert tf.cover(at(1.1), at(1.2), 'lidar') is Cover.NEVER
+    assert tf.cover(at(1.29), at(1.31), 'lidar') is Cover.NEVER
+    assert tf.cover(at(1.9), at(2.1), 'lidar') is Cover.NOT_YET
+
+
+def test_a_gap_of_exactly_the_longest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is covered; one that is longer by a nanosecond is not."""
+    tf, _ = make(monkeypatch, straight(0, 1, 0.2), max_gap=0.2)
+    assert tf.cover(at(0.1), at(0.9), 'lidar') is Cover.YES
+    tf, _ = make(monkeypatch, straight(0, 1, 0.2), max_gap=0.2 - 1e-9)
+    assert tf.cover(at(0.1), at(0.9), 'lidar') is Cover.NEVER
+
+
+def test_gaps_of_each_transform_on_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those between the two frames count, in either direction; others and fixed ones do not."""
+    tf, listener = make(monkeypatch, straight(0, 1, 0.1), fixed_frame='map', max_gap=0.2)
+    buffer = listener.buffer
+    for seconds in (0.0, 0.3, 0.35, 0.4, 1.0):
+        buffer.set_transform(transform('/odom', 'map', at(seconds), (1.0, 0, 0, *LEVEL)), '')
+    for seconds in (0.0, 1.0):
+        buffer.set_transform(transform('base', 'wheel', at(seconds), (1.0, 0, 0, *LEVEL)), '')
+    assert tf.cover(at(0.3), at(0.4), 'lidar') is Cover.YES
+    assert tf.cover(at(0.3), at(0.41), 'lidar') is Cover.NEVER
+    assert tf.cover(at(0.29), at(0.4), 'lidar') is Cover.NEVER
+    assert tf.cover(at(0.32), at(0.38), 'wheel') is Cover.NEVER
+    assert tf.cover(at(0.32), at(0.38), 'base') is Cover.YES
+
+
+def test_transforms_out_of_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What comes late fills the gap, and what comes twice is none."""
+    tf, listener = make(monkeypatch, [*straight(0, 0.4, 0.1), *straight(0.7, 1, 0.1)])
+    assert tf.cover(at(0.3), at(0.8), 'lidar') is Cover.NEVER
+    drive(listener, straight(0.5, 0.6, 0.1))
+    drive(listener, straight(0.5, 0.6, 0.1))
+    assert tf.cover(at(0.3), at(0.8), 'lidar') is Cover.YES
+
+
+def test_old_transforms_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After an hour no more is held than after a few minutes; the last minute is there."""
+    tf, listener = make(monkeypatch, [])
+    most = 0
+    for number in range(40_000):
+        t = START + number * SECOND // 10
+        listener.buffer.note(transform('odom', 'base', t, (0.0, 0, 0, *LEVEL)))
+        most = max(most, len(tf._links))
+    assert most <= 2 * (KEPT // SECOND * 10 + 2)
+    last = START + 39_999 * SECOND // 10
+    assert not tf._links.has_gap('odom', 'base', last - KEPT, last, SECOND // 10)
+    assert tf._links.has_gap('odom', 'base', last - KEPT, last, SECOND // 10 - 1)
+
+
+def test_frames_in_a_circle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames that hang on each other are no reason to search for ever."""
+    tf, listener = make(monkeypatch, [])
+    for parent, child in (('a', 'b'), ('b', 'a')):
+        listener.buffer.note(transform(parent, child, at(0), (0.0, 0, 0, *LEVEL)))
+    assert not tf._links.has_gap('odom', 'a', at(0), at(1), SECOND)
