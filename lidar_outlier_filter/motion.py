@@ -41,6 +41,12 @@ class Motion(Protocol):
     def move(self, points: Points, frame: str) -> Points | None:
         """Move points from ``frame`` to the frame that stands still; None if that is not known."""
 
+    def begin_anew(self) -> None:
+        """Forget what was before: the clock of the points was set back.
+
+        What has begun anew by itself is kept: poses may be set back before the points are.
+        """
+
 
 class Odometry:
     """nav_msgs/Odometry, and where the sensor is in its child frame."""
@@ -72,6 +78,10 @@ class Odometry:
     def move(self, points: Points, _frame: str) -> Points | None:
         """Move points from the sensor to the frame of the odometry."""
         return self._track.move(points, self._mounting)
+
+    def begin_anew(self) -> None:
+        """Forget the odometry of before."""
+        self._track.begin_anew()
 
 
 class Tf:
@@ -105,7 +115,7 @@ class Tf:
         self._buffer: Any = tf2_ros.Buffer(cache_time=Duration(seconds=60), node=node)
         Track.compile()
         self._unknown: Any = tf2_ros.TransformException
-        self._links = Links(self._buffer)
+        self._links = Links(self._buffer, parameters.time_jump)
         self._listener = tf2_ros.TransformListener(self._links, node)
 
     def take(self, msg: Any) -> None:
@@ -140,7 +150,12 @@ class Tf:
             except PoseError as err:
                 self.refusals[err.what] += 1
                 return None
+        self._links.caught_up()
         return track.move(points, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+
+    def begin_anew(self) -> None:
+        """Forget the transforms of before; those that hold for ever stay."""
+        self._links.begin_anew()
 
 
 def make_motion(node: Node, parameters: FilterParameters) -> Motion | None:

@@ -95,6 +95,7 @@ class MovingStream:
             self._refuse_too_many(len(points))
             # A clock that was set back: the poses of before will not come any more.
             finished = self._let_go_all() + self._stream.flush()
+            self._motion.begin_anew()
             self._stream.resets += 1
             self._newest = last
         self._newest = max(self._newest, last)
@@ -146,6 +147,7 @@ class MovingStream:
         """Answer all that is pending with what is there, and begin anew."""
         finished = self._let_go_all()
         self._newest = BEGINNING
+        self._motion.begin_anew()
         return finished + self._stream.flush()
 
     def _take_answered(self) -> Finished:

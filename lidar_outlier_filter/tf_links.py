@@ -14,11 +14,21 @@ from lidar_outlier_filter.core.poses import KEPT
 
 
 class Links:
-    """Stands before a buffer: notes what is put into it, and hands it on. Any thread may put."""
+    """Stands before a buffer: notes what is put into it, and hands it on. Any thread may put.
 
-    def __init__(self, buffer: Any) -> None:
-        """Put into ``buffer``, a ``tf2_ros.Buffer``."""
+    A buffer of tf2 keeps what was before a clock was set back, among what comes after, and refuses
+    what is older than all it keeps. So it is cleared here.
+    """
+
+    def __init__(self, buffer: Any, time_jump: float) -> None:
+        """Put into ``buffer``, a ``tf2_ros.Buffer``.
+
+        A transform that is older than the last one of its frame by more than ``time_jump`` seconds
+        begins anew.
+        """
         self._buffer = buffer
+        self._jump = round(time_jump * SECOND)
+        self._is_new = False  # began anew, and no point was moved since
         self._lock = threading.Lock()
         self._parents: dict[str, str] = {}
         self._times: dict[str, list[int]] = {}  # nanoseconds, in order, of what moves
@@ -50,6 +60,10 @@ class Links:
         with self._lock:
             self._parents[child] = parent
             times = self._times.setdefault(child, [])
+            if times and t < times[-1] - self._jump:
+                self._clear()
+                self._is_new = True
+                times = self._times.setdefault(child, [])
             if not times or t > times[-1]:
                 times.append(t)
             else:
@@ -77,6 +91,21 @@ class Links:
                 if any(after - before > longest for before, after in pairwise(near)):
                     return True
         return False
+
+    def begin_anew(self) -> None:
+        """Forget all that does not hold for ever, unless it has begun anew by itself."""
+        with self._lock:
+            if not self._is_new:
+                self._clear()
+
+    def caught_up(self) -> None:
+        """Note that points were moved: they are of the time of what is held."""
+        with self._lock:
+            self._is_new = False
+
+    def _clear(self) -> None:
+        self._times.clear()
+        self._buffer.clear()
 
     def _to_root(self, frame: str) -> list[str]:
         """List the frames from one upwards, without the root."""

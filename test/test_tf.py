@@ -215,3 +215,41 @@ def test_frames_in_a_circle(monkeypatch: pytest.MonkeyPatch) -> None:
     for parent, child in (('a', 'b'), ('b', 'a')):
         listener.buffer.note(transform(parent, child, at(0), (0.0, 0, 0, *LEVEL)))
     assert not tf._links.has_gap('odom', 'a', at(0), at(1), SECOND)
+
+
+# A clock that was set back ----------------------------------------------------------------------
+
+
+def test_transforms_of_before_a_clock_was_set_back_are_forgotten(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By the points, or by what comes on tf; what holds for ever stays."""
+    tf, listener = make(monkeypatch, straight(0, 5, 0.1))
+    tf.begin_anew()
+    assert tf.cover(at(0.5), at(0.6), 'lidar') is Cover.NOT_YET
+    drive(listener, straight(0, 1, 0.1))
+    assert tf.cover(at(0.5), at(0.6), 'lidar') is Cover.YES
+
+
+def test_transforms_that_go_back_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of before are forgotten then, and not those of now when the points follow."""
+    tf, listener = make(monkeypatch, straight(0, 5, 0.1))
+    drive(listener, straight(0, 0.3, 0.1))
+    assert tf.cover(at(0.1), at(0.3), 'lidar') is Cover.YES
+    assert tf.cover(at(0.1), at(0.4), 'lidar') is Cover.NOT_YET
+    tf.begin_anew()
+    assert tf.cover(at(0.1), at(0.3), 'lidar') is Cover.YES
+    # The points have caught up: what is there the next time is of before.
+    assert tf.move(points((0.1, 1, 1, 1)), 'lidar') is not None
+    tf.begin_anew()
+    assert tf.cover(at(0.1), at(0.3), 'lidar') is Cover.NOT_YET
+
+
+def test_a_transform_that_is_late_by_less_than_the_jump(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is forgotten for it, nor for the transforms of another frame that lag behind."""
+    tf, listener = make(monkeypatch, straight(1, 3, 0.1))
+    drive(listener, straight(2, 2, 0.1))
+    listener.buffer.set_transform(transform('base', 'wheel', at(1), (1.0, 0, 0, *LEVEL)), '')
+    assert tf.cover(at(1), at(3), 'lidar') is Cover.YES
+    drive(listener, straight(1.9, 1.9, 0.1))
+    assert tf.cover(at(1), at(3), 'lidar') is Cover.NOT_YET
