@@ -131,7 +131,7 @@ def test_named_columns(tmp_path: Path) -> None:
         ({'angle_field': 'phi', 'line_source': 'angle'}, 'angle_field must be a column of {}'),
         (
             {'alpha_beta_gamma__sigma_field': 's', 'line_source': 'angle', 'angle_field': 't'},
-            "column 's' must be more than 0 and finite, got -0.5",
+            "column 's' must be from 1e-09 to 1e+09 m, got -0.5",
         ),
     ],
 )
@@ -141,6 +141,15 @@ def test_refused_columns(tmp_path: Path, values: dict[str, Any], sentence: str) 
     with pytest.raises(FilterError) as caught:
         loaded(path, **values)
     assert sentence.format(path) in str(caught.value)
+
+
+@pytest.mark.parametrize('wild', ['1e30', '-1.0000001e9'])
+def test_absurd_coordinates(tmp_path: Path, wild: str) -> None:
+    """The rule for clouds holds for files: what was never measured is refused."""
+    path = table(tmp_path, f'x,y,z\n1,2,3\n1,{wild},3\n')
+    sentence = r'^the coordinates of a point must be within 1e\+09 m, NaN or Inf, got 1, -?1e\+'
+    with pytest.raises(CloudError, match=sentence):
+        loaded(path, 'x', 'y', 'z', timed=False)
 
 
 def test_whole_numbers_of_gps_time_are_seconds(tmp_path: Path) -> None:

@@ -68,6 +68,7 @@ def test_what_has_happened_since_the_last_look() -> None:
         'shed': '0',
         'unmoved': '0',
         'resets': '0',
+        'failures': '0',
         'rejected by a': '5',
         'rejected by b': '4',
         'undecided by b': '6',
@@ -114,6 +115,20 @@ def test_a_single_slow_cloud_of_many_is_no_complaint() -> None:
     health.received(1)
     for delay in [0.1] * 99 + [50.0]:
         health.answered(delay, 0)
+    assert look(health)[0] == OK
+
+
+def test_errors_of_detectors() -> None:
+    """They are an error at once, however few the clouds, and only where they were raised."""
+    health = Health()
+    for _ in range(1000):
+        health.received(1)
+    health.counted(Statistics(messages=1000, passed=Counter(failure=1), failures=1))
+    level, message, values, plotted = look(health)
+    assert level == ERROR
+    assert message.startswith('a detector raised an error in 1 blocks: see the log; of 1000 ')
+    assert (values['failures'], plotted['passed']) == ('1', 1)
+    health.received(1)
     assert look(health)[0] == OK
 
 

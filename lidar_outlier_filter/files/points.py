@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import Points, is_return
+from lidar_outlier_filter.core.points import Points, check_sigma, returns
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file, scan
 from lidar_outlier_filter.messages.decoder import LINE_NAMES, TIME_NAMES, guess_unit, to_nanoseconds
@@ -93,7 +93,8 @@ def load(  # noqa: PLR0913  which columns, and where to
     Raises
     ------
     CloudError
-        If the file cannot be read, or has not the columns that the parameters name.
+        If the file cannot be read, has not the columns that the parameters name, or holds a point
+        farther away than ``FARTHEST``.
 
     """
     others = _others(file, parameters) if timed else []
@@ -112,7 +113,7 @@ def load(  # noqa: PLR0913  which columns, and where to
             columns[name][part] = values
         done = part.stop
         progress(done)
-    valid = is_return(xyz)
+    valid = returns(xyz)
     zeros = np.zeros(len(file), np.int64)
     if not timed:
         return Loaded(Points(xyz, zeros, zeros, valid), '', '')
@@ -213,7 +214,5 @@ def _sigma(columns: Columns, valid: NDArray[np.bool_], name: str) -> NDArray[np.
     if not name:
         return None
     sigma = cloud_file.filled(columns[name]).astype(np.float64)
-    wrong = valid & ~((sigma > 0) & np.isfinite(sigma))
-    if wrong.any():
-        raise CloudError(f'column {name!r}', 'more than 0 and finite', sigma[wrong][0])
+    check_sigma(sigma, valid, f'column {name!r}')
     return sigma

@@ -55,8 +55,9 @@ class LoadParameters:
     policy: str = declare(
         'drop_oldest',
         'When clouds come faster than they are filtered: drop_oldest: the oldest get no answer; '
-        'pass_through: they pass unfiltered; shed: the smoother alone filters them, and what is '
-        'still too much, or where the chain has no smoother all, passes unfiltered.',
+        'pass_through: they pass unfiltered, and so do those that a detector fails on; shed: the '
+        'smoother alone filters them, and what is still too much, or where the chain has no '
+        'smoother all, passes unfiltered.',
         choices=('drop_oldest', 'pass_through', 'shed'),
     )
     clouds: int = declare(

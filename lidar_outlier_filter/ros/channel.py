@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.duration import Duration
 
 from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.errors import CloudError, JudgingError
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
 from lidar_outlier_filter.ros.cdr import read_cloud
 from lidar_outlier_filter.ros.clocks import DelayClock
@@ -23,8 +23,8 @@ from lidar_outlier_filter.ros.subscriptions import (
     subscribe,
     subscribe_odometry,
 )
+from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter, Statistics
-from lidar_outlier_filter.stream.motion import make_motion
 from lidar_outlier_filter.stream.topics import answers
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ class Channel:
         self._motion = make_motion(node, parameters)
         self._filter = CloudFilter(parameters, self._log_info, self._log_warning, self._motion)
         self._filter.refuse = self._log_refusal
+        self._filter.fail = self._log_failure
         self._enabled = True
         publishers = (advertise(node, name) for name in answers(topic))
         self.cleaned_publisher, self.outliers_publisher = publishers
@@ -88,6 +89,7 @@ class Channel:
 
     def start(self) -> None:
         """Subscribe, and filter what comes in a thread of its own."""
+        self._filter.pass_failed = self._parameters.load.policy == 'pass_through'
         self._clock.watch(self._went_on, self._went_back, self._clock_changed)
         self._thread = threading.Thread(target=self._work, name=f'filter {self.topic}', daemon=True)
         self._thread.start()
@@ -100,6 +102,7 @@ class Channel:
 
         def apply() -> None:
             self._filter.change(parameters)
+            self._filter.pass_failed = parameters.load.policy == 'pass_through'
             self._parameters = parameters
 
         self._inbox.load = parameters.load
@@ -343,7 +346,7 @@ class Channel:
             return self._filter.push(msg, tag)
         except CloudError as err:
             self._log_refusal(err)
-            return []
+            return self._filter.advance()
 
     # ROS --------------------------------------------------------------------------------------
 
@@ -365,6 +368,9 @@ class Channel:
             f'{self.resolved}: refused a cloud ({self.statistics.refused} so far): {err}',
             throttle_duration_sec=REFUSAL_PERIOD,
         )
+
+    def _log_failure(self, err: JudgingError) -> None:
+        self._log.error(f'{self.resolved}: a detector raised an error: {err}\n{err.trace}')
 
     def _log_info(self, text: str) -> None:
         self._log.info(f'{self.resolved}: {text}')

@@ -164,7 +164,8 @@ class _Look:
 
     @property
     def passed(self) -> int:
-        return self.now.passed['overload'] - self.before.passed['overload']
+        reasons = ('overload', 'failure')
+        return sum(self.now.passed[reason] - self.before.passed[reason] for reason in reasons)
 
     def share(self, name: str) -> float:
         """Return the share of the points answered since the last look; 0 of none."""
@@ -175,6 +176,9 @@ class _Look:
     def complaints(self, limits: HealthLimits, max_delay: float) -> Iterator[tuple[int, str]]:
         """Tell what is above its limit."""
         tally = self.tally
+        failures = self.now.failures - self.before.failures
+        if failures:
+            yield ERROR, f'a detector raised an error in {failures} blocks: see the log'
         delay = _percentiles(tally.delays)[1]
         missed = {
             'refused': self.refused,
@@ -242,6 +246,7 @@ class _Look:
             'shed',
             'unmoved',
             'resets',
+            'failures',
         ):
             found[name] = str(getattr(now, name))
         for text, counter in (

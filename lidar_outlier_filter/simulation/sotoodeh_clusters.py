@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.detectors.hierarchical.detector import Outcome
+    from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
     from lidar_outlier_filter.parameters.detectors import Hierarchical
 
     Floats = NDArray[np.float64]
@@ -119,7 +119,7 @@ def _scatter(
     return np.array(found)
 
 
-def errors(outlier: Bools, outcome: Outcome) -> tuple[Errors, Errors]:
+def errors(outlier: Bools, outcome: ClusterOutcome) -> tuple[Errors, Errors]:
     """Count the errors of both phases."""
     first, second = outcome.phase == 1, outcome.phase == 2  # noqa: PLR2004  the phases
     rejected = first | second

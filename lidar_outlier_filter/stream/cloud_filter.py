@@ -14,8 +14,8 @@ import numpy as np
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import TEMPORAL, Chain
 from lidar_outlier_filter.core.points import missing
-from lidar_outlier_filter.core.verdict import BITS, Verdict
-from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.core.verdict import BITS, Failed, Verdict
+from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
@@ -71,6 +71,7 @@ class Statistics:
     unmoved : clouds that were judged without poses, in their own frame
     resets : times the clock was set back
     passes : most repetitions without the rejected that a block has needed
+    failures : blocks that a detector raised an error in
 
     """
 
@@ -88,6 +89,7 @@ class Statistics:
     unmoved: int = 0
     resets: int = 0
     passes: int = 0
+    failures: int = 0
 
     @property
     def refused(self) -> int:
@@ -135,15 +137,20 @@ class CloudFilter:
     ) -> None:
         """Compile the kernels; ``inform`` and ``warn`` are told once how the clouds are read.
 
-        With a ``motion`` clouds wait for their poses, too; ``refuse`` is told of one that is
-        refused when they have come.
+        With a ``motion`` clouds wait for their poses, too. ``refuse`` is told of a cloud that is
+        refused after it was taken: when its poses have come, or when its block was judged.
+        ``fail`` is told of an error that a detector raised, once for each place in the code.
         """
         self.statistics = Statistics()
         self.refuse: Callable[[CloudError], object] = str
+        self.fail: Callable[[JudgingError], object] = str
+        self.pass_failed = False  # clouds that could not be judged, instead of refusing them
         self.wanted = (True, True)  # cleaned and outliers: what nobody wants is not made
         self._parameters = parameters
         self._decoder = Decoder(parameters, inform, warn)
         self._stream = Stream(parameters)
+        self._stream.fail = self._failed
+        self._places: set[str] = set()  # where detectors have raised errors
         self._moving = None
         if motion is not None:
             self._moving = MovingStream(self._stream, motion, parameters, self.refused)
@@ -175,7 +182,8 @@ class CloudFilter:
         Raises
         ------
         CloudError
-            If the cloud makes no sense. It is counted, and the next one is served.
+            If the cloud makes no sense. It is counted, and the next one is served; ``advance`` has
+            the answers that it finished all the same.
 
         """
         try:
@@ -225,8 +233,8 @@ class CloudFilter:
         return self._answers(self._stream.hurry() if moving is None else moving.hurry_oldest())
 
     def advance(self) -> list[Answer]:
-        """Go on with the clouds that have their poses by now."""
-        return [] if self._moving is None else self._answers(self._moving.advance())
+        """Go on with the clouds that have their poses by now, or that a refused one completed."""
+        return self._answers(self._entrance.advance())
 
     @property
     def can_shed(self) -> bool:
@@ -253,7 +261,10 @@ class CloudFilter:
                 raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
         chain = Chain(parameters)
         # What the old chain did not need is compiled before the next cloud.
-        chain.compile()
+        try:
+            chain.compile()
+        except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
+            self._failed(JudgingError(err))
         self._parameters = self._decoder.parameters = parameters
         self._stream.chain = self._chain = chain
         self._short = _short(chain)
@@ -265,6 +276,13 @@ class CloudFilter:
         self.statistics.refusals[err.what] += 1
         self.refuse(err)
 
+    def _failed(self, err: JudgingError) -> None:
+        """Count a block that a detector raised an error in."""
+        self.statistics.failures += 1
+        if err.place not in self._places:
+            self._places.add(err.place)
+            self.fail(err)
+
     def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
         self.statistics.resets = self._stream.resets
         self.statistics.unmoved = 0 if self._moving is None else self._moving.unmoved
@@ -273,6 +291,11 @@ class CloudFilter:
         for task, verdict in finished:
             if task.passed:
                 self.statistics.count_passed(len(verdict), task.passed)
+            elif isinstance(verdict, Failed):
+                if not self.pass_failed:
+                    self.refused(verdict.error)
+                    continue
+                self.statistics.count_passed(len(verdict), 'failure')
             else:
                 self.statistics.count(verdict, task.valid)
             answers.append(_answer(task, verdict, self.wanted))

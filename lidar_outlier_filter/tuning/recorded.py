@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Cloud:
+class TakenCloud:
     """A cloud that the filter takes.
 
     Attributes
@@ -82,7 +82,7 @@ class RecordedClouds:
         self._wanted = topic
         self._with_eyes = with_eyes
 
-    def __iter__(self) -> Iterator[Cloud]:
+    def __iter__(self) -> Iterator[TakenCloud]:
         """Read them.
 
         Raises
@@ -105,7 +105,7 @@ class RecordedClouds:
                 self.count += 1
                 try:
                     points = decoder.decode(_readable(message))
-                    entrance.push(points, Cloud(message, self.count - 1, points))
+                    entrance.push(points, TakenCloud(message, self.count - 1, points))
                 except CloudError:
                     decoder.undo()
             yield from stream.taken()
@@ -146,7 +146,7 @@ class _Recorder(Stream):
         """Take the motion that tells where the sensor was; None: nobody asks."""
         super().__init__(parameters)
         self.chain = _Nothing(parameters)
-        self._taken: list[Cloud] = []
+        self._taken: list[TakenCloud] = []
         self._motion = motion
 
     def push(self, points: Points, tag: Any = None, frame: str = '') -> list[tuple[Any, Verdict]]:
@@ -161,7 +161,7 @@ class _Recorder(Stream):
         self._taken.append(replace(tag, points=points, frame=frame, eye=eye))
         return finished
 
-    def taken(self) -> list[Cloud]:
+    def taken(self) -> list[TakenCloud]:
         """Give away the clouds that were taken since."""
         taken, self._taken = self._taken, []
         return taken

@@ -11,7 +11,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain, along_lines
-from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.core.verdict import Failed, Verdict
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.labels import read_codes
@@ -138,6 +138,9 @@ def _stream(
     for cloud, frame in zip(clouds, frames, strict=True):
         finished += stream.push(cloud, None, frame)
     finished += stream.flush()
+    for _, verdict in finished:
+        if isinstance(verdict, Failed):
+            raise verdict.error
     return _joined([verdict for _, verdict in finished])
 
 
