@@ -203,10 +203,13 @@ def judge(mutation: Mutation, source: Path) -> Outcome:
     if status == PASSED:
         return Outcome('', seconds)
     # A negative status is that of a signal: the change has crashed Python.
-    if status is not None and status > FAILED:
+    if status is None or status < PASSED:
+        return Outcome('a crash, or no end', seconds)
+    found = re.findall(r'^(?:FAILED|ERROR) (\S+)|(\+ Timeout \+)', said, re.MULTILINE)
+    # Where pytest is not installed the status is that of failed tests, too.
+    if status > FAILED or not found:
         raise FilterError(f'the tests of {mutation.name}', 'run', said)
-    found = re.findall(r'^(?:FAILED|ERROR) (\S+)', said, re.MULTILINE)
-    return Outcome(found[0] if found else 'a crash, or no end', seconds)
+    return Outcome(found[0][0] or 'a test without end', seconds)
 
 
 def judge_all(mutations: Sequence[Mutation], jobs: int, root: Path = ROOT) -> list[Outcome]:
