@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import inspect
 import re
+import tomllib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,18 +23,26 @@ from lidar_outlier_filter import (
     Verdict,
     detect_outliers,
 )
+from lidar_outlier_filter.core.detectors import elevation, lof, sor
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
+from lidar_outlier_filter.core.detectors.evidence import detector as evidence
+from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.verdict import BITS
 from lidar_outlier_filter.files.clean import Wanted, clean
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Callable
 
     from clouds import Rows
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
+ROOT = Path(__file__).parents[1]
+DETECTORS = (alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, evidence)
+FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))
 WITHOUT_LINES = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation')
 COLUMNS = ('score', 'detectors', 'undecided', 'outlier')
 
@@ -158,16 +169,16 @@ def test_default_chains() -> None:
     """With times and lines the filter's own, else sor, for arrays of either kind."""
     rows = drive(4)
     xyz, t, ring = drive_of(rows)
-    sor = detect_outliers(xyz, chain=['sor'])
-    evidence = detect_outliers(xyz, t=t, line=ring, chain=['evidence'])
-    assert set(evidence.detectors.tolist()) == {0, BITS['evidence']}
-    assert_same(detect_outliers(xyz), sor)
-    assert_same(detect_outliers(xyz, t=t), sor)
-    assert_same(detect_outliers(xyz, line=ring), sor)
-    assert_same(detect_outliers(xyz, t=t, line=ring), evidence)
-    assert_same(detect_outliers(rows[['x', 'y', 'z']]), sor)
-    assert_same(detect_outliers(rows[['x', 'y', 'z', 'ring']]), sor)
-    assert_same(detect_outliers(rows[['x', 'y', 'z', 'timestamp']]), sor)
+    unlined = detect_outliers(xyz, chain=['sor'])
+    usual = detect_outliers(xyz, t=t, line=ring, chain=['evidence'])
+    assert set(usual.detectors.tolist()) == {0, BITS['evidence']}
+    assert_same(detect_outliers(xyz), unlined)
+    assert_same(detect_outliers(xyz, t=t), unlined)
+    assert_same(detect_outliers(xyz, line=ring), unlined)
+    assert_same(detect_outliers(xyz, t=t, line=ring), usual)
+    assert_same(detect_outliers(rows[['x', 'y', 'z']]), unlined)
+    assert_same(detect_outliers(rows[['x', 'y', 'z', 'ring']]), unlined)
+    assert_same(detect_outliers(rows[['x', 'y', 'z', 'timestamp']]), unlined)
     both = rows[['x', 'y', 'z', 'ring', 'timestamp']]
     assert set(detect_outliers(both).detectors.tolist()) == {0, BITS['evidence']}
     by_message = {'line_source': 'message'}
@@ -373,3 +384,39 @@ def test_names_of_the_door() -> None:
         assert getattr(lidar_outlier_filter, name).__doc__
     with pytest.raises(AttributeError, match="'lidar_outlier_filter' has no attribute 'detect'"):
         getattr(lidar_outlier_filter, 'detect')  # noqa: B009  a type checker knows better
+
+
+def modules() -> list[tuple[str, str]]:
+    """List the files of the package, and what is in them."""
+    package = ROOT / 'lidar_outlier_filter'
+    paths = sorted(package.rglob('*.py'))
+    return [(str(path.relative_to(ROOT)), path.read_text(encoding='utf-8')) for path in paths]
+
+
+def test_examples_are_run() -> None:
+    """Every file with an example in a docstring is among those that pytest looks into."""
+    settings = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))
+    options = settings['tool']['pytest']['ini_options']
+    assert '--doctest-modules' in options['addopts']
+    folders = tuple(path for path in options['testpaths'] if path != 'test')
+    with_examples = [path for path, text in modules() if '>>> ' in text]
+    assert len(with_examples) >= 9
+    assert [path for path in with_examples if not path.startswith(folders)] == []
+    assert all((ROOT / path).exists() for path in folders)
+
+
+@pytest.mark.parametrize('function', FUNCTIONS, ids=lambda function: function.__module__)
+def test_docstrings(function: Callable[..., object]) -> None:
+    """What users call says what it takes and gives, and shows it."""
+    document = inspect.getdoc(function) or ''
+    found = re.findall(r'^([A-Z][a-z ]+)\n-+$', document, re.MULTILINE)
+    assert {'Parameters', 'Examples'} <= set(found)
+    numpydoc = ('Parameters', 'Attributes', 'Returns', 'Raises', 'See Also', 'References')
+    assert found == [name for name in (*numpydoc, 'Examples') if name in found]
+    inside = function.__init__ if isinstance(function, type) else function  # type: ignore[misc]
+    names = set(inspect.signature(inside).parameters) - {'self'}
+    assert names == {
+        name for name in names if re.search(rf'^(\w+, )*{name}\b.* : ', document, re.MULTILINE)
+    }
+    if function.__module__.startswith('lidar_outlier_filter.core.detectors'):
+        assert 'Returns' in found
