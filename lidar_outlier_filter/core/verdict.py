@@ -72,6 +72,11 @@ class Verdict:
         """Count the points."""
         return len(self.score)
 
+    @property
+    def outlier(self) -> NDArray[np.bool_]:
+        """Which points are outliers: the same as ``rejected``, in the words of the library."""
+        return self.rejected
+
     def add(self, bit: int, where: NDArray[np.intp], score: NDArray[np.float64]) -> None:
         """Note what one detector says of some of the points; NaN: nothing."""
         _add(np.uint16(bit), where, score, self.score, self.detectors, self.undecided)

@@ -63,6 +63,7 @@ class Decoder:
         self.parameters = parameters
         self._inform = inform
         self._warn = warn
+        self.convention: Convention | None = None  # of the last cloud that had a valid point
         self._found: dict[np.dtype[np.void], Convention] = {}
         self._counter = LineCounter()
         self._before = self._counter
@@ -97,13 +98,12 @@ class Decoder:
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
         valid = returns(xyz)
-        stamp = msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec
         convention = self._convention(view, valid)
         if convention is None:
             # No valid point: nothing to find out from, and nothing to judge.
             zeros = np.zeros(view.size, np.int64)
             return Points(xyz, zeros, zeros, valid, self._sigma(view, valid))
-        t = self._time(view, valid, stamp, convention)
+        t = self._time(view, valid, msg.header.stamp, convention)
         sigma = self._sigma(view, valid)
         line = self._line(view, xyz, valid, convention)
         # By now nothing is refused any more.
@@ -152,6 +152,7 @@ class Decoder:
 
     def _remember(self, dtype: np.dtype[np.void], convention: Convention) -> None:
         """Read all clouds of this layout in the same way, and tell so once."""
+        self.convention = convention
         if dtype not in self._found:
             self._found[dtype] = convention
             self._inform(str(convention))
@@ -196,7 +197,7 @@ class Decoder:
         return Convention(time_field, unit, absolute, source, line_field, '; '.join(missing))
 
     def _time(
-        self, view: NDArray[np.void], valid: NDArray[np.bool_], stamp: int, convention: Convention
+        self, view: NDArray[np.void], valid: NDArray[np.bool_], stamp: Any, convention: Convention
     ) -> NDArray[np.int64]:
         if convention.time_field is None:
             # The points of a column of an organised cloud are fired together.
@@ -204,9 +205,9 @@ class Decoder:
             column = np.tile(np.arange(width), height)
             step = height * SECOND / self.parameters.points_per_second
             after: NDArray[np.int64] = np.rint(column * step).astype(np.int64)
-            return after + stamp
+            return after + _nanoseconds(stamp)
         t = to_nanoseconds(_column(view, convention.time_field), valid, convention.time_unit)
-        start = 0 if convention.time_is_absolute else stamp
+        start = 0 if convention.time_is_absolute else _nanoseconds(stamp)
         return np.asarray(np.where(valid, t + start, 0))
 
     def _line(
@@ -248,6 +249,14 @@ def _nothing(*, with_sigma: bool) -> Points:
     none = np.empty(0, np.int64)
     sigma = np.empty(0) if with_sigma else None
     return Points(np.empty((0, 3)), none, none, np.empty(0, np.bool_), sigma)
+
+
+def _nanoseconds(stamp: Any) -> int:
+    """Return the time of a header; an array that came without one has no such time."""
+    if stamp is None:
+        must_be = 'given, in nanoseconds, for an array whose times count from it'
+        raise CloudError('the stamp', must_be, 'none')
+    return int(stamp.sec * SECOND + stamp.nanosec)
 
 
 def _column(view: NDArray[np.void], name: str) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters.declaration import Parameter, declare, walk
+from lidar_outlier_filter.parameters.declaration import Parameter, declare, did_you_mean, walk
 from lidar_outlier_filter.parameters.detectors import (
     AlphaBetaGamma,
     Elevation,
@@ -203,9 +203,9 @@ class FilterParameters:
         sections: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             if name not in known:
-                raise ParameterError(
-                    'a parameter', 'one of ' + ', '.join(sorted(known)), repr(name)
-                )
+                meant = did_you_mean([name], known)
+                must_be = 'a known one' if meant else 'one of ' + ', '.join(sorted(known))
+                raise ParameterError('a parameter', must_be, repr(name) + meant)
             section, _, leaf = name.rpartition('.')
             (sections.setdefault(section, {}) if section else top)[leaf] = known[name].check(value)
         for section, leaves in sections.items():

@@ -215,8 +215,8 @@ class _Stream:
             return
         try:
             finished = self._filter.push(cloud, time)
-        except CloudError:
-            return  # the filter has counted it
+        except CloudError:  # counted by the filter; others may be finished all the same
+            finished = self._filter.advance()
         self._write(finished)
 
     def feed_pose(self, _time: int, data: bytes) -> None:

@@ -16,13 +16,15 @@ from lidar_outlier_filter.core.chain import TEMPORAL, Chain
 from lidar_outlier_filter.core.points import missing
 from lidar_outlier_filter.core.verdict import BITS, Failed, Verdict
 from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
+from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
+from lidar_outlier_filter.parameters.given import gather
 from lidar_outlier_filter.stream.moving import MovingStream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -44,7 +46,7 @@ class _Task:
 class Answer:
     """The two clouds that one cloud was split into, and what was handed in with it.
 
-    A cloud that nobody wants is None.
+    Clouds are of the kind that was pushed. A cloud that nobody wants is None.
     """
 
     cleaned: Any
@@ -126,21 +128,60 @@ class Statistics:
 
 
 class CloudFilter:
-    """Clouds in, answers out: one for each cloud, in order, however long it takes."""
+    """Clouds in, answers out: one for each cloud, in order, however long it takes.
+
+    Parameters
+    ----------
+    parameters : mapping of flat names to values, or FilterParameters; optional
+        What is not named has its default.
+    inform, warn : callable, optional
+        Are called once with a sentence that says how the clouds are read, and what they lack.
+    motion : PoseSource, optional
+        With it clouds wait for their poses, too.
+    chain : sequence of str, optional
+        The detectors, in their order; short for ``chain`` in ``parameters``.
+
+    Attributes
+    ----------
+    statistics : Statistics
+        Counts since the start.
+    refuse : callable
+        Is called with the error of a cloud that is refused after it was taken: when its poses
+        have come, or when its block was judged.
+    fail : callable
+        Is called with an error that a detector raised, once for each place in the code.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter or a detector is unknown, or a value makes no sense.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter import CloudFilter
+    >>> cloud = np.zeros(2000, [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4')])
+    >>> cloud['x'], cloud['y'] = np.divmod(np.arange(2000), 50)
+    >>> cloud['t'] = np.arange(2000) * 50_000  # nanoseconds after the stamp
+    >>> cloud['z'][1234] = 30
+    >>> filter = CloudFilter({'lof.threshold': 2.0}, chain=['lof'])
+    >>> answers = filter.push(cloud, stamp=1_700_000_000_000_000_000) + filter.flush()
+    >>> answers[0].outliers['z'].tolist(), answers[0].cleaned.size
+    ([30.0], 1999)
+
+    """
 
     def __init__(
         self,
-        parameters: FilterParameters,
+        parameters: FilterParameters | Mapping[str, object] | None = None,
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
         motion: PoseSource | None = None,
+        *,
+        chain: Sequence[str] | None = None,
     ) -> None:
-        """Compile the kernels; ``inform`` and ``warn`` are told once how the clouds are read.
-
-        With a ``motion`` clouds wait for their poses, too. ``refuse`` is told of a cloud that is
-        refused after it was taken: when its poses have come, or when its block was judged.
-        ``fail`` is told of an error that a detector raised, once for each place in the code.
-        """
+        """Compile the kernels."""
+        parameters = gather(parameters, chain)
         self.statistics = Statistics()
         self.refuse: Callable[[CloudError], object] = str
         self.fail: Callable[[JudgingError], object] = str
@@ -176,8 +217,20 @@ class CloudFilter:
         first = self._entrance.oldest
         return None if first is None else first.tag
 
-    def push(self, msg: Any, tag: Any = None) -> list[Answer]:
+    def push(
+        self, msg: Any, tag: Any = None, *, stamp: int | np.integer[Any] | None = None
+    ) -> list[Answer]:
         """Take the next cloud; return the answers that are finished by it, the oldest first.
+
+        Parameters
+        ----------
+        msg : structured array of shape (N,) or (height, width), or anything like a PointCloud2
+            With the fields x, y and z, metres. Its answers are of the same kind. It must not change
+            until it is answered.
+        tag : optional
+            Comes back with the answer.
+        stamp : int, optional
+            Time that the times of an array count from, nanoseconds. Absolute times need none.
 
         Raises
         ------
@@ -186,6 +239,7 @@ class CloudFilter:
             the answers that it finished all the same.
 
         """
+        msg = self._as_message(msg, stamp)
         try:
             points = self._decoder.decode(msg)
             task = _Task(msg, tag, self._parameters, _valid(points))
@@ -205,6 +259,7 @@ class CloudFilter:
             If the cloud cannot be split. It is counted, and the next one is served.
 
         """
+        msg = self._as_message(msg)
         try:
             view = self._decoder.view(msg)
             task = _Task(msg, tag, self._parameters, 0, reason)
@@ -283,6 +338,13 @@ class CloudFilter:
             self._places.add(err.place)
             self.fail(err)
 
+    def _as_message(self, cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
+        try:
+            return as_message(cloud, stamp)
+        except CloudError as err:
+            self.statistics.refusals[err.what] += 1
+            raise
+
     def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
         self.statistics.resets = self._stream.resets
         self.statistics.unmoved = 0 if self._moving is None else self._moving.unmoved
@@ -311,7 +373,8 @@ def _answer(task: _Task, verdict: Verdict, wanted: tuple[bool, bool]) -> Answer:
         scores=form.scores,
         wanted=wanted,
     )
-    return Answer(*clouds, task.tag)
+    cleaned, outliers = map(as_given, clouds)
+    return Answer(cleaned, outliers, task.tag)
 
 
 def _short(chain: Chain) -> Chain | None:

@@ -67,6 +67,24 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     FilterError
         If a coordinate is not finite, or so large that its square is not.
 
+    References
+    ----------
+    .. [1] Kang, Huang and Yang (2018): A gross error elimination method for point cloud data based
+       on kd-tree. ISPRS Archives XLII-3, 719-722.
+       https://doi.org/10.5194/isprs-archives-XLII-3-719-2018
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors import elevation
+    >>> from lidar_outlier_filter.parameters.detectors import Elevation
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> score = elevation.detect(xyz, Elevation())
+    >>> np.flatnonzero(score > 1).tolist()
+    [77]
+
     """
     score = np.full(len(xyz), np.nan)
     if len(xyz) <= parameters.k:

@@ -92,6 +92,30 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
         absolute difference from the median of all (``lof2``, Pirotti et al. 2018). NaN for all
         points where each has fewer than ``min_pts`` others.
 
+    References
+    ----------
+    .. [1] Breunig, Kriegel, Ng and Sander (2000): LOF: identifying density-based local outliers.
+       SIGMOD, 93-104. https://doi.org/10.1145/342009.335388
+    .. [2] Sotoodeh (2006): Outlier detection in laser scanner point clouds. ISPRS Archives XXXVI-5,
+       297-302.
+    .. [3] Pirotti, Ravanelli, Fissore and Masiero (2018): Implementation and assessment of two
+       density-based outlier detection methods over large spatial point clouds. Open Geospatial
+       Data, Software and Standards 3, 14. https://doi.org/10.1186/s40965-018-0056-5
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors import lof
+    >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    >>> from lidar_outlier_filter.parameters.detectors import Lof
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> parameters = Lof(threshold=2.0)
+    >>> score = lof.detect(Neighbourhood(xyz, lof.neighbours(parameters)), parameters)
+    >>> np.flatnonzero(score > 1).tolist()
+    [77]
+
     """
     return score(measure(neighbourhood, parameters), parameters)
 

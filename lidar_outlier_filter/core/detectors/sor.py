@@ -85,6 +85,30 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     FilterError
         ``range_scaled`` without ranges, or ranges that are not N finite numbers from 0.
 
+    References
+    ----------
+    .. [1] Pirotti, Ravanelli, Fissore and Masiero (2018): Implementation and assessment of two
+       density-based outlier detection methods over large spatial point clouds. Open Geospatial
+       Data, Software and Standards 3, 14. https://doi.org/10.1186/s40965-018-0056-5
+    .. [2] Kurup and Bos (2021): DSOR: a scalable statistical filter for removing falling snow from
+       LiDAR point clouds in severe winter weather. https://doi.org/10.48550/arXiv.2109.07078
+    .. [3] Charron, Phillips and Waslander (2018): De-noising of lidar point clouds corrupted by
+       snowfall. CRV. https://doi.org/10.1109/CRV.2018.00043
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors import sor
+    >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    >>> from lidar_outlier_filter.parameters.detectors import Sor
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> parameters = Sor(statistic='radius', radius=2.0, min_neighbors=3)
+    >>> score = sor.detect(Neighbourhood(xyz, sor.neighbours(parameters)), parameters)
+    >>> np.flatnonzero(score > 1).tolist(), float(score[77].round(1))
+    ([77], 3.0)
+
     """
     return score(measure(neighbourhood, parameters), parameters, range_m)
 

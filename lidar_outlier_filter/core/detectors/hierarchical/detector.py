@@ -94,10 +94,32 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Hierarchical`
     threads : at most so many, 0 for all cores; the outcome does not depend on it
 
+    Returns
+    -------
+    Outcome
+        In the order in which the points were given.
+
     Raises
     ------
     FilterError
         If a coordinate is not finite, or so large that its square is not.
+
+    References
+    ----------
+    .. [1] Sotoodeh (2007): Hierarchical clustered outlier detection in laser scanner point clouds.
+       ISPRS Commission V/3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+    >>> from lidar_outlier_filter.parameters.detectors import Hierarchical
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> outcome = hierarchical.detect(xyz, Hierarchical())
+    >>> np.flatnonzero(outcome.score > 1).tolist(), int(outcome.phase[77])
+    ([77], 1)
 
     """
     count, least = len(xyz), parameters.min_cluster
