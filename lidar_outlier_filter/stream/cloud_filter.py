@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import TEMPORAL, Chain
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.detectors.declaration import Tiled
+from lidar_outlier_filter.core.detectors.registry import BITS, DETECTORS
 from lidar_outlier_filter.core.points import missing
-from lidar_outlier_filter.core.verdict import BITS, Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
 
@@ -292,9 +294,9 @@ def _answer(task: _Task, verdict: Verdict, wanted: tuple[bool, bool]) -> Answer:
 
 
 def _short(chain: Chain) -> Chain | None:
-    """Leave out the slow detectors; None where the rest could reject nothing."""
+    """Leave all but those that judge each line by itself, which are fast; None: none is left."""
     parameters = chain.parameters
-    names = tuple(name for name in parameters.chain if name in TEMPORAL)
+    names = tuple(name for name in parameters.chain if DETECTORS[name].tiled is Tiled.BY_LINE)
     if len(names) < max(parameters.vote, 1):
         return None
     return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))
