@@ -28,7 +28,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alp
 from lidar_outlier_filter.core.detectors.evidence import detector as evidence
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
-from lidar_outlier_filter.core.verdict import BITS
+from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.files.clean import Wanted, clean
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
