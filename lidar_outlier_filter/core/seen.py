@@ -10,8 +10,8 @@ import numpy as np
 
 from lidar_outlier_filter.core import scan_lines
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.detectors.declaration import Scores
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.scores import Scores
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -27,11 +27,12 @@ import numpy as np
 
 from lidar_outlier_filter.core import scan_lines as scanlines
 from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.detectors.declaration import Measured, Scores, Tiled
+from lidar_outlier_filter.core.detectors.declaration import Measured, Tiled
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.core.tiles import ROUNDING, Tiles, distances_to_places
 from lidar_outlier_filter.core.verdict import ALL, Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a detector declares of itself, and what it finds.
+"""What a detector declares of itself.
 
 Everything else follows from the declaration: what ``chain`` may hold, the bits of a verdict, what
 the tuner tries, what is judged in tiles, the tables and the colours.
@@ -20,32 +20,12 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.detectors.dials import Dial, Threshold
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    from lidar_outlier_filter.core.scores import Scores
     from lidar_outlier_filter.core.seen import Seen
     from lidar_outlier_filter.parameters.declaration import Section
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Scores:
-    """What a detector finds of N points, in the order in which it sees them.
-
-    Attributes
-    ----------
-    score : (N,) float64
-        Statistic ÷ critical value: a point is rejected where it is greater than 1. NaN where the
-        detector cannot decide.
-    extra : (N,) uint16, optional
-        Bits beside that of the detector, which say more of a rejected point and have no vote.
-    passes : int
-        How often the detector looked at the points, where it counts that.
-
-    """
-
-    score: Floats
-    extra: NDArray[np.uint16] | None = None
-    passes: int = 0
 
 
 class Tiled(Enum):

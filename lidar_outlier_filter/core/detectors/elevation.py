@@ -30,10 +30,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.detectors.declaration import Detector, Scores
+from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import decades, each, plain
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.detectors import Elevation
 

@@ -43,7 +43,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core import threads
-from lidar_outlier_filter.core.detectors.declaration import Detector, Measured, Scores
+from lidar_outlier_filter.core.detectors.declaration import Detector, Measured
 from lidar_outlier_filter.core.detectors.dials import (
     NEIGHBOURS,
     Dial,
@@ -55,6 +55,7 @@ from lidar_outlier_filter.core.detectors.dials import (
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.kernels import kernel, median
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.declaration import walk
 from lidar_outlier_filter.parameters.detectors import Sor

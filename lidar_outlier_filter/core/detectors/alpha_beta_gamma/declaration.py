@@ -7,8 +7,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import detect
-from lidar_outlier_filter.core.detectors.declaration import Detector, Scores, Tiled
+from lidar_outlier_filter.core.detectors.declaration import Detector, Tiled
 from lidar_outlier_filter.core.detectors.dials import Dial, each, significance
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
 
 if TYPE_CHECKING:

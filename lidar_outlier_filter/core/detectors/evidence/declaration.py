@@ -6,9 +6,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.detectors.declaration import Detector, Scores
+from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import Threshold, plain
 from lidar_outlier_filter.core.detectors.evidence.detector import detect, neighbours
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Evidence
 
 if TYPE_CHECKING:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Detector, Scores
+from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import Dial, Threshold, decades, each, scaled
 from lidar_outlier_filter.core.detectors.hierarchical.detector import detect
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.core.verdict import SECOND_PHASE
 from lidar_outlier_filter.parameters.detectors import Hierarchical
 

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.detectors.declaration import Detector, Scores, Tiled
+from lidar_outlier_filter.core.detectors.declaration import Detector, Tiled
 from lidar_outlier_filter.core.detectors.dials import Dial, each, significance
 from lidar_outlier_filter.core.detectors.quadric.detector import detect, neighbours
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Quadric
 
 if TYPE_CHECKING:
