@@ -14,6 +14,8 @@ from lidar_outlier_filter.core.kernels import kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.errors import JudgingError
+
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
 # The bit of a detector never changes: recorded clouds carry it in `outlier_detectors`.
@@ -95,6 +97,25 @@ class Verdict:
         """Write the verdicts of some of the points."""
         for field in fields(Verdict):
             getattr(self, field.name)[where] = getattr(told, field.name)
+
+
+@dataclass(frozen=True)
+class Failed(Verdict):
+    """Stands in for the verdict of points that could not all be judged; none is tested.
+
+    Attributes
+    ----------
+    error : JudgingError
+        Why.
+
+    """
+
+    error: JudgingError
+
+    @classmethod
+    def by(cls, error: JudgingError, count: int) -> Failed:
+        """Make that of so many points."""
+        return cls(**vars(Verdict.untested(count)), error=error)
 
 
 @kernel

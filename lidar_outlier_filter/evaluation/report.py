@@ -24,6 +24,7 @@ from lidar_outlier_filter.evaluation.confusion import (
     tally,
 )
 from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.simulation.scene import Kind
 
 if TYPE_CHECKING:
@@ -334,8 +335,3 @@ def _limits(interval: Interval) -> str:
 
 def _of(share: Share) -> str:
     return f'{share.part} of {share.total}  {percent(share.ratio):>8}'
-
-
-def words(name: str) -> str:
-    """Write the name of a cause or a surface in words."""
-    return name.lower().replace('_', ' ')

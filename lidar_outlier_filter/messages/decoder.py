@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import SECOND, Points, is_return
+from lidar_outlier_filter.core.points import SECOND, Points, check_sigma, returns
 from lidar_outlier_filter.core.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE, is_empty, structured
@@ -70,7 +70,7 @@ class Decoder:
 
     def compile(self) -> None:
         """Run every kernel once on nothing, so that it is ready for the first cloud."""
-        is_return(np.empty((0, 3)))
+        returns(np.empty((0, 3)))
         LineCounter().by_angle(np.empty(0), np.empty(0, np.bool_))
 
     # Signalling NaN are NaN like any other: no warning where they are converted or compared.
@@ -86,7 +86,8 @@ class Decoder:
         Raises
         ------
         CloudError
-            If the cloud cannot be read, or a valid point has no time or no standard deviation.
+            If the cloud cannot be read, if a point is farther away than ``FARTHEST``, or if a valid
+            one has no time or no standard deviation.
 
         """
         self._before = copy.copy(self._counter)
@@ -96,7 +97,7 @@ class Decoder:
         xyz = np.empty((view.size, 3))
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
-        valid = is_return(xyz)
+        valid = returns(xyz)
         convention = self._convention(view, valid)
         if convention is None:
             # No valid point: nothing to find out from, and nothing to judge.
@@ -240,9 +241,7 @@ class Decoder:
         if not name:
             return None
         sigma = _named(view, name, 'alpha_beta_gamma.sigma_field', 'iuf').astype(np.float64)
-        wrong = valid & ~((sigma > 0) & np.isfinite(sigma))
-        if wrong.any():
-            raise CloudError(f'field {name!r}', 'more than 0 and finite', sigma[wrong][0])
+        check_sigma(sigma, valid, f'field {name!r}')
         return sigma
 
 

@@ -28,7 +28,7 @@ from lidar_outlier_filter.parameters.detectors import (
     SpinningWeights,
     Weights,
 )
-from lidar_outlier_filter.parameters.node import Health, Load, Motion
+from lidar_outlier_filter.parameters.node import HealthLimits, LoadParameters, MotionParameters
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -101,7 +101,7 @@ class FilterParameters:
     )
     line_source: str = declare(
         'auto',
-        'What makes a scan line: a field (ring), each row, each message, or a wrap of the scan '
+        'What makes a scan line: a field (ring), each row, each message, or each turn of the scan '
         'angle; auto: field, else row, else message.',
         choices=('auto', 'field', 'row', 'message', 'angle'),
         fixed=True,
@@ -184,9 +184,9 @@ class FilterParameters:
     evidence: Evidence = Evidence()
     evidence_profile: Weights = Weights()
     evidence_spinning: SpinningWeights = SpinningWeights()
-    motion: Motion = Motion()
-    load: Load = Load()
-    health: Health = Health()
+    motion: MotionParameters = MotionParameters()
+    load: LoadParameters = LoadParameters()
+    health: HealthLimits = HealthLimits()
 
     def __post_init__(self) -> None:
         """Refuse what cannot be: each parameter by itself, then together."""

@@ -21,7 +21,8 @@ from lidar_outlier_filter.results.contest_tables import details, worse
 from lidar_outlier_filter.results.contestants import DEFAULT, OURS, peers
 from lidar_outlier_filter.results.markdown import NOTHING, paragraphs, table
 from lidar_outlier_filter.results.samples import Sample
-from lidar_outlier_filter.tuning.training import CLOUD, Training, from_file
+from lidar_outlier_filter.stream.topics import CLOUD
+from lidar_outlier_filter.tuning.training import Training, from_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

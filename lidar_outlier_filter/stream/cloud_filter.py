@@ -14,8 +14,8 @@ import numpy as np
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import TEMPORAL, Chain
 from lidar_outlier_filter.core.points import missing
-from lidar_outlier_filter.core.verdict import BITS, Verdict
-from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.core.verdict import BITS, Failed, Verdict
+from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.stream.motion import Motion
+    from lidar_outlier_filter.stream.motion import PoseSource
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,7 @@ class Statistics:
     unmoved : clouds that were judged without poses, in their own frame
     resets : times the clock was set back
     passes : most repetitions without the rejected that a block has needed
+    failures : blocks that a detector raised an error in
 
     """
 
@@ -90,6 +91,7 @@ class Statistics:
     unmoved: int = 0
     resets: int = 0
     passes: int = 0
+    failures: int = 0
 
     @property
     def refused(self) -> int:
@@ -134,7 +136,7 @@ class CloudFilter:
         What is not named has its default.
     inform, warn : callable, optional
         Are called once with a sentence that says how the clouds are read, and what they lack.
-    motion : Motion, optional
+    motion : PoseSource, optional
         With it clouds wait for their poses, too.
     chain : sequence of str, optional
         The detectors, in their order; short for ``chain`` in ``parameters``.
@@ -144,7 +146,10 @@ class CloudFilter:
     statistics : Statistics
         Counts since the start.
     refuse : callable
-        Is called with the error of a cloud that is refused when its poses have come.
+        Is called with the error of a cloud that is refused after it was taken: when its poses
+        have come, or when its block was judged.
+    fail : callable
+        Is called with an error that a detector raised, once for each place in the code.
 
     Raises
     ------
@@ -171,7 +176,7 @@ class CloudFilter:
         parameters: FilterParameters | Mapping[str, object] | None = None,
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
-        motion: Motion | None = None,
+        motion: PoseSource | None = None,
         *,
         chain: Sequence[str] | None = None,
     ) -> None:
@@ -179,10 +184,14 @@ class CloudFilter:
         parameters = gather(parameters, chain)
         self.statistics = Statistics()
         self.refuse: Callable[[CloudError], object] = str
+        self.fail: Callable[[JudgingError], object] = str
+        self.pass_failed = False  # clouds that could not be judged, instead of refusing them
         self.wanted = (True, True)  # cleaned and outliers: what nobody wants is not made
         self._parameters = parameters
         self._decoder = Decoder(parameters, inform, warn)
         self._stream = Stream(parameters)
+        self._stream.fail = self._failed
+        self._places: set[str] = set()  # where detectors have raised errors
         self._moving = None
         if motion is not None:
             self._moving = MovingStream(self._stream, motion, parameters, self.refused)
@@ -226,7 +235,8 @@ class CloudFilter:
         Raises
         ------
         CloudError
-            If the cloud makes no sense. It is counted, and the next one is served.
+            If the cloud makes no sense. It is counted, and the next one is served; ``advance`` has
+            the answers that it finished all the same.
 
         """
         msg = self._as_message(msg, stamp)
@@ -278,8 +288,8 @@ class CloudFilter:
         return self._answers(self._stream.hurry() if moving is None else moving.hurry_oldest())
 
     def advance(self) -> list[Answer]:
-        """Go on with the clouds that have their poses by now."""
-        return [] if self._moving is None else self._answers(self._moving.advance())
+        """Go on with the clouds that have their poses by now, or that a refused one completed."""
+        return self._answers(self._entrance.advance())
 
     @property
     def can_shed(self) -> bool:
@@ -306,7 +316,10 @@ class CloudFilter:
                 raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
         chain = Chain(parameters)
         # What the old chain did not need is compiled before the next cloud.
-        chain.compile()
+        try:
+            chain.compile()
+        except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
+            self._failed(JudgingError(err))
         self._parameters = self._decoder.parameters = parameters
         self._stream.chain = self._chain = chain
         self._short = _short(chain)
@@ -317,6 +330,13 @@ class CloudFilter:
         """Count and tell of a cloud that was refused elsewhere on its way."""
         self.statistics.refusals[err.what] += 1
         self.refuse(err)
+
+    def _failed(self, err: JudgingError) -> None:
+        """Count a block that a detector raised an error in."""
+        self.statistics.failures += 1
+        if err.place not in self._places:
+            self._places.add(err.place)
+            self.fail(err)
 
     def _as_message(self, cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
         try:
@@ -333,6 +353,11 @@ class CloudFilter:
         for task, verdict in finished:
             if task.passed:
                 self.statistics.count_passed(len(verdict), task.passed)
+            elif isinstance(verdict, Failed):
+                if not self.pass_failed:
+                    self.refused(verdict.error)
+                    continue
+                self.statistics.count_passed(len(verdict), 'failure')
             else:
                 self.statistics.count(verdict, task.valid)
             answers.append(_answer(task, verdict, self.wanted))

@@ -64,7 +64,7 @@ LEAST_SPREAD = 1e-3  # of the median
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ClusterOutcome:
     """What the two phases say of N points.
 
     Attributes
@@ -85,7 +85,7 @@ class Outcome:
     cluster: Ints
 
 
-def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> Outcome:
+def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOutcome:
     """Test to how large a cluster every point belongs.
 
     Parameters
@@ -124,7 +124,9 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> Outcome:
     """
     count, least = len(xyz), parameters.min_cluster
     if count < max(least, 1):
-        return Outcome(np.full(count, np.nan), np.zeros(count, np.uint8), np.zeros(count, np.int64))
+        return ClusterOutcome(
+            np.full(count, np.nan), np.zeros(count, np.uint8), np.zeros(count, np.int64)
+        )
     neighbourhood = Neighbourhood(xyz, 1, threads)
     tree = spanning_tree(neighbourhood, threads)
     longest = limit(tree.length[tree.length > 0], parameters.global_confidence)
@@ -140,7 +142,7 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> Outcome:
     phase = np.zeros(count, np.uint8)
     cluster[neighbourhood.order] = final[fine]
     phase[neighbourhood.order] = np.where(size[rough] < least, 1, 2 * (final[fine] < least))
-    return Outcome(least / cluster, phase, cluster)
+    return ClusterOutcome(least / cluster, phase, cluster)
 
 
 def limit(length: Floats, confidence: float) -> float:
