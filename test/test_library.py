@@ -30,6 +30,7 @@ from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarc
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.files.clean import Wanted, clean
+from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -37,12 +38,23 @@ if TYPE_CHECKING:
 
     from clouds import Rows
     from numpy.typing import NDArray
+    from sensor_msgs.msg import PointCloud2
 
     Floats = NDArray[np.float64]
 
 ROOT = Path(__file__).parents[1]
 DETECTORS = (alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, evidence)
 FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))
+# Recorded clouds carry them: they never change.
+BITS = {
+    'alpha_beta_gamma': 1,
+    'quadric': 2,
+    'lof': 4,
+    'sor': 8,
+    'hierarchical': 16,
+    'elevation': 32,
+    'evidence': 64,
+}
 WITHOUT_LINES = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation')
 COLUMNS = ('score', 'detectors', 'undecided', 'outlier')
 
@@ -163,6 +175,18 @@ def test_as_the_filter(chain: list[str] | None) -> None:
     fields = {'time_field': 'tick'}
     for given in (rows, cloud(rows), to_rosbags(cloud(rows))):
         assert_same(detect_outliers(given, chain=chain, parameters=fields), verdict)
+
+
+def test_real_sweeps(sweeps: list[PointCloud2]) -> None:
+    """Sweeps of a VLP-16, each judged by itself, have the verdict of the filter and of arrays."""
+    stream = CloudFilter({'blocks': 'message', 'halo': 0.0})
+    for sweep in sweeps:
+        (answer,) = stream.push(sweep)
+        verdict = detect_outliers(sweep)
+        rows = structured(sweep).reshape(-1)
+        assert bytes(answer.outliers.data) == rows[verdict.outlier].tobytes()
+        assert 0 < np.count_nonzero(verdict.outlier) < 0.2 * len(rows)
+        assert_same(detect_outliers(rows), verdict)
 
 
 def test_default_chains() -> None:
@@ -391,6 +415,12 @@ def modules() -> list[tuple[str, str]]:
     package = ROOT / 'lidar_outlier_filter'
     paths = sorted(package.rglob('*.py'))
     return [(str(path.relative_to(ROOT)), path.read_text(encoding='utf-8')) for path in paths]
+
+
+def test_bits_are_described() -> None:
+    """The documentation tells the bit of every detector, in the order of the bits."""
+    document = ' '.join((inspect.getdoc(detect_outliers) or '').split())
+    assert ', '.join(f'{bit} {name}' for name, bit in BITS.items()) in document
 
 
 def test_examples_are_run() -> None:

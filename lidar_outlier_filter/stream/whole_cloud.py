@@ -59,9 +59,12 @@ def detect_outliers(
     Returns
     -------
     Verdict
-        ``outlier`` (N,) bool; ``score`` (N,) float32, more than 1 exactly where a detector rejects
-        the point, and NaN where none could test it; ``detectors`` (N,) uint16, the bits of those
-        that reject it. All are in the order of the points, row by row.
+        ``outlier`` (N,) bool.
+        ``score`` (N,) float32: more than 1 exactly where a detector rejects the point, NaN where
+        none could test it.
+        ``detectors`` (N,) uint16: the sum of those that reject it, of 1 alpha_beta_gamma,
+        2 quadric, 4 lof, 8 sor, 16 hierarchical, 32 elevation, 64 evidence.
+        All are in the order of the points, row by row.
 
     Raises
     ------
