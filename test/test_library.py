@@ -46,7 +46,6 @@ ROOT = Path(__file__).parents[1]
 DETECTORS = (alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, evidence)
 FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))
 # Recorded clouds carry them: they never change.
-BITS = {
     'alpha_beta_gamma': 1,
     'quadric': 2,
     'lof': 4,
