@@ -28,7 +28,6 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alp
 from lidar_outlier_filter.core.detectors.evidence import detector as evidence
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
-from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.files.clean import Wanted, clean
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -46,6 +45,7 @@ ROOT = Path(__file__).parents[1]
 DETECTORS = (alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, evidence)
 FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))
 # Recorded clouds carry them: they never change.
+BITS = {
     'alpha_beta_gamma': 1,
     'quadric': 2,
     'lof': 4,
