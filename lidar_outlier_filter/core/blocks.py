@@ -159,8 +159,7 @@ class Stream:
         self._refuse_late(message, anew=set_back)
         self._refuse_too_many(message, anew=set_back)
         # A clock that was set back: what was before has nothing to do with what comes.
-        finished = self.flush() if set_back else []
-        self.resets += set_back
+        finished = self.reset() if set_back else []
         if len(where):
             self._seen.append(message)
         self._waiting.append(message)
@@ -199,6 +198,11 @@ class Stream:
         finished = self.hurry()
         self._clear()
         return finished
+
+    def reset(self) -> list[tuple[Any, Verdict]]:
+        """Do as :meth:`flush`, because a clock was set back; count it."""
+        self.resets += 1
+        return self.flush()
 
     def hurry(self) -> list[tuple[Any, Verdict]]:
         """Judge all that is pending with what is there, and go on: what comes sees it as halo."""
