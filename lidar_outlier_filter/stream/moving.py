@@ -106,8 +106,6 @@ class MovingStream:
             self._refuse_too_many(self._held + self._stream.held + len(points))
         except CloudError:
             self._answered = finished
-            if not self._queue:
-                self._stream.go_on(last)
             raise
         self._queue.append(_WaitingCloud(points, tag, frame, first, last))
         self._held += len(points)
