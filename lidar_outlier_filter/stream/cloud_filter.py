@@ -276,6 +276,7 @@ class CloudFilter:
 
     def flush(self) -> list[Answer]:
         """Answer all that is pending, and begin anew: the end of a recording."""
+        self._decoder.begin_anew()
         return self._answers(self._entrance.flush())
 
     def reset(self) -> list[Answer]:
