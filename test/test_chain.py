@@ -15,8 +15,9 @@ import pytest
 
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.core.points import FARTHEST, FINEST, Points
-from lidar_outlier_filter.core.verdict import ALL, BITS, SECOND_PHASE, Verdict
+from lidar_outlier_filter.core.verdict import ALL, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

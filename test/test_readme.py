@@ -5,6 +5,7 @@
 import re
 from pathlib import Path
 
+from lidar_outlier_filter.core.detectors import registry
 from lidar_outlier_filter.parameters import yaml_files as parameter_files
 
 ROOT = Path(__file__).parents[1]
@@ -18,6 +19,15 @@ def test_parameters_are_those_of_the_code() -> None:
     )
     assert found is not None
     assert found.group(1) == parameter_files.table()
+
+
+def test_detectors_are_those_of_the_code() -> None:
+    """The table is made by registry.table()."""
+    found = re.search(
+        r'<!-- detectors:.*?-->\n\n(.*?)\n<!-- end of detectors -->', README, re.DOTALL
+    )
+    assert found is not None
+    assert found.group(1) == registry.table()
 
 
 def test_files_are_there() -> None:

@@ -37,7 +37,7 @@ ROOMS = tuple(room for floor in FLOORS for room in floor)
 MESSAGES = ('diagnostic_msgs', 'nav_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs')
 OUTSIDE = {
     'errors': (),
-    'parameters': ('yaml',),
+    'parameters': ('numpy', 'yaml'),
     'core': ('filterpy', 'numba', 'numpy', 'scipy'),
     'messages': ('numpy',),
     'stream': ('numpy',),

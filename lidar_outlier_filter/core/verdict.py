@@ -18,20 +18,10 @@ if TYPE_CHECKING:
 
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
-# The bit of a detector never changes: recorded clouds carry it in `outlier_detectors`.
-BITS = {
-    'alpha_beta_gamma': 1,
-    'quadric': 2,
-    'lof': 4,
-    'sor': 8,
-    'hierarchical': 16,
-    'elevation': 32,
-    'evidence': 64,
-}
-ALL = sum(BITS.values())
 # Beside the bit of `hierarchical`: its second phase rejected the point, in the surroundings of its
 # cluster; without it the first one did. It says nothing alone, and has no vote.
 SECOND_PHASE = 1 << 15
+ALL = SECOND_PHASE - 1  # bits for detectors
 # Rounding to float32 must not make a rejected point look kept.
 ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
 
@@ -77,9 +67,17 @@ class Verdict:
         """Which points are outliers: the same as ``rejected``, in the words of the library."""
         return self.rejected
 
-    def add(self, bit: int, where: NDArray[np.intp], score: NDArray[np.float64]) -> None:
-        """Note what one detector says of some of the points; NaN: nothing."""
+    def add(
+        self,
+        bit: int,
+        where: NDArray[np.intp],
+        score: NDArray[np.float64],
+        extra: NDArray[np.uint16] | None = None,
+    ) -> None:
+        """Note what one detector finds of some of the points; NaN: nothing; and its extra bits."""
         _add(np.uint16(bit), where, score, self.score, self.detectors, self.undecided)
+        if extra is not None:
+            self.detectors[where] |= extra
 
     def settle(self, needed: int) -> None:
         """Reject the points that at least ``needed`` detectors reject."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from lidar_outlier_filter.core.verdict import BITS
+from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import (
     CONFIDENCE,

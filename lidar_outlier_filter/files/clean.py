@@ -22,8 +22,9 @@ import numpy as np
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.chain import along_lines
+from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.core.tiled_chain import TiledChain
-from lidar_outlier_filter.core.verdict import BITS, SECOND_PHASE
+from lidar_outlier_filter.core.verdict import SECOND_PHASE
 from lidar_outlier_filter.core.whole_cloud import chain_without_lines, judge_whole
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file, points

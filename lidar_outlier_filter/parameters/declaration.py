@@ -114,10 +114,20 @@ def declare(  # noqa: PLR0913  one line declares all that is known of a paramete
     return field(default=default, metadata={**about, 'fixed': fixed})
 
 
+class Section:
+    """The parameters of one detector, a frozen dataclass of fields that :func:`declare` made."""
+
+    def check(self) -> None:
+        """Refuse settings that make sense alone but not with each other."""
+
+
 def walk(cls: type, prefix: str) -> Iterator[Parameter]:
-    """Yield the parameters of a dataclass and of its sections, in the order of declaration."""
+    """Yield the parameters of a dataclass in the order of declaration, those of sections last."""
+    sections = []
     for item in fields(cls):
         if is_dataclass(item.default) and not isinstance(item.default, type):
-            yield from walk(type(item.default), f'{prefix}{item.name}.')
+            sections.append((type(item.default), f'{prefix}{item.name}.'))
         elif item.default is not MISSING:
             yield Parameter(prefix + item.name, item.default, **item.metadata)
+    for section, name in sections:
+        yield from walk(section, name)

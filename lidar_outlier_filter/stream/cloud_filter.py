@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import TEMPORAL, Chain
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.detectors.declaration import Tiled
+from lidar_outlier_filter.core.detectors.registry import BITS, DETECTORS
 from lidar_outlier_filter.core.points import missing
-from lidar_outlier_filter.core.verdict import BITS, Failed, Verdict
+from lidar_outlier_filter.core.verdict import Failed, Verdict
 from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
 
@@ -378,9 +381,9 @@ def _answer(task: _Task, verdict: Verdict, wanted: tuple[bool, bool]) -> Answer:
 
 
 def _short(chain: Chain) -> Chain | None:
-    """Leave out the slow detectors; None where the rest could reject nothing."""
+    """Leave all but those that judge each line by itself, which are fast; None: none is left."""
     parameters = chain.parameters
-    names = tuple(name for name in parameters.chain if name in TEMPORAL)
+    names = tuple(name for name in parameters.chain if DETECTORS[name].tiled is Tiled.BY_LINE)
     if len(names) < max(parameters.vote, 1):
         return None
     return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))
