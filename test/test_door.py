@@ -19,6 +19,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alp
 from lidar_outlier_filter.core.detectors.evidence import detector as evidence
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+from lidar_outlier_filter.core.detectors.registry import BITS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,16 +27,6 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[1]
 DETECTORS = (alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, evidence)
 FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))
-# Recorded clouds carry them: they never change.
-BITS = {
-    'alpha_beta_gamma': 1,
-    'quadric': 2,
-    'lof': 4,
-    'sor': 8,
-    'hierarchical': 16,
-    'elevation': 32,
-    'evidence': 64,
-}
 
 
 def test_names_of_the_door() -> None:
