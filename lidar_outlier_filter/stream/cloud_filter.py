@@ -22,7 +22,7 @@ from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
-from lidar_outlier_filter.parameters.given import gather
+from lidar_outlier_filter.stream.given_parameters import gather
 from lidar_outlier_filter.stream.moving import MovingStream
 
 if TYPE_CHECKING:
