@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.ros.node import OutlierFilterNode
 
-# Chain that tells the outlier of 10 ms of a line that is alone.
+# Chain that says the outlier of 10 ms of a line that is alone.
 SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
 
 
@@ -39,7 +39,7 @@ class Player:
         self.sent = 0
 
     def tell(self, seconds: float) -> None:
-        """Tell the time, after the beginning, and serve until the node has it."""
+        """Return the time, after the beginning, and serve until the node has it."""
         now = STAMP + round(seconds * SECOND)
         msg = Clock()
         msg.clock.sec, msg.clock.nanosec = divmod(now, SECOND)
@@ -62,7 +62,7 @@ class Player:
         return self.node.statistics.messages
 
     def stop_the_clock(self) -> None:
-        """End the program that tells the time."""
+        """End the program that says the time."""
         self.ros.client.destroy_publisher(self._clock)
 
 
@@ -98,7 +98,7 @@ def test_delay_and_age_of_a_cloud(ros: Ros) -> None:
 
 
 def test_without_simulated_time_real_time_counts(ros: Ros) -> None:
-    """Whatever somebody tells on /clock."""
+    """Whatever somebody says on /clock."""
     player = Player(ros, '-p', 'max_delay:=0.3', simulated=False)
     player.send(0.0)
     while not player.answered():

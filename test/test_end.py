@@ -112,7 +112,7 @@ def test_after_the_end_clouds_are_dropped_and_counted(ros: Ros) -> None:
 
 
 def test_stopped_with_clouds_in_wait(ros: Ros) -> None:
-    """Nobody would hear of them: what waits is let go, and the thread ends."""
+    """Nobody would learn of them: what waits is let go, and the thread ends."""
     node, sensor = start(ros)
     channel = node.channels[0]
     thread = channel.worker._thread
