@@ -181,7 +181,7 @@ def measure(options: argparse.Namespace) -> int:
             for name, program in programs.items()
         }
         busy = {name: -_busy(process) for name, process in processes.items()}
-        sensor.tell('go')
+        sensor.send('go')
         begin = time.monotonic()
         while time.monotonic() < begin + options.seconds + REST + 1:
             status = next_status(listening)

@@ -119,7 +119,7 @@ class Program:
         """Send it a signal."""
         self._process.send_signal(number)
 
-    def tell(self, line: str) -> None:
+    def send(self, line: str) -> None:
         """Write a line to its stdin."""
         assert self._process.stdin is not None
         self._process.stdin.write(line + '\n')
@@ -290,7 +290,7 @@ def _count(topic: str) -> None:
 def _diagnose() -> None:
     end = Future()
 
-    def tell(msg: DiagnosticArray) -> None:
+    def note(msg: DiagnosticArray) -> None:
         for status in msg.status:
             found = {item.key: item.value for item in status.values}
             level = int.from_bytes(status.level, 'little')
@@ -298,7 +298,7 @@ def _diagnose() -> None:
             _say('status', json.dumps(said | {'values': found}))
 
     with _ros() as (node, executor):
-        node.create_subscription(DiagnosticArray, '/diagnostics', tell, KEEP_ALL)
+        node.create_subscription(DiagnosticArray, '/diagnostics', note, KEEP_ALL)
         threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
         executor.spin_until_future_complete(end)
 

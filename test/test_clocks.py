@@ -14,7 +14,7 @@ from nodes import Ros, Sensor, line, wait_for_thread
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from lidar_outlier_filter.clocks import DelayClock
+from lidar_outlier_filter.ros.clocks import DelayClock
 
 if TYPE_CHECKING:
     from rclpy.publisher import Publisher
@@ -41,7 +41,7 @@ class Player:
             ros.executor.spin_once(0.05)
         self.sent = 0
 
-    def tell(self, seconds: float) -> None:
+    def set(self, seconds: float) -> None:
         """Return the time, after the beginning, and serve until the node has it."""
         now = STAMP + round(seconds * SECOND)
         msg = Clock()
@@ -72,16 +72,16 @@ class Player:
 def test_a_recording_played_slowly_hurries_nobody(ros: Ros) -> None:
     """Simulated time counts: until max_delay is over on /clock, a cloud waits for its block."""
     player = Player(ros, '-p', 'max_delay:=0.4')
-    player.tell(0.0)
+    player.set(0.0)
     player.send(0.0)
     began = time.monotonic()
     seconds = 0.0
     while time.monotonic() < began + 0.5:
         seconds += 0.001
-        player.tell(min(seconds, 0.19))  # half of max_delay is kept for the verdict, at most
+        player.set(min(seconds, 0.19))  # half of max_delay is kept for the verdict, at most
         assert player.answered() == 0
-    player.tell(0.37)
-    player.tell(0.371)  # the thread was woken by the one before
+    player.set(0.37)
+    player.set(0.371)  # the thread was woken by the one before
     assert player.answered() == 1
     assert player.node.statistics.outliers == 1
 
@@ -90,9 +90,9 @@ def test_delay_and_age_of_a_cloud(ros: Ros) -> None:
     """The delay counts from when it was received, the age from its stamp, by the same clock."""
     player = Player(ros, '-p', 'max_delay:=60.0')
     player.node._diagnostics._timer.cancel()
-    player.tell(0.25)
+    player.set(0.25)
     player.send(0.137)
-    player.tell(0.75)
+    player.set(0.75)
     player.send(5.0)
     assert player.answered() == 1
     tally = player.node.channels[0].health._tally
@@ -112,9 +112,9 @@ def test_back_to_the_beginning(ros: Ros) -> None:
     """A recording that loops: what waits is answered, the stream begins anew; counted once."""
     player = Player(ros, '-p', 'max_delay:=5.0')
     for _ in range(3):
-        player.tell(0.0)
+        player.set(0.0)
         player.send(0.0)
-        player.tell(10.0)
+        player.set(10.0)
         player.send(10.0)
     assert player.answered() == 5
     assert player.node.statistics.resets == 2
@@ -127,11 +127,11 @@ def test_back_to_the_beginning(ros: Ros) -> None:
 def test_clouds_that_come_before_the_clock_goes_back(ros: Ros) -> None:
     """The first clouds of the next loop may overtake its clock: they stay with those after them."""
     player = Player(ros, '-p', 'max_delay:=5.0')
-    player.tell(10.0)
+    player.set(10.0)
     player.send(10.0)
     player.send(0.0)  # the sensor's clock goes back
     assert (player.answered(), player.node.statistics.resets) == (1, 1)
-    player.tell(0.0)
+    player.set(0.0)
     player.send(0.01)
     assert (player.answered(), player.node.statistics.resets) == (1, 1)
     player.send(0.2)
@@ -141,10 +141,10 @@ def test_clouds_that_come_before_the_clock_goes_back(ros: Ros) -> None:
 def test_the_clock_alone_goes_back(ros: Ros) -> None:
     """What waits is answered before a cloud shows it, and the stream begins anew."""
     player = Player(ros, '-p', 'max_delay:=60.0')
-    player.tell(10.0)
+    player.set(10.0)
     player.send(10.0)
     assert player.answered() == 0
-    player.tell(0.0)
+    player.set(0.0)
     assert (player.answered(), player.node.statistics.resets) == (1, 1)
 
 
@@ -155,11 +155,11 @@ def test_a_clock_that_goes_back_twice_at_once(ros: Ros) -> None:
     now = clock.steady_now()
     clock.steady_now = lambda: now  # type: ignore[method-assign]
     for resets, seconds in ((0, 10.0), (1, 0.0), (1, 10.0), (1, 0.0)):
-        player.tell(seconds)
+        player.set(seconds)
         assert player.answered() == 0
         assert player.node.statistics.resets == resets
     now += 60 * SECOND
-    player.tell(-1.0)
+    player.set(-1.0)
     player.answered()
     assert player.node.statistics.resets == 2
 
@@ -167,10 +167,10 @@ def test_a_clock_that_goes_back_twice_at_once(ros: Ros) -> None:
 def test_a_jump_ahead(ros: Ros) -> None:
     """What waits is answered: it has waited too long; what comes is another segment."""
     player = Player(ros, '-p', 'max_delay:=0.5')
-    player.tell(0.0)
+    player.set(0.0)
     player.send(0.0)
-    player.tell(1000.0)
-    player.tell(1000.001)
+    player.set(1000.0)
+    player.set(1000.001)
     assert player.answered() == 1
     player.send(1000.0)
     player.send(1000.2)
@@ -182,7 +182,7 @@ def test_a_jump_ahead(ros: Ros) -> None:
 def test_the_clock_ends(ros: Ros) -> None:
     """At the end of a recording nothing can come any more: all is answered, and the node warns."""
     player = Player(ros, '-p', 'max_delay:=5.0')
-    player.tell(0.0)
+    player.set(0.0)
     player.send(0.0)
     player.stop_the_clock()
     found = ros.diagnosis(lambda found: found['messages'] == 1)
@@ -195,7 +195,7 @@ def test_another_clock(ros: Ros, *, simulated: bool) -> None:
     """What waits by one clock is answered when another is set; then that one counts."""
     player = Player(ros, '-p', 'max_delay:=5.0', simulated=simulated)
     if simulated:
-        player.tell(0.0)
+        player.set(0.0)
     player.send(0.0)
     player.node.set_parameters([Parameter('use_sim_time', value=not simulated)])
     assert player.answered() == 1
@@ -218,7 +218,7 @@ class Watched:
         add = self.calls.append
         self.clock.watch(lambda: add('on'), lambda: add('back'), lambda: add('changed'))
 
-    def tell(self, now: int) -> None:
+    def set(self, now: int) -> None:
         """Tell the time, nanoseconds, and serve until the node has it."""
         while not self.publisher.get_subscription_count():
             self.ros.executor.spin_once(0.05)
@@ -234,26 +234,26 @@ class Watched:
         return calls
 
 
-def test_each_change_of_the_clock_is_told(ros: Ros) -> None:
+def test_each_change_of_the_clock_is_noticed(ros: Ros) -> None:
     """By a nanosecond and by an hour, forth and back; the first time is another clock."""
     watched = Watched(ros, simulated=True)
     watched.take_calls()
     found = []
     for now in (5 * SECOND, 5 * SECOND + 1, 5 * SECOND, 3605 * SECOND, 5 * SECOND):
-        watched.tell(now)
+        watched.set(now)
         found.append(watched.take_calls())
     assert found == [['changed'], ['on'], ['back'], ['on'], ['back']]
     for simulated in (False, True):
         watched.node.set_parameters([Parameter('use_sim_time', value=simulated)])
         assert watched.take_calls() == ['changed']
     watched.clock.stop()
-    watched.tell(9 * SECOND)
+    watched.set(9 * SECOND)
     assert watched.take_calls() == []
     watched.node.destroy_node()
 
 
 def test_which_clock_counts(ros: Ros) -> None:
-    """The one of /clock under use_sim_time, while somebody tells it; else one that nobody sets."""
+    """The one of /clock under use_sim_time, while somebody publishes it; else one that nobody sets."""
     watched = Watched(ros, simulated=False)
     clock = watched.clock
     steady = [clock.steady_now(), clock.now(), clock.steady_now()]
@@ -266,7 +266,7 @@ def test_which_clock_counts(ros: Ros) -> None:
     watched.node.set_parameters([Parameter('use_sim_time', value=True)])
     stopped.append(clock.has_stopped)
     watched.publisher = ros.client.create_publisher(Clock, '/clock', 10)
-    watched.tell(7 * SECOND)
+    watched.set(7 * SECOND)
     assert (clock.now(), clock.ros_now()) == (7 * SECOND, 7 * SECOND)
     assert [*stopped, clock.has_stopped] == [False, True, False]
     watched.node.destroy_node()

@@ -76,7 +76,7 @@ def test_live_equals_replay(
     with collector(tmp_path, topics, env) as collecting, filter_process(tmp_path, env) as node:
         collecting.wait_for('matched')
         with publisher(recording, TOPIC, env) as publishing:
-            publishing.tell('go')
+            publishing.send('go')
             publishing.wait_for('published')
             node.signal(number)
             assert node.wait() == 0
@@ -102,7 +102,7 @@ def test_a_publisher_that_dies_and_comes_back(recordings: Path, tmp_path: Path) 
         collecting.wait_for('matched')
         for name in names:
             with publisher(recordings / 'bags' / name, TOPIC, env) as publishing:
-                publishing.tell('go')
+                publishing.send('go')
                 publishing.wait_for('published')
                 publishing.signal(signal.SIGKILL)
         node.signal(signal.SIGTERM)
@@ -126,7 +126,7 @@ def test_large_clouds_arrive_best_effort(recordings: Path, tmp_path: Path) -> No
         publisher(recording, TOPIC, env, 'best_effort') as publishing,
     ):
         collecting.wait_for('matched')
-        publishing.tell('go')
+        publishing.send('go')
         for _ in clouds(recording):
             collecting.wait_for('received')
     received = [path.read_bytes() for path in sorted(tmp_path.glob('*.cdr'))]
@@ -149,7 +149,7 @@ def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) ->
         lost = '0'
         # The next cloud that arrives shows a loss: again, should the last one be lost too.
         while lost == '0':
-            publishing.tell('go')
+            publishing.send('go')
             publishing.wait_for('published')
             status = next_status(diagnosing)
             lost = status['values']['lost']
