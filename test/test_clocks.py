@@ -253,7 +253,7 @@ def test_each_change_of_the_clock_is_noticed(ros: Ros) -> None:
 
 
 def test_which_clock_counts(ros: Ros) -> None:
-    """The one of /clock under use_sim_time, while somebody publishes it; else one that nobody sets."""
+    """That of /clock under use_sim_time, while somebody publishes it; else one nobody sets."""
     watched = Watched(ros, simulated=False)
     clock = watched.clock
     steady = [clock.steady_now(), clock.now(), clock.steady_now()]

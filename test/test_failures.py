@@ -171,14 +171,14 @@ def test_nothing_is_kept_of_a_block_that_failed() -> None:
 @pytest.fixture
 def broken_sor(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let ``sor`` raise an error where a point is far away."""
-    detect: Callable[..., Any] = sor.detect
+    measure: Callable[..., Any] = sor.measure
 
-    def detect_or_raise(neighbourhood: Any, *rest: Any) -> Any:
+    def measure_or_raise(neighbourhood: Any, *rest: Any) -> Any:
         if len(neighbourhood) and neighbourhood.xyz.max() > FAR:
             raise ValueError('an error of the test')
-        return detect(neighbourhood, *rest)
+        return measure(neighbourhood, *rest)
 
-    monkeypatch.setattr(sor, 'detect', detect_or_raise)
+    monkeypatch.setattr(sor, 'measure', measure_or_raise)
 
 
 def far(begin: float) -> Any:
@@ -228,12 +228,12 @@ def test_an_error_at_a_change_of_parameters(monkeypatch: pytest.MonkeyPatch) -> 
     clean = CloudFilter(FilterParameters().changed(SHORT))
     failed: list[JudgingError] = []
     clean.fail = failed.append
-    detect = sor.detect
-    monkeypatch.setattr(sor, 'detect', None)
+    measure = sor.measure
+    monkeypatch.setattr(sor, 'measure', None)
     clean.change(clean.parameters.changed({'sor.k': 9}))
     assert clean.parameters.sor.k == 9
     assert len(failed) == clean.statistics.failures == 1
-    monkeypatch.setattr(sor, 'detect', detect)
+    monkeypatch.setattr(sor, 'measure', measure)
     clean.push(line(0))
     assert len(clean.flush()) == 1
 
@@ -263,7 +263,7 @@ def test_live(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     assert ros.diagnosis(lambda found: found.level < 2)['refused'] == 2
     node.finish()
     said = capfd.readouterr().err
-    assert said.count('Traceback') == said.count('in detect_or_raise') == 1
+    assert said.count('Traceback') == said.count('in measure_or_raise') == 1
     assert SENTENCE in said
 
 

@@ -117,7 +117,7 @@ def test_an_error_of_a_detector_is_no_verdict(
 ) -> None:
     """The tuner ends with it: points that were not judged are not good."""
     data = from_recording(write(tmp_path / 'bag', {'/lidar': drive()}), DEFAULTS, CAUSES)
-    monkeypatch.setattr(sor, 'detect', None)
+    monkeypatch.setattr(sor, 'measure', None)
     with pytest.raises(JudgingError, match=r'^the judging of a block must be free of errors'):
         data.judge(DEFAULTS.changed({'chain': ('sor',)}))
 
