@@ -69,6 +69,31 @@ def test_where_parameters_are_saved(
     assert (tmp_path / name[namespace]).is_file()
 
 
+@pytest.mark.parametrize(
+    ('save_to', 'expected'),
+    [('', '.ros/outlier_filter_node.yaml'), ('~/two/folders/a.yaml', 'two/folders/a.yaml')],
+)
+def test_home(
+    ros: Ros, save_to: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tilde is the home, also where ROS_HOME is empty; folders are made, or there already."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    monkeypatch.setenv('ROS_HOME', '')
+    node = ros.filter(parameters={'save_to': save_to})
+    node.start()
+    for _ in range(2):
+        answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+        assert (answer.success, answer.message) == (True, str(tmp_path / expected))
+    assert (tmp_path / expected).is_file()
+
+
+def test_what_is_fixed_cannot_be_set_at_all(ros: Ros) -> None:
+    """Not even to what it is: ROS calls it read-only."""
+    node = ros.filter()
+    (reason,) = ros.set(block=node.filter_parameters.block)
+    assert reason.startswith('block must be 0.1 as at the start (read-only), got 0.1')
+
+
 def test_a_place_that_cannot_be_written(ros: Ros, tmp_path: Path) -> None:
     """The caller is said why nothing was saved; nothing is left behind."""
     (tmp_path / 'folder').mkdir()
