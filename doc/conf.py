@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import lidar_outlier_filter
+from lidar_outlier_filter.core.detectors import registry
 from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.parameters.yaml_files import table
 
@@ -63,6 +64,7 @@ def inserted() -> dict[str, str]:
     texts = {
         'CONTRIBUTING.md': without_title((ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')),
         'CHANGELOG.rst': without_title((ROOT / 'CHANGELOG.rst').read_text(encoding='utf-8')),
+        'detectors': registry.table(),
         'parameters': table(),
     }
     sections = {parameter.name.rpartition('.')[0] for parameter in describe()}

@@ -1,5 +1,53 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clean lidar clouds from a moving vehicle, live and offline, with the same answer in both."""
+"""Clean lidar clouds from a moving vehicle, live and offline, with the same answer in both.
 
+    from lidar_outlier_filter import CloudFilter, detect_outliers
+
+What is named here is imported when it is first used, so that the import itself takes no time.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.verdict import Verdict
+    from lidar_outlier_filter.errors import CloudError, FilterError, ParameterError
+    from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+    from lidar_outlier_filter.stream.whole_cloud import detect_outliers
+
+__all__ = [
+    'CloudError',
+    'CloudFilter',
+    'FilterError',
+    'ParameterError',
+    'Verdict',
+    '__version__',
+    'detect_outliers',
+]
 __version__ = '0.1.0'
+
+_MODULES = {
+    'CloudError': 'errors',
+    'CloudFilter': 'stream.cloud_filter',
+    'FilterError': 'errors',
+    'ParameterError': 'errors',
+    'Verdict': 'core.verdict',
+    'detect_outliers': 'stream.whole_cloud',
+}
+
+# A type checker looks at the imports above, and so finds names that are not there.
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> object:
+        """Import one of the names."""
+        if name not in _MODULES:
+            raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+        value = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    """List what is here, and what is imported when it is used."""
+    return sorted({*globals(), *__all__})

@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the package refuses, in one sentence form: what, must be, got."""
 
+from __future__ import annotations
+
+import traceback
+
 
 class FilterError(Exception):
     """Something was refused: ``<what> must be <must_be>, got <got>``."""
@@ -18,6 +22,25 @@ class ParameterError(FilterError):
 
 class CloudError(FilterError):
     """A cloud that cannot be read, or that cannot be true."""
+
+
+class JudgingError(CloudError):
+    """A cloud that could not be judged, because a detector raised an error.
+
+    Attributes
+    ----------
+    place : file and line where it was raised
+    trace : the traceback
+
+    """
+
+    def __init__(self, error: Exception) -> None:
+        """Describe ``error``, and let go of it: its traceback holds the points."""
+        text = ' '.join(f'{type(error).__name__}: {error}'.split())
+        super().__init__('the judging of a block', 'free of errors', text)
+        frames = traceback.extract_tb(error.__traceback__)
+        self.place = f'{frames[-1].filename}:{frames[-1].lineno}' if frames else ''
+        self.trace = ''.join(traceback.format_exception(error))
 
 
 class PoseError(FilterError):

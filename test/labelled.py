@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Rows = NDArray[np.void]
 
-CLOUD = 'sensor_msgs/msg/PointCloud2'
+CLOUD, STRING = 'sensor_msgs/msg/PointCloud2', 'std_msgs/msg/String'
 STORE = get_typestore(Stores.ROS2_JAZZY)
 POINT = np.dtype(
     [(axis, '<f4') for axis in 'xyz'] + [('t', '<u4'), ('label', 'u1'), ('surface', 'u1')]
@@ -67,15 +67,30 @@ def answers(
     }
 
 
-def write(path: Path, topics: Mapping[str, Sequence[Any]], without: str = '') -> Path:
-    """Record clouds by topic, rows or whole messages, 0.1 s apart, all but one of their fields."""
+def write(
+    path: Path, topics: Mapping[str, Sequence[Any]], without: str = '', *, beside: str = ''
+) -> Path:
+    """Record clouds by topic, rows, messages or CDR, 0.1 s apart, all but one of their fields.
+
+    On the topic ``beside`` there are texts, too.
+    """
     definition, _ = STORE.generate_msgdef(CLOUD, ros_version=2)
     with NewBag(path) as bag:
+        if beside:
+            text, _ = STORE.generate_msgdef(STRING, ros_version=2)
+            other = Topic(beside, STRING, text, STORE.hash_rihs01(STRING))
+            bag.add(other)
+            message = STORE.types[STRING]('a text')
+            for time in (0, 50_000_000, 1_000_000_000):
+                bag.write(other, time, bytes(STORE.serialize_cdr(message, STRING)))
         for name, clouds in topics.items():
             topic = Topic(name, CLOUD, definition, STORE.hash_rihs01(CLOUD))
             bag.add(topic)
             for number, cloud in enumerate(clouds):
                 time = number * 100_000_000
+                if isinstance(cloud, bytes):
+                    bag.write(topic, time, cloud)
+                    continue
                 message = to_message(time, cloud) if isinstance(cloud, np.ndarray) else cloud
                 message.fields = [item for item in message.fields if item.name != without]
                 bag.write(topic, time, bytes(STORE.serialize_cdr(message, CLOUD)))

@@ -139,6 +139,7 @@ class Sensor:
         self._matched = Future()
         self.cleaned: list[PointCloud2] = []
         self.outliers: list[PointCloud2] = []
+        self._expected = 0
         matched = PublisherEventCallbacks(matched=lambda _: self._matched.set_result(None))
         self._publisher = ros.client.create_publisher(
             PointCloud2, topic, KEEP_ALL, event_callbacks=matched
@@ -181,6 +182,19 @@ def wait_for_thread(node: OutlierFilterNode) -> None:
         done = threading.Event()
         channel._inbox.order(done.set, in_turn=True)
         assert done.wait(PATIENCE)
+
+
+def hold_up(node: OutlierFilterNode) -> threading.Event:
+    """Hold up the thread that filters, as a block that takes long does, until the event is set."""
+    begun, go_on = threading.Event(), threading.Event()
+
+    def wait() -> None:
+        begun.set()
+        assert go_on.wait(PATIENCE)
+
+    node.channels[0]._inbox.order(wait)
+    assert begun.wait(PATIENCE)
+    return go_on
 
 
 def line(begin: float, count: int = 100) -> PointCloud2:

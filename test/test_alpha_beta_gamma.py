@@ -263,6 +263,7 @@ def test_fast_is_naive_with_many_outliers(seed: int) -> None:
     assert answer.passes > 1
 
 
+UNEVEN = (0, 9, 15, 20, 26, 33, 42, 49, 54, 60, 68, 77, 85)
 DEGENERATE = {
     'nothing': [],
     'one point': [5],
@@ -271,6 +272,8 @@ DEGENERATE = {
     'two times and more': [0] * 7 + [1] * 7 + [2, 3, 4, 5, 6, 7, 8, 9, 10, 11],
     'three times': [0] * 5 + [1] * 5 + [2] * 5,
     'almost one time': [*range(9), *range(10**9, 10**9 + 9)],
+    # In units of the interval these are no whole numbers: what should be 0 is a rounding.
+    'uneven times': [t for t in UNEVEN for _ in range(6)],
 }
 
 

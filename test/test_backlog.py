@@ -5,15 +5,16 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import TYPE_CHECKING
 
 import pytest
 
-from lidar_outlier_filter.parameters.node import Load
+from lidar_outlier_filter.parameters.node import LoadParameters
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 FILTER, SHED, PASS, DROP = Treatment.FILTER, Treatment.SHED, Treatment.PASS, Treatment.DROP
 
@@ -33,7 +34,7 @@ def left(inbox: Inbox) -> list[object]:
 
 def test_clouds_stay_in_order() -> None:
     """First in, first out; commands before all, or in their turn."""
-    inbox = Inbox(Load())
+    inbox = Inbox(LoadParameters())
     assert inbox.put(cloud(1)) == 0
     inbox.order(lambda: 'in turn', in_turn=True)
     assert inbox.put(cloud(2)) == 0
@@ -46,7 +47,7 @@ def test_clouds_stay_in_order() -> None:
 
 def test_bounded_by_number() -> None:
     """The oldest goes; a command among the clouds stays in its place."""
-    inbox = Inbox(Load(clouds=3))
+    inbox = Inbox(LoadParameters(clouds=3))
     inbox.order(lambda: 'first', in_turn=True)
     assert [inbox.put(cloud(number)) for number in range(6)] == [0, 0, 0, 1, 1, 1]
     assert inbox.fill == 1
@@ -55,7 +56,7 @@ def test_bounded_by_number() -> None:
 
 def test_bounded_by_memory() -> None:
     """As many go as it takes; a single cloud has room, whatever its size."""
-    inbox = Inbox(Load(megabytes=10))
+    inbox = Inbox(LoadParameters(megabytes=10))
     assert [inbox.put(cloud(size, size * 10**6)) for size in (4, 6, 5, 11)] == [0, 0, 2, 1]
     assert (inbox.clouds, inbox.size) == (1, 11_000_000)
     assert left(inbox) == [11]
@@ -63,20 +64,71 @@ def test_bounded_by_memory() -> None:
 
 def test_closed_nothing_is_too_much() -> None:
     """All that was received is filtered before the end."""
-    inbox = Inbox(Load(clouds=1))
-    inbox.close()
-    assert [inbox.put(cloud(number)) for number in range(3)] == [0, 0, 0]
+    inbox = Inbox(LoadParameters(clouds=1))
+    inbox.put(cloud(0, 10))
+    inbox.order(lambda: 'in turn', in_turn=True)
+    inbox.close([cloud(1, 20), cloud(2, 30)])
     assert inbox.closed
-    assert left(inbox) == [0, 1, 2]
-    inbox.put(cloud(4))
-    inbox.order(lambda: 'at once')
-    inbox.close(discard=True)
+    assert (inbox.clouds, inbox.size) == (3, 60)
+    assert left(inbox) == [0, 'in turn', 1, 2]
+    assert (inbox.clouds, inbox.size) == (0, 0)
+
+
+def test_after_the_end_all_is_dropped() -> None:
+    """Nobody would take it; nothing grows."""
+    inbox = Inbox(LoadParameters())
+    inbox.close()
+    assert inbox.put(cloud(1)) == 1
     assert (left(inbox), inbox.clouds, inbox.size) == ([], 0, 0)
+
+
+def test_what_waits_can_be_discarded() -> None:
+    """Clouds and commands, of both kinds."""
+    inbox = Inbox(LoadParameters())
+    inbox.put(cloud(1))
+    inbox.order(lambda: 'at once')
+    inbox.order(lambda: 'in turn', in_turn=True)
+    inbox.close(discard=True)
+    assert inbox.done
+    assert (left(inbox), inbox.clouds, inbox.size) == ([], 0, 0)
+
+
+@pytest.mark.parametrize(
+    'add',
+    [
+        lambda inbox: inbox.put(cloud(1)),
+        lambda inbox: inbox.order(str),
+        lambda inbox: inbox.order(str, in_turn=True),
+    ],
+)
+def test_done_is_closed_and_empty(add: Callable[[Inbox], object]) -> None:
+    """Neither of them alone."""
+    inbox = Inbox(LoadParameters())
+    found = [(inbox.closed, inbox.done)]
+    for step in (add, Inbox.close, lambda inbox: inbox.take(0)):
+        step(inbox)
+        found.append((inbox.closed, inbox.done))
+    assert found == [(False, False), (False, False), (True, False), (True, True)]
+
+
+def test_the_end_comes_with_the_last_clouds() -> None:
+    """Nobody looks between the two: a thread that does waits until both are there."""
+    inbox, seen = Inbox(LoadParameters()), []
+    looking = threading.Thread(target=lambda: seen.append((inbox.done, inbox.clouds)))
+
+    def last() -> Iterator[Received]:
+        looking.start()
+        looking.join(0.05)
+        yield cloud(1)
+
+    inbox.close(last())
+    looking.join(60)
+    assert seen == [(False, 1)]
 
 
 def test_received_by_another_clock() -> None:
     """All that waits is received now."""
-    inbox = Inbox(Load())
+    inbox = Inbox(LoadParameters())
     inbox.put(cloud(1, at=5))
     inbox.order(lambda: 'command', in_turn=True)
     inbox.received_now(7)
@@ -97,7 +149,7 @@ def test_received_by_another_clock() -> None:
 )
 def test_take_waits(wake: Callable[[Inbox], object]) -> None:
     """Until there is something, or it is woken; being woken before counts, once."""
-    inbox = Inbox(Load())
+    inbox = Inbox(LoadParameters())
     thread = threading.Thread(target=inbox.take, args=[None])
     thread.start()
     wake(inbox)
@@ -105,8 +157,31 @@ def test_take_waits(wake: Callable[[Inbox], object]) -> None:
     assert not thread.is_alive()
     inbox.wake()
     assert inbox.take(60) is None
-    if not inbox.closed:
-        assert inbox.take(0.001) is None
+
+
+def test_woken_once() -> None:
+    """What was woken waits again the next time, and for as long as it should."""
+    inbox = Inbox(LoadParameters())
+    inbox.wake()
+    inbox.wake()
+    began = time.perf_counter()
+    assert inbox.take(60) is None
+    waited = time.perf_counter()
+    assert inbox.take(0.05) is None
+    assert waited - began < 30
+    assert time.perf_counter() - waited >= 0.05
+
+
+@pytest.mark.parametrize('add', [lambda inbox: inbox.put(cloud(1)), lambda inbox: inbox.order(str)])
+def test_woken_with_something_to_do(add: Callable[[Inbox], object]) -> None:
+    """Being woken is not forgotten over what is done first."""
+    inbox = Inbox(LoadParameters())
+    inbox.wake()
+    add(inbox)
+    assert inbox.take(60) is not None
+    began = time.perf_counter()
+    assert inbox.take(60) is None
+    assert time.perf_counter() - began < 30
 
 
 def decide(overload: Overload, policy: str, *waits: tuple[float, float]) -> list[Treatment]:
@@ -124,6 +199,13 @@ def test_drop_oldest() -> None:
     """Dropped is what cannot be answered in time, unless it is the newest."""
     waits = ((0.9, 0), (0.1, 0.89), (0.1, 0.91), (0, 5), (0.001, 0.91))
     assert decide(Overload(), 'drop_oldest', *waits) == [FILTER, FILTER, DROP, FILTER, DROP]
+
+
+def test_exactly_too_late() -> None:
+    """What has waited for all its time, and no more, is too late already."""
+    # A tenth of 10 s is kept for the verdict.
+    late = {policy: Overload().decide(policy, 0.1, 9.0, 10.0) for policy in ('drop_oldest', 'shed')}
+    assert late == {'drop_oldest': DROP, 'shed': PASS}
 
 
 @pytest.mark.parametrize('much', [(0.5, 0.0), (0.0, 0.45)])

@@ -406,6 +406,17 @@ def test_database_that_was_not_closed(tmp_path: Path) -> None:
             read_all(path)
 
 
+def test_database_with_an_empty_log(tmp_path: Path) -> None:
+    """A log without messages, which a recorder may leave behind, loses nothing: read as without."""
+    source = write_bag(tmp_path / 'source', StoragePlugin.SQLITE3)
+    (source / 'source.db3-wal').write_bytes(b'')
+    for path in (source, source / 'source.db3'):
+        assert read_all(path) == len(MESSAGES)
+    (source / 'source.db3-wal').write_bytes(b'\0')
+    with pytest.raises(RecordingError, match='must be closed by its recorder'):
+        read_all(source)
+
+
 def test_other_encoding_is_refused(tmp_path: Path) -> None:
     """A lone MCAP file may hold what is no CDR."""
     with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:

@@ -497,10 +497,41 @@ def test_blocks_by_message_may_overlap() -> None:
     """Sweeps that begin before the last one ended are no error; each point is told once."""
     made, census = by_message()
     made.push(points_at([10_000_000, 19_000_000]), 'a')
-    ((_, verdict),) = made.push(points_at([18_000_000, 30_000_000], [False, True]), 'b')
-    assert census.blocks == [[10_000_000, 19_000_000], [19_000_000, 18_000_000]]
-    assert verdict.detectors.tolist() == [1, 0]
-    assert np.isnan(verdict.score).tolist() == [False, True]
+    times = [18_000_000, 30_000_000, 20_000_000]
+    ((_, verdict),) = made.push(points_at(times, [False, True, False]), 'b')
+    assert census.blocks == [[10_000_000, 19_000_000], [19_000_000, 18_000_000, 20_000_000]]
+    assert verdict.detectors.tolist() == [1, 0, 1]
+    assert np.isnan(verdict.score).tolist() == [False, True, False]
+
+
+def test_blocks_by_message_see_nothing_after_them() -> None:
+    """A message that is late sees the halo before it and its own time, and no later point."""
+    made, census = by_message(time_jump=10.0)
+    last = 5 * SECOND
+    made.push(points_at([*range(0, last, SECOND // 10), last]), 'newest')
+    late = [SECOND + HALO, SECOND + 2 * HALO]
+    ((tag, verdict),) = made.push(points_at(late), 'late')
+    assert tag == 'late'
+    assert census.blocks[1] == [SECOND, *late]
+    assert verdict.detectors.tolist() == [1, 1]
+    # Of its own last time it sees the others', too, as it would with time for a block.
+    made.push(points_at([last - 1]), 'before')
+    made.push(points_at([last]), 'same')
+    assert census.blocks[2:] == [[last - 1], [last, last - 1, last]]
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_blocks_by_message_within_one_halo(seed: int) -> None:
+    """Messages shorter than the halo are judged with all that lie within it, however many."""
+    rng = np.random.default_rng(seed)
+    made, census = by_message()
+    times, seen = np.cumsum(rng.choice([0, HALO // 7, HALO // 3, 2 * HALO], 300)).tolist(), 0
+    while seen < len(times):
+        end = min(seen + int(rng.integers(1, 4)), len(times))
+        made.push(points_at(times[seen:end]))
+        assert census.blocks[-1] == [t for t in times[:end] if t >= times[seen] - HALO]
+        seen = end
+    assert max(map(len, census.blocks)) > 6
 
 
 def test_blocks_by_message_of_nothing() -> None:

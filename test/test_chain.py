@@ -15,8 +15,9 @@ import pytest
 
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.core.verdict import ALL, BITS, SECOND_PHASE, Verdict
+from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.core.points import FARTHEST, FINEST, Points
+from lidar_outlier_filter.core.verdict import ALL, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -239,3 +240,19 @@ def test_nothing_is_compiled_later() -> None:
     done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
     assert done.stderr == ''
     assert done.returncode == 0
+
+
+@pytest.mark.parametrize('name', [*QUICK, slow('quadric')])
+def test_whatever_a_cloud_may_hold(name: str) -> None:
+    """Nothing that is let in makes a detector raise or warn, however odd it is."""
+    rng = np.random.default_rng(5)
+    times = np.array([-(2**61), 0, 10**7, 2**61])
+    for seed in range(12):
+        count = int(rng.choice([1, 2, 30, 300]))
+        odd = rng.choice([-1, 1], (count, 3)) * 10.0 ** rng.uniform(-30, 9, (count, 3))
+        xyz = [odd, rng.choice([-FARTHEST, FARTHEST, 0, 1], (count, 3)), FARTHEST - odd % 9]
+        t = np.sort(rng.choice(times, count)) if seed % 2 else np.arange(count) * 1000
+        line = rng.choice([-(2**63), 0, 2**63 - 1], count)
+        sigma = rng.choice([FINEST, 1.0, FARTHEST], count) if seed % 4 > 1 else None
+        points = Points(xyz[seed % 3], t, line, np.ones(count, np.bool_), sigma)
+        assert len(judge(points, name)) == count

@@ -101,7 +101,8 @@ def test_replay_prints_a_table(drive: Path, tmp_path: Path, capsys: Capture) -> 
     assert count(table['points per second'][0]) > 0
     assert float(table['× real time'][0]) > 0
     assert printed.out.endswith(f'written to {tmp_path / "drive_cleaned"}\n')
-    assert printed.err == ''
+    assert printed.err.startswith('/velodyne_points: times from field ')
+    assert printed.err.count('\n') == 1
 
 
 def test_replay_tells_what_each_detector_did(drive: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -178,7 +179,8 @@ def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Captu
     assert main(['replay', str(source)]) == 3
     printed = capsys.readouterr()
     clouds = '1 of 4 clouds of /velodyne_points'
-    assert printed.err == f'{clouds} were refused and have no answer, for: the CDR bytes (1)\n'
+    refused = f'{clouds} were refused and have no answer, for: the CDR bytes (1)\n'
+    assert printed.err.endswith(f'\n{refused}')
     assert rows(printed.out)['refused'] == ['1']
     assert 'damaged_cleaned' in names(tmp_path)
 

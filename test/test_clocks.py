@@ -83,6 +83,20 @@ def test_a_recording_played_slowly_hurries_nobody(ros: Ros) -> None:
     assert player.node.statistics.outliers == 1
 
 
+def test_delay_and_age_of_a_cloud(ros: Ros) -> None:
+    """The delay counts from when it was received, the age from its stamp, by the same clock."""
+    player = Player(ros, '-p', 'max_delay:=60.0')
+    player.node._diagnostics._timer.cancel()
+    player.tell(0.25)
+    player.send(0.137)
+    player.tell(0.75)
+    player.send(5.0)
+    assert player.answered() == 1
+    tally = player.node.channels[0].health._tally
+    assert tally.delays == pytest.approx([0.5], abs=1e-6)
+    assert tally.ages == pytest.approx([0.75 - 0.137], abs=1e-6)
+
+
 def test_without_simulated_time_real_time_counts(ros: Ros) -> None:
     """Whatever somebody tells on /clock."""
     player = Player(ros, '-p', 'max_delay:=0.3', simulated=False)

@@ -375,7 +375,7 @@ def test_missing_returns(kind: str, order: str) -> None:
         (1, -inf, 1),
         (0, -0.0, 0),
     ]
-    points: list[tuple[float, float, float]] = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e30, 1, 1)]
+    points: list[tuple[float, float, float]] = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e9, 1, 1)]
     rows = np.zeros(10, [(name, order + kind) for name in 'xyz'] + [('t', order + 'u4')])
     for i, point in enumerate(missing + points):
         for name, value in zip('xyz', point, strict=True):
@@ -398,8 +398,46 @@ def test_signalling_nan(kind: str) -> None:
     with pytest.raises(CloudError, match='the time of a point must be finite'):
         decode(cloud(rows), **values)
     rows['time'] = 1
-    with pytest.raises(CloudError, match="field 'std' must be more than 0 and finite, got nan"):
+    with pytest.raises(CloudError, match="field 'std' must be from 1e-09 to 1e\\+09 m, got nan"):
         decode(cloud(rows), **values)
+
+
+@pytest.mark.parametrize('kind', ['f4', 'f8'])
+@pytest.mark.parametrize('axis', 'xyz')
+def test_absurd_coordinates(axis: str, kind: str) -> None:
+    """A return farther away than the Moon was never measured; beside a NaN nobody looks at it."""
+    reader, informed, _ = decoder()
+    rows = np.ones(3, [(name, kind) for name in 'xyz'] + [('t', 'u4')])
+    for sign in (1, -1):
+        rows[axis][1] = sign * 1e9
+        assert decode(cloud(rows)).valid.all()
+        rows[axis][1] = sign * np.nextafter(rows[axis].dtype.type(1e9), np.inf)
+        with pytest.raises(CloudError, match=r'the coordinates of a point must be within 1e\+09 m'):
+            reader.decode(cloud(rows))
+        assert not informed
+        rows[axis][1] = sign * np.finfo(kind).max
+        with pytest.raises(CloudError, match='NaN or Inf, got'):
+            reader.decode(cloud(rows))
+    rows['xyz'['xyz'.index(axis) - 1]][1] = np.nan
+    assert reader.decode(cloud(rows)).valid.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize('wrong', [0, -1, 9e-10, 1e-170, 1.1e9, 1e170, np.inf])
+def test_absurd_sigma(wrong: float) -> None:
+    """What no standard deviation can be is refused; that of a missing return is not looked at."""
+    rows = table(4, t=('u4', 0), std=('f8', [1e-9, 1e9, 1, wrong]))
+    with pytest.raises(CloudError, match=r"^field 'std' must be from 1e-09 to 1e\+09 m, got "):
+        decode(cloud(rows), **{'alpha_beta_gamma.sigma_field': 'std'})
+    rows['x'][3] = 0
+    assert decode(cloud(rows), **{'alpha_beta_gamma.sigma_field': 'std'}).valid.sum() == 3
+
+
+def test_ten_seconds_are_relative() -> None:
+    """Times up to exactly ten seconds count from the stamp, and no later ones."""
+    for last, start in ((10.0, STAMP), (np.nextafter(10.0, 11.0), 0)):
+        rows = table(2, time=('f8', [0.0, last]))
+        read = decode(cloud(rows), time_unit='s')
+        assert read.t.tolist() == [start, start + 10 * SECOND]
 
 
 def test_whole_coordinates() -> None:
@@ -464,7 +502,7 @@ def test_sigma_field() -> None:
     assert decode(cloud(rows)).sigma is None
     for bad in (0, -1, np.nan, np.inf):
         rows['std'][0] = bad
-        with pytest.raises(CloudError, match="field 'std' must be more than 0 and finite, got"):
+        with pytest.raises(CloudError, match="field 'std' must be from 1e-09 to 1e\\+09 m, got"):
             decode(cloud(rows), **name)
 
 

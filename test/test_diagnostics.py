@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from clouds import SECOND
+from diagnostic_msgs.msg import DiagnosticArray
+from live import PATIENCE
 from nodes import Ros, Sensor, broken, wait_for_thread
+from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
@@ -18,6 +22,8 @@ from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
 
 if TYPE_CHECKING:
     from nodes import Diagnosis
+
+    from lidar_outlier_filter.ros.health import Report
 
 
 def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> None:
@@ -39,6 +45,9 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
         return found['messages'] == found['refused'] == 4
 
     found = ros.diagnosis(is_all)
+    told = ros.hear(DiagnosticArray, '/diagnostics', bool)
+    age = node.get_clock().now() - Time.from_msg(told.header.stamp)
+    assert 0 <= age.nanoseconds < PATIENCE * SECOND
     assert found.name == 'front/outlier_filter_node: /front/points'
     assert found['points'] == counts.points == sum(msg.width for msg in sweeps)
     assert found['rejected by alpha_beta_gamma'] == counts.outliers == found['outliers'] > 0
@@ -63,6 +72,29 @@ def test_once_in_a_second(ros: Ros) -> None:
     assert np.median(np.diff(times)) == pytest.approx(1.0, abs=0.2)
     assert [found.level for found, _ in heard][-2:] == [WARN, ERROR]
     assert heard[-2][0].message.startswith('no cloud for ')
+
+
+def test_rates_are_of_the_time_since_the_last_look(ros: Ros) -> None:
+    """However long that is."""
+    node = ros.filter()
+    node.start()
+    diagnostics, channel = node._diagnostics, node.channels[0]
+    diagnostics._timer.cancel()
+    found: list[float] = []
+    look = channel.look
+
+    def note(seconds: float) -> Report:
+        found.append(seconds)
+        return look(seconds)
+
+    channel.look = note  # type: ignore[method-assign]
+    began = time.monotonic()
+    diagnostics._last = diagnostics._steady.now().nanoseconds - 4 * SECOND
+    diagnostics._look()
+    diagnostics._look()
+    elapsed = time.monotonic() - began
+    assert 4 <= found[0] <= 4 + elapsed
+    assert 0 < found[1] <= elapsed
 
 
 def test_statistics_are_a_table(ros: Ros, sweeps: list[PointCloud2]) -> None:

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from lidar_outlier_filter.core.verdict import BITS
+import lidar_outlier_filter
+from lidar_outlier_filter.core.detectors.registry import BITS, DETECTORS
 from lidar_outlier_filter.parameters.filter import describe
 
 ROOT = Path(__file__).parents[1]
@@ -64,6 +65,23 @@ def test_every_parameter_is_shown(pages: Path) -> None:
             assert parameter.name in text
             assert parameter.range_text in text
             assert ' '.join(parameter.text.split()) in text
+
+
+@pytest.mark.slow
+def test_every_detector_is_shown(pages: Path) -> None:
+    """With its bit and its sentence, in the table of all."""
+    text = words(pages / 'detectors' / 'index.html')
+    for name, detector in DETECTORS.items():
+        plain = detector.rejects.partition('`')[0].strip()
+        assert f'{name} {detector.bit} {plain}' in text
+
+
+@pytest.mark.slow
+def test_the_library_is_shown(pages: Path) -> None:
+    """Every name that the package offers is described, with where it is imported from."""
+    text = (pages / 'api.html').read_text(encoding='utf-8')
+    for name in set(lidar_outlier_filter.__all__) - {'__version__'}:
+        assert re.search(f'id="lidar_outlier_filter(.errors)?.{name}"', text), name
 
 
 @pytest.mark.slow

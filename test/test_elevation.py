@@ -201,6 +201,7 @@ def test_body() -> None:
     assert body(z, 5.0, 0.3) == (0.0, 6.0)
     assert body(z, 6.0, 0.3) == (0.0, 13.0)
     assert body(z, 5.0, 0.1) == (0.0, 13.0)
+    assert body(z, 9.0, 0.3) == (-9.0, 13.0)
     assert body(z, 0.0, 0.3) == (-9.0, 13.0)
     # Beyond several gaps, as far as there are few enough.
     z = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 20.0, 100.0])

@@ -13,6 +13,7 @@ from naive import evidence as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core.detectors.evidence import detector as evidence
+from lidar_outlier_filter.core.detectors.evidence import groups
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -117,6 +118,24 @@ def test_slanted_groups_against_loops(*, beside: bool) -> None:
     assert (score[slanted] > 1).mean() > 0.9
     without = detect(points, evidence_profile__slanted=False)
     assert (without[slanted] > 1).mean() < 0.5
+
+
+@pytest.mark.parametrize('count', [22, 23, 24, 25, 2999, 3000, 3001])
+def test_sizes_of_slanted_groups(count: int) -> None:
+    """A group of 24 points is one, and one of 3000; what has fewer or more is none."""
+    rank = np.arange(count)
+    along = 7.0 * (rank // 2) / count
+    xyz = np.column_stack([0.01 * (rank % 2), 0.8 * along, 0.6 * along])
+    # Beside it, a group that is too small, and one that is large enough.
+    other = xyz[:30] + np.array([5.0, 0.0, 0.0])
+    places = np.vstack([xyz, other[:5], other])
+    line = np.concatenate([rank // 2, rank[:5] // 2, rank[:30] // 2])
+    root = np.repeat([0, count, count + 5], [count, 5, len(other)])
+    found = groups._of_groups(places, line, root)
+    assert np.isnan(found[count : count + 5]).all()
+    expected = 24 <= count <= 3000
+    np.testing.assert_array_equal(np.isnan(found[:count]), not expected)
+    np.testing.assert_array_equal(np.isnan(found[count + 5 :]), len(other) < 24)
 
 
 @pytest.mark.parametrize('make', [road, sweep])

@@ -4,11 +4,15 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import laspy
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError, FilterError
 from lidar_outlier_filter.files import scan
@@ -17,6 +21,7 @@ from lidar_outlier_filter.files.points import Loaded, choose_coordinates, load
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 
@@ -126,7 +131,7 @@ def test_named_columns(tmp_path: Path) -> None:
         ({'angle_field': 'phi', 'line_source': 'angle'}, 'angle_field must be a column of {}'),
         (
             {'alpha_beta_gamma__sigma_field': 's', 'line_source': 'angle', 'angle_field': 't'},
-            "column 's' must be more than 0 and finite, got -0.5",
+            "column 's' must be from 1e-09 to 1e+09 m, got -0.5",
         ),
     ],
 )
@@ -138,10 +143,93 @@ def test_refused_columns(tmp_path: Path, values: dict[str, Any], sentence: str) 
     assert sentence.format(path) in str(caught.value)
 
 
+@pytest.mark.parametrize('wild', ['1e30', '-1.0000001e9'])
+def test_absurd_coordinates(tmp_path: Path, wild: str) -> None:
+    """The rule for clouds holds for files: what was never measured is refused."""
+    path = table(tmp_path, f'x,y,z\n1,2,3\n1,{wild},3\n')
+    sentence = r'^the coordinates of a point must be within 1e\+09 m, NaN or Inf, got 1, -?1e\+'
+    with pytest.raises(CloudError, match=sentence):
+        loaded(path, 'x', 'y', 'z', timed=False)
+
+
 def test_whole_numbers_of_gps_time_are_seconds(tmp_path: Path) -> None:
     """gps_time is in seconds, whatever its values look like."""
     path = table(tmp_path, 'x,y,z,GPS_time,ring\n1,2,3,1000,0\n4,5,6,1001,0\n')
     assert loaded(path).points.t.tolist() == [1000 * 10**9, 1001 * 10**9]
+
+
+EXACT = 1_493_800_000_000_000_001  # nanoseconds; a float64 knows the hundreds only
+
+
+def with_gaps(path: Path, rows: Sequence[tuple[float | None, ...]]) -> Path:
+    """Write x, y, z, ring and timestamp into a table of any kind; None is what is not known."""
+    names = ('x', 'y', 'z', 'ring', 'timestamp')
+    if path.suffix == '.csv':
+        texts = [','.join('' if one is None else str(one) for one in row) for row in rows]
+        path.write_text('\n'.join([','.join(names), *texts]))
+    elif path.suffix == '.sqlite':
+        with closing(sqlite3.connect(path)) as database, database:
+            database.execute('CREATE TABLE t (x REAL, y REAL, z REAL, ring, timestamp INTEGER)')
+            database.executemany('INSERT INTO t VALUES (?, ?, ?, ?, ?)', rows)
+    else:
+        columns = zip(*rows, strict=True)
+        parquet.write_table(pa.table(dict(zip(names, map(pa.array, columns), strict=True))), path)
+    return path
+
+
+@pytest.mark.parametrize('chunk', [1, 3, 100])
+@pytest.mark.parametrize('missing', [(4,), (0,), (9,), (0, 1, 2, 7), tuple(range(9))])
+@pytest.mark.parametrize('suffix', ['csv', 'sqlite', 'parquet'])
+def test_times_are_exact_beside_a_row_of_nothing(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    suffix: str,
+    missing: tuple[int, ...],
+    chunk: int,
+) -> None:
+    """A missing return without time and line rounds neither time nor line of the others."""
+    modules = {'csv': 'text'}
+    monkeypatch.setattr(f'lidar_outlier_filter.files.{modules.get(suffix, suffix)}.CHUNK', chunk)
+    times = [EXACT + i for i in range(10)]
+    rings = [2**53 + 1 + i for i in range(10)]
+    rows: list[tuple[float | None, ...]] = [
+        (0.0, 0.0, 0.0, None, None) if i in missing else (1.5, 2.0, 3.0, rings[i], times[i])
+        for i in range(10)
+    ]
+    found = loaded(with_gaps(tmp_path / f'table.{suffix}', rows))
+    known = np.isin(np.arange(10), missing, invert=True)
+    np.testing.assert_array_equal(found.points.valid, known)
+    assert found.points.t.tolist() == np.where(known, times, 0).tolist()
+    assert found.points.line.tolist() == np.where(known, rings, 0).tolist()
+    assert found.lines == 'timestamp (ns) and ring'
+
+
+@pytest.mark.parametrize('suffix', ['csv', 'sqlite', 'parquet'])
+def test_a_point_without_time_or_line(tmp_path: Path, suffix: str) -> None:
+    """A point without time, or without line where there are lines, is refused."""
+    rows: list[tuple[float | None, ...]] = [(1.5, 2, 3, 0, EXACT), (1.5, 2, 3, 0, None)]
+    with pytest.raises(CloudError, match=r'the time of a point must be finite .* got nan'):
+        loaded(with_gaps(tmp_path / f'a.{suffix}', rows))
+    rows = [(1.5, 2, 3, 0, EXACT), (1.5, 2, 3, None, EXACT)]
+    with pytest.raises(CloudError, match="column 'ring' must be of whole numbers, got others"):
+        loaded(with_gaps(tmp_path / f'b.{suffix}', rows))
+
+
+@pytest.mark.parametrize('suffix', ['csv', 'sqlite', 'parquet'])
+def test_gaps_in_coordinates_and_marks(tmp_path: Path, suffix: str) -> None:
+    """Whole numbers with gaps may be coordinates, sigma and angles: there a gap is NaN."""
+    rows: list[tuple[float | None, ...]] = [
+        (1, 2, 3, 1, EXACT),
+        (4, None, 6, 2, EXACT + 1),
+        (7, 8, 9, 3, EXACT + 2),
+        (None, None, 9, None, None),
+    ]
+    found = loaded(with_gaps(tmp_path / f'a.{suffix}', rows), alpha_beta_gamma__sigma_field='ring')
+    nan = np.nan
+    expected = [[1, 2, 3], [4, nan, 6], [7, 8, 9], [nan, nan, 9]]
+    np.testing.assert_array_equal(found.points.xyz, expected)
+    assert found.points.t.tolist() == [EXACT, 0, EXACT + 2, 0]
+    np.testing.assert_array_equal(found.points.sigma, [1, 2, 3, nan])
 
 
 def las(folder: Path, **columns: Any) -> Path:

@@ -13,6 +13,7 @@ import pytest
 from cloud_files import columns, copied, every_third, verdict
 
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 
 if TYPE_CHECKING:
@@ -67,6 +68,24 @@ def test_null_is_nan(tmp_path: Path) -> None:
     assert np.flatnonzero(np.isnan(speed)).tolist() == [1]
 
 
+def test_whole_numbers_are_exact(tmp_path: Path) -> None:
+    """Large whole numbers are not rounded, stored as text or not; beyond 64 bits they are."""
+    large = 2**53 + 1
+    path = tmp_path / 'large.db'
+    run(
+        path,
+        'CREATE TABLE t (x, y TEXT, z)',
+        "INSERT INTO t VALUES (9007199254740993, '9007199254740993', 9223372036854775808)",
+    )
+    x, y, z = columns(path)
+    assert (x.tolist(), y.tolist(), z.tolist()) == ([large], [large], [2.0**63])
+    run(path, 'INSERT INTO t VALUES (NULL, NULL, NULL)')
+    chunks = cloud_file.read_exact(open_cloud(path), ['x', 'y', 'z'])
+    x, y, z = next(chunks)
+    assert x.tolist() == y.tolist() == [large, None]
+    np.testing.assert_array_equal(z, [2.0**63, np.nan])
+
+
 def test_verdict(tmp_path: Path) -> None:
     """The copy has all of the database, and a table with the verdict on every row, by row id."""
     path = make(tmp_path)
@@ -87,6 +106,50 @@ def test_verdict(tmp_path: Path) -> None:
     assert run(copy, joined) == [(COUNT,)]
     assert path.read_bytes() == before
     assert sorted(item.name for item in tmp_path.iterdir()) == ['copied', 'tracks.sqlite']
+
+
+@pytest.mark.parametrize('names', ['rowid', 'ROWID, oid', '_rowid_, RowId', 'oid'])
+def test_a_column_called_rowid(tmp_path: Path, names: str) -> None:
+    """A column that is called like SQLite's own row id is a column like any other."""
+    path = tmp_path / 'own.db'
+    free = next(one for one in ('rowid', 'oid', '_rowid_') if one not in names.lower())
+    own = names.split(', ')
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(f'CREATE TABLE t (x, {names})')
+        rows = [(i, *[3 - i // 2] * len(own)) for i in range(6)]
+        places = ', ?' * len(own)
+        database.executemany(f'INSERT INTO t VALUES (?{places})', rows)  # noqa: S608  ours
+        database.execute(f'UPDATE t SET {free} = 40 - {free} WHERE x > 3')  # noqa: S608  ours
+    x, *others = columns(path)
+    assert x.tolist() == [0, 1, 2, 3, 5, 4]
+    assert [one.tolist() for one in others] == [[3, 3, 2, 2, 1, 1]] * len(own)
+    copy = copied(path, Change(added={'outlier': np.arange(6) % 2}))
+    found = run(copy, f'SELECT x, v.outlier FROM t JOIN t_verdict v ON t.{free} = v.row_id')  # noqa: S608  ours
+    assert sorted(found) == [(0, 0), (1, 1), (2, 0), (3, 1), (4, 1), (5, 0)]
+
+
+def test_no_name_for_the_row_id(tmp_path: Path) -> None:
+    """A table whose row ids have no name left, or that has none, is refused."""
+    path = tmp_path / 'own.db'
+    run(path, 'CREATE TABLE t (x, oid, rowid, _rowid_)', 'INSERT INTO t VALUES (1, 2, 3, 4)')
+    with pytest.raises(CloudError, match="the columns of table 't' must be without one of rowid, "):
+        open_cloud(path)
+    other = tmp_path / 'other.db'
+    run(other, 'CREATE TABLE t (x PRIMARY KEY, y) WITHOUT ROWID', 'INSERT INTO t VALUES (1, 2)')
+    with pytest.raises(CloudError, match='must be readable, got "no such column: rowid"'):
+        open_cloud(other)
+
+
+def test_generated_columns(tmp_path: Path) -> None:
+    """A column that is computed from others can be read like them, wherever it stands."""
+    path = tmp_path / 'made.db'
+    run(
+        path,
+        "CREATE TABLE t (x REAL, name AS ('n' || x), y REAL, z REAL AS (x + y) STORED, note TEXT)",
+        "INSERT INTO t (x, y, note) VALUES (1, 2, 'a'), (3, 4, 'b')",
+    )
+    assert list(open_cloud(path).columns) == ['x', 'y', 'z']
+    assert [column.tolist() for column in columns(path)] == [[1, 3], [2, 4], [3, 7]]
 
 
 def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,6 +44,28 @@ def test_columns(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stop, [4, np.nan, 6, 7])
 
 
+@pytest.mark.parametrize(
+    ('fields', 'expected'),
+    [
+        ('9007199254740993 -9007199254740993 0', [2**53 + 1, -(2**53) - 1, 0]),
+        ('9007199254740993 nan 7.0', [2**53 + 1, None, 7]),
+        ('9007199254740993 7.5 7', [2.0**53, 7.5, 7.0]),
+        ('9007199254740993 1e300 7', [2.0**53, 1e300, 7.0]),
+        ('9007199254740993 inf 7', [2.0**53, np.inf, 7.0]),
+        ('9223372036854775807 1 1', [2**63 - 1, 1, 1]),
+        ('9223372036854775808 1 1', [2.0**63, 1.0, 1.0]),
+        ('nan nan nan', [None, None, None]),
+    ],
+)
+def test_whole_numbers_are_exact(tmp_path: Path, fields: str, expected: list[float]) -> None:
+    """Large whole numbers are not rounded, unless one of their column is none, or too large."""
+    path = make(tmp_path, b'x\n' + '\n'.join(fields.split()).encode())
+    ((x,),) = cloud_file.read_exact(open_cloud(path), ['x'])
+    assert x.tolist() == expected
+    (x,) = columns(path, 'x')
+    np.testing.assert_array_equal(x, np.array(expected, x.dtype))
+
+
 def test_unchanged(tmp_path: Path) -> None:
     """A copy without changes is the same file."""
     path = make(tmp_path)

@@ -10,7 +10,7 @@ import pytest
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.parameters.node import Health as Limits
+from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN, Backlog, Health
 from lidar_outlier_filter.stream.cloud_filter import Statistics
 
@@ -19,10 +19,10 @@ MAX_DELAY = 1.0
 
 
 def look(
-    health: Health, limits: Limits | None = None, seconds: float = 2.0
+    health: Health, limits: HealthLimits | None = None, seconds: float = 2.0
 ) -> tuple[int, str, dict[str, str], dict[str, float]]:
     """Look, with nothing that waits."""
-    report = health.look(seconds, limits or Limits(), MAX_DELAY, NOTHING)
+    report = health.look(seconds, limits or HealthLimits(), MAX_DELAY, NOTHING)
     plotted = dict(zip(PLOTTED, report.plotted, strict=True))
     return report.level, report.message, report.values, plotted
 
@@ -40,7 +40,9 @@ def test_what_has_happened_since_the_last_look() -> None:
     counts.poses = Counter({'a pose': 3})
     health.spent(0.05)
     health.counted(counts)
-    level, _, values, plotted = look(health, Limits(unfiltered_warn=1.0, unfiltered_error=1.0))
+    level, _, values, plotted = look(
+        health, HealthLimits(unfiltered_warn=1.0, unfiltered_error=1.0)
+    )
     assert level == OK
     assert values == {
         'clouds/s': '1.0',
@@ -66,6 +68,7 @@ def test_what_has_happened_since_the_last_look() -> None:
         'shed': '0',
         'unmoved': '0',
         'resets': '0',
+        'failures': '0',
         'rejected by a': '5',
         'rejected by b': '4',
         'undecided by b': '6',
@@ -115,6 +118,20 @@ def test_a_single_slow_cloud_of_many_is_no_complaint() -> None:
     assert look(health)[0] == OK
 
 
+def test_errors_of_detectors() -> None:
+    """They are an error at once, however few the clouds, and only where they were raised."""
+    health = Health()
+    for _ in range(1000):
+        health.received(1)
+    health.counted(Statistics(messages=1000, passed=Counter(failure=1), failures=1))
+    level, message, values, plotted = look(health)
+    assert level == ERROR
+    assert message.startswith('a detector raised an error in 1 blocks: see the log; of 1000 ')
+    assert (values['failures'], plotted['passed']) == ('1', 1)
+    health.received(1)
+    assert look(health)[0] == OK
+
+
 def test_what_is_not_filtered() -> None:
     """Refused, lost, dropped and passed clouds are complained of, by how many there should be."""
     health = Health()
@@ -140,6 +157,89 @@ def test_what_is_not_filtered() -> None:
     health.received(1)
     health.dropped(2)
     assert look(health)[0] == ERROR
+
+
+def test_events_add_up() -> None:
+    """Within a look, and, for those that are counted since the start, over all looks."""
+    health = Health()
+    for _ in range(2):
+        health.received(1)
+        for count in (1, 2):
+            health.lost(count)
+            health.dropped(count + 1)
+        *_, plotted = look(health)
+        assert (plotted['lost'], plotted['dropped']) == (3, 5)
+    assert (look(health)[2]['lost'], look(health)[2]['dropped']) == ('6', '10')
+
+
+def test_clouds_judged_without_poses() -> None:
+    """Are complained of, those since the last look."""
+    health = Health()
+    for unmoved, level in ((3, ERROR), (3, OK), (4, WARN)):
+        for _ in range(4):
+            health.received(1)
+        health.counted(Statistics(unmoved=unmoved))
+        found, message, values, _ = look(health)
+        assert (found, values['unmoved']) == (level, str(unmoved))
+    assert message == 'of 4 clouds 1 judged without poses'
+
+
+def test_more_than_all_is_all() -> None:
+    """Clouds of before may be dropped while fewer come: a limit of 1 is never exceeded."""
+    health = Health()
+    health.received(1)
+    health.dropped(5)
+    assert look(health, HealthLimits(unfiltered_error=1.0))[0] == WARN
+
+
+def test_the_delay_is_a_share_of_max_delay() -> None:
+    """What is too long for one sensor is in time for another."""
+    for max_delay, level in ((1.0, ERROR), (2.0, WARN), (10.0, OK)):
+        health = Health()
+        health.received(1)
+        health.answered(1.9, 0.0)
+        report = health.look(1.0, HealthLimits(), max_delay, NOTHING)
+        assert report.level == level
+    assert level == OK
+
+
+def test_percentiles_are_values_of_those_given() -> None:
+    """Of 0 to 100 ms they are the 50th, the 95th and the last, whatever the order."""
+    health = Health()
+    for number in range(100, -1, -1):
+        health.answered(1e-3 * number, 2e-3 * number)
+        health.spent(3e-3 * number)
+    _, _, values, plotted = look(health)
+    for name, factor in (
+        ('delay since received', 1),
+        ('delay since stamp', 2),
+        ('processing time', 3),
+    ):
+        found = [float(values[f'{name}, {which}, ms']) for which in ('p50', 'p95', 'max')]
+        assert found == [50 * factor, 95 * factor, 100 * factor]
+    names = ('delay_p50', 'delay_p95', 'delay_max', 'age_p95', 'processing_p95')
+    expected = [0.05, 0.095, 0.1, 0.19, 0.285]
+    assert [plotted[name] for name in names] == pytest.approx(expected, abs=1e-12)
+
+
+def test_what_waits() -> None:
+    """Clouds, megabytes and clouds without an answer, each under its name."""
+    report = Health().look(1.0, HealthLimits(), MAX_DELAY, Backlog(3, 4.26, 5, 6))
+    names = ('backlog, clouds', 'backlog, MB', 'waiting for their block, clouds')
+    assert [report.values[name] for name in names] == ['3', '4.3', '5']
+    plotted = dict(zip(PLOTTED, report.plotted, strict=True))
+    names = ('backlog_clouds', 'backlog_megabytes', 'waiting_clouds')
+    assert [plotted[name] for name in names] == [3, 4.26, 5]
+
+
+def test_rates_are_those_of_a_second() -> None:
+    """However long ago the last look was."""
+    health = Health()
+    for _ in range(4):
+        health.received(500)
+    _, _, values, plotted = look(health, seconds=8.0)
+    assert (values['clouds/s'], values['points/s']) == ('0.5', '250')
+    assert (plotted['clouds_per_second'], plotted['points_per_second']) == (0.5, 250)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +269,7 @@ def test_silence() -> None:
     assert found == [OK] * 2 + [WARN] * 8 + [ERROR] * 2
     health.received(1)
     assert look(health)[:2] == (OK, 'clouds are filtered in time')
-    report = health.look(5.0, Limits(), MAX_DELAY, Backlog(0, 0.0, 0, 2))
+    report = health.look(5.0, HealthLimits(), MAX_DELAY, Backlog(0, 0.0, 0, 2))
     assert report.message.startswith('no cloud for 5 s, publishers: 2 (for large clouds set ')
 
 
@@ -177,8 +277,10 @@ def test_remarks_are_warnings() -> None:
     """What others have to say is added."""
     health = Health()
     health.received(1)
-    report = health.look(1.0, Limits(), MAX_DELAY, NOTHING, ['one thing', 'another'])
+    report = health.look(1.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing', 'another'])
     assert (report.level, report.message) == (WARN, 'one thing; another')
+    report = health.look(11.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing'])
+    assert (report.level, report.message) == (ERROR, 'no cloud for 11 s; one thing')
 
 
 def test_a_warning_after_the_error_is_refused() -> None:

@@ -15,7 +15,7 @@ from scipy.spatial import Delaunay
 
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical import gabriel, spanning_tree
-from lidar_outlier_filter.core.detectors.hierarchical.detector import Outcome, detect
+from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome, detect
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.detectors import Hierarchical
@@ -72,7 +72,7 @@ def settings(min_cluster: int, confidence: float = 0.99, local: float = 0.95) ->
 
 
 def assert_same(
-    one: Outcome, other: Outcome, order: NDArray[np.intp] | slice = slice(None)
+    one: ClusterOutcome, other: ClusterOutcome, order: NDArray[np.intp] | slice = slice(None)
 ) -> None:
     """Compare two outcomes, bit for bit."""
     np.testing.assert_array_equal(one.score[order], other.score)
@@ -80,7 +80,7 @@ def assert_same(
     np.testing.assert_array_equal(one.cluster[order], other.cluster)
 
 
-def assert_like_naive(xyz: Floats, parameters: Hierarchical) -> Outcome:
+def assert_like_naive(xyz: Floats, parameters: Hierarchical) -> ClusterOutcome:
     """Compare with the naive twin."""
     outcome = detect(xyz, parameters)
     expected = naive.detect(

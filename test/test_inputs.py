@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from live import PATIENCE
 from nodes import Ros, Sensor, broken, line
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
@@ -56,6 +57,37 @@ def test_each_has_its_own_stream(ros: Ros) -> None:
     assert [channel.statistics.refused for channel in node.channels] == [0, 4]
     node.finish()
     assert [channel.statistics.messages for channel in node.channels] == [4, 4]
+
+
+def test_the_end_of_one_is_not_that_of_the_others(ros: Ros) -> None:
+    """Where the thread of one has failed, the others answer what they have received."""
+    node = ros.filter(parameters=BOTH)
+    node.start()
+    node.channels[0]._inbox.order(lambda: 1 / 0)
+    thread = node.channels[0]._thread
+    assert thread is not None
+    thread.join(PATIENCE)
+    node.channels[1]._receive(line(0.0))
+    with pytest.raises(ZeroDivisionError):
+        node.finish()
+    assert node.channels[1].statistics.messages == 1
+
+
+def test_all_are_closed_before_one_is_waited_for(ros: Ros) -> None:
+    """While one judges its last clouds, no queue of another runs over."""
+    node = ros.filter(parameters=BOTH)
+    node.start()
+    first, second = node.channels
+    closed: list[bool] = []
+    join = first._join
+
+    def look_and_join() -> None:
+        closed.append(second._inbox.closed)
+        join()
+
+    first._join = look_and_join  # type: ignore[method-assign]
+    node.finish()
+    assert closed[0]
 
 
 def test_parameters_and_services_are_for_all(ros: Ros, sweeps: list[PointCloud2]) -> None:

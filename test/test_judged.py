@@ -58,6 +58,22 @@ def test_a_recording_is_read_as_its_clouds_say(tmp_path: Path) -> None:
         assert points.detectors is None
 
 
+@pytest.mark.parametrize(
+    'beside', ['/lidar', '/lidar/cleaned', '/lidar/outliers', '/other/cleaned']
+)
+def test_what_else_comes_on_the_topics(tmp_path: Path, beside: str) -> None:
+    """Messages of another type on the topics of clouds and answers are not looked at."""
+    clouds = [rows(), rows()]
+    topics = {'/lidar': clouds, **answers(clouds, [REJECTED, ~REJECTED])}
+    bag = write(tmp_path / 'bag', topics, beside=beside)
+    expected = read_recording(write(tmp_path / 'plain', topics))
+    found = read_recording(bag)
+    np.testing.assert_array_equal(found.rejected, expected.rejected)
+    np.testing.assert_array_equal(found.code, expected.code)
+    with pytest.raises(FilterError, match=r"with '/cleaned' and '/outliers' \(none\)"):
+        read_recording(write(tmp_path / 'none', {'/other/outliers': clouds}, beside=beside))
+
+
 def test_scores_are_read_where_they_are(tmp_path: Path) -> None:
     """Score and bits belong to their points."""
     cloud = rows(SCORED)

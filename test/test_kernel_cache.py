@@ -70,5 +70,9 @@ def test_only_what_a_kernel_can_reach_makes_it_old(toy: Path) -> None:
     assert run(toy) == [22, 0]
     (toy / 'toy' / 'other.py').write_text('NUMBER = 20\n')
     assert run(toy) == [22, 1]
+    files = {path.name for path in toy.rglob('caller.answer-*.nb[ic]')}
     (toy / 'toy' / 'number.py').write_text('NUMBER = 20\n')
     assert run(toy) == [42, 0]
+    # Those of the old sources are gone.
+    assert len(files) == len(list(toy.rglob('caller.answer-*.nb[ic]'))) == 2
+    assert not files & {path.name for path in toy.rglob('caller.answer-*.nb[ic]')}

@@ -9,20 +9,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from clouds import SECOND, STAMP, cloud, table
 from profile_scanner import MOUNTING, SHOTS, Drive, seconds
 
-from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
-from lidar_outlier_filter.stream.motion import Odometry, make_motion
+from lidar_outlier_filter.stream.motion import Odometry
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from nav_msgs.msg import Odometry as OdometryMessage
     from nodes import Ros
     from numpy.typing import NDArray
     from sensor_msgs.msg import PointCloud2
+
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.verdict import Verdict
 
 SOR: dict[str, object] = {
     'chain': ('sor',),
@@ -263,6 +269,105 @@ def test_a_recording_that_loops() -> None:
     loops = [moving.run(clouds, odometry) for _ in range(2)]
     assert [len(loop) for loop in loops] == [5, 5]
     assert (rejected(drive, loops[0]) == rejected(drive, loops[1])).all()
+
+
+def looped(drive: Drive) -> tuple[Moving, list[PointCloud2], list[OdometryMessage]]:
+    """Serve one loop of a recording: the poses of its clouds stay."""
+    moving = Moving({'time_jump': 0.2, 'max_delay': 0.45})
+    clouds, odometry = drive.clouds(drive.own), drive.odometry()
+    for msg in odometry:
+        moving.motion.take(msg)
+    for msg in clouds:
+        moving.filter.push(msg, msg)
+    assert moving.filter.statistics.unmoved == 0
+    return moving, clouds, odometry
+
+
+@pytest.mark.parametrize('by_node', [False, True])
+def test_poses_do_not_survive_a_clock_that_was_set_back(
+    monkeypatch: pytest.MonkeyPatch, *, by_node: bool
+) -> None:
+    """A cloud of the next loop waits for the poses of the next loop, and is moved by them."""
+    drive = Drive(0.5)
+    moving, clouds, odometry = looped(drive)
+    if by_node:
+        assert len(moving.filter.reset()) == 1
+    answers = moving.filter.push(clouds[0], clouds[0])
+    assert len(answers) == (0 if by_node else 1)
+    assert moving.filter.waiting == 1
+    assert moving.filter.advance() == []
+    # Elsewhere this time: 50 m to the right.
+    for msg in odometry:
+        msg.pose.pose.position.y -= 50
+    places: list[float] = []
+    chain = moving.filter._stream.chain
+    judge = chain.judge
+
+    def note_and_judge(points: Points) -> Verdict:
+        places.append(float(points.xyz[:, 1].mean()))
+        return judge(points)
+
+    monkeypatch.setattr(chain, 'judge', note_and_judge)
+    for msg in odometry:
+        moving.motion.take(msg)
+        moving.filter.advance()
+    assert len(moving.filter.flush()) == 1
+    assert moving.filter.statistics.unmoved == 0
+    assert places == [pytest.approx(drive.fixed[: 10 * SHOTS, 1].mean() - 50, abs=0.1)]
+    assert moving.filter.statistics.resets == 1
+
+
+def test_odometry_that_goes_back_before_the_clouds() -> None:
+    """It is that of the next loop already: the clouds of it need not wait for more."""
+    moving, clouds, odometry = looped(Drive(0.5))
+    for msg in odometry[:20]:
+        moving.motion.take(msg)
+    assert len(moving.filter.push(clouds[0], clouds[0])) == 1
+    moving.filter.flush()
+    assert moving.filter.statistics.unmoved == 0
+
+
+def test_after_a_clock_was_set_back_clouds_wait_as_before() -> None:
+    """For as long, by the time of the new clouds; nothing is flushed in between."""
+    drive = Drive(1.0)
+    moving = Moving({'time_jump': 0.2, 'max_delay': 0.45})
+    clouds = drive.clouds(drive.own)
+    moving.filter.push(clouds[9], clouds[9])
+    counts = [len(moving.filter.push(msg, msg)) for msg in clouds[:7]]
+    assert counts == [1, 0, 0, 0, 0, 0, 1]
+    assert moving.filter.statistics.unmoved == 3
+
+
+def test_exactly_max_delay_old_a_cloud_still_waits() -> None:
+    """And no longer: by one nanosecond more it goes on without poses."""
+    for later, waits in ((0, True), (1, False)):
+        moving = Moving({'max_delay': 0.45, 'block': 0.01, 'halo': 0.0})
+        for stamp in (0, 450_000_000 + later):
+            rows = table(1, ring=('u2', 1), t=('u4', 0))
+            moving.filter.push(cloud(rows, STAMP + stamp), stamp)
+        assert moving.filter.statistics.unmoved == (0 if waits else 1)
+
+
+@pytest.mark.parametrize('start', [-5, 0])
+def test_clouds_without_points_tell_no_time(start: int) -> None:
+    """Also where sensor time is before its zero."""
+    moving = Moving({'max_delay': 0.45})
+    rows = table(1, ring=('u2', 1), t=('u4', 0))
+    empty = table(1, ring=('u2', 1), t=('u4', 0), x=('f4', np.nan))
+    moving.filter.push(cloud(rows, start * SECOND), 'first')
+    moving.filter.push(cloud(empty, start * SECOND), 'empty')
+    moving.filter.push(cloud(rows, start * SECOND + 1), 'second')
+    assert moving.filter.statistics.resets == moving.filter.statistics.unmoved == 0
+    assert moving.filter.waiting == 3
+
+
+def test_wild_times_are_refused_at_once() -> None:
+    """They would be looked up in tf one by one."""
+    moving = Moving()
+    rows = table(2, ring=('u2', 1), time=('f8', [0, 9e8 + 0.5]))
+    with pytest.raises(CloudError, match='the time that a cloud spans must be at most 1000 s'):
+        moving.filter.push(cloud(rows, 0))
+    assert moving.filter.waiting == 0
 
 
 def test_tf_needs_tf2(ros: Ros) -> None:

@@ -7,21 +7,25 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from clouds import SECOND
 from nav_msgs.msg import Odometry
-from nodes import Ros, Sensor, wait_for_thread
+from nodes import Ros, Sensor, hold_up, wait_for_thread
 from profile_scanner import Drive
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from test_motion import MOVING, Moving, rejected
 
+from lidar_outlier_filter.core.poses import Cover
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from rclpy.publisher import Publisher
+    from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.ros.node import OutlierFilterNode
 
@@ -84,14 +88,69 @@ def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
     assert node.statistics.refused == 0
 
 
-def write(path: Path, drive: Drive, topics: tuple[str, ...] = ('/points',)) -> Path:
-    """Write a recording: clouds at the end of their time, odometry a little after its own."""
+def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
+    """They are used, though the cloud has waited by then for as long as it may."""
+    drive = Drive(0.2)
+    (msg, *_), odometry = drive.clouds(drive.own), drive.odometry()
+    node, sensor, publisher = start(ros, max_delay=60.0)
+    channel = node.channels[0]
+    sensor.publish(msg, expected=1)
+    while not channel._filter.waiting:
+        ros.executor.spin_once(0.05)
+    wait_for_thread(node)
+    go_on = hold_up(node)
+    later = channel._clock.now() + 60 * SECOND
+    channel._clock.now = lambda: later  # type: ignore[method-assign]
+    for pose in odometry:
+        publisher.publish(pose)
+    last = _time(odometry[-1])
+    assert channel._motion is not None
+    while channel._motion.cover(last, last, '') is not Cover.YES:
+        ros.executor.spin_once(0.05)
+    go_on.set()
+    sensor.wait_for_answers()
+    assert node.statistics.unmoved == 0
+
+
+def test_poses_that_come_behind_the_last_cloud(ros: Ros) -> None:
+    """At the end poses are received for longer than clouds."""
+    drive = Drive(0.2)
+    reliable = {'qos_overrides./odom.subscription.reliability': 'reliable'}
+    node, sensor, publisher = start(ros, max_delay=60.0, **reliable)
+    sensor.publish(drive.clouds(drive.own)[0], expected=1)
+    assert sensor._publisher.wait_for_all_acked()
+    clouds, destroy = node.channels[0]._subscription, node.destroy_subscription
+
+    def publish_and_destroy(subscription: object) -> bool:
+        if subscription is clouds:
+            for pose in drive.odometry():
+                publisher.publish(pose)
+            assert publisher.wait_for_all_acked()
+        return bool(destroy(subscription))
+
+    node.destroy_subscription = publish_and_destroy
+    node.finish()
+    assert node.statistics.messages == 1
+    assert node.statistics.unmoved == 0
+
+
+def write(
+    path: Path,
+    drive: Drive,
+    topics: tuple[str, ...] = ('/points',),
+    late: Sequence[PointCloud2] = (),
+) -> Path:
+    """Write a recording: clouds at the end of their time, odometry a little after its own.
+
+    Some clouds may be late by a minute.
+    """
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         events = []
         for topic in topics:
             where = bag.add_connection(topic, 'sensor_msgs/msg/PointCloud2', typestore=store)
             events += [(_time(msg) + 10**8, where, msg) for msg in drive.clouds(drive.own)]
+            events += [(_time(msg) + 60 * 10**9, where, msg) for msg in late]
         where = bag.add_connection('/odom', 'nav_msgs/msg/Odometry', typestore=store)
         events += [(_time(msg) + 3 * 10**7, where, msg) for msg in drive.odometry()]
         for time, connection, msg in sorted(events, key=lambda event: event[0]):

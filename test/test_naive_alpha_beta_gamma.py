@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The naive twin against numbers worked out by hand: who else would test the reference."""
 
+import math
 from math import nan, sqrt
 from typing import Any
 
@@ -84,6 +85,39 @@ def test_segments_end_with_their_lines() -> None:
 def test_segments_of_nothing() -> None:
     """No points, no segments."""
     assert naive.segments([], [], 1.5) == []
+
+
+def angle_lines(*degrees: float) -> list[int]:
+    """Give the lines of angles in degrees."""
+    return naive.angle_lines([math.radians(one) for one in degrees])
+
+
+def test_a_line_begins_where_the_angle_wraps() -> None:
+    """At any time where the step is more than half a turn; the first angle ever is no wrap."""
+    assert angle_lines() == []
+    assert angle_lines(170) == [0]
+    assert angle_lines(170, -170) == [0, 1]
+    assert angle_lines(350, 10, 20) == [0, 1, 1]
+    assert angle_lines(90, -90, 90) == [0, 0, 0]
+
+
+def test_a_line_begins_where_the_angle_jumps_back() -> None:
+    """Once the steps have gone 30° one way, a jump back by more than that begins a line."""
+    assert angle_lines(0, 20, 40, 5, 25) == [0, 0, 0, 1, 1]
+    assert angle_lines(0, -20, -40, -5, -25) == [0, 0, 0, 1, 1]
+    assert angle_lines(0, 20, 40, 10, 30) == [0] * 5  # 30°, no more
+    assert angle_lines(0, 20, 29, -10, 10) == [0] * 5  # no sense yet
+    assert angle_lines(0, 20, 40, 110, 180) == [0] * 5  # forwards
+
+
+def test_noise_at_the_wrap_begins_one_line() -> None:
+    """Behind a wrap, the way back over it and the next wrap are noise."""
+    assert angle_lines(140, 160, 175, -175, 178, -178, -170) == [0, 0, 0, 1, 1, 1, 1]
+
+
+def test_small_steps_back_are_followed() -> None:
+    """More than 30° behind the furthest angle, those small steps have led back over the wrap."""
+    assert angle_lines(120, 140, 160, 179, -179, 170, 150, 130) == [0, 0, 0, 0, 1, 1, 2, 2]
 
 
 # Windows ----------------------------------------------------------------------------------------

@@ -124,8 +124,10 @@ def test_straightness() -> None:
         assert result == pytest.approx([expected] * 30, nan_ok=True)
     wire = scan(ARM, list(slanted.t), list(range(30)))
     assert all(isnan(one) for one in naive.straightness(wire, [0.05] * 30, 1.5))
-    few = slanted.take(range(20))
-    assert all(isnan(one) for one in naive.straightness(few, [0.05] * 20, 1.5))
+    few = slanted.take(range(23))
+    assert all(isnan(one) for one in naive.straightness(few, [0.05] * 23, 1.5))
+    enough = slanted.take(range(24))
+    assert all(one > 1 for one in naive.straightness(enough, [0.05] * 24, 1.5))
 
 
 def test_straightness_beside_a_car() -> None:

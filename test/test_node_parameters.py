@@ -256,7 +256,7 @@ def _plain(value: object) -> object:
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['-p', 'gap_factr:=2'], "a parameter must be one of .*, got 'gap_factr'"),
+        (['-p', 'gap_factr:=2'], r"a known one, got 'gap_factr' \(did you mean 'gap_factor'\?\)"),
         (['-p', 'halo:=-1.0'], 'halo must be from 0 to 60 s, got -1.0'),
         (['-p', 'chain:=[]'], 'chain must be a list of texts, got None'),
         (['-p', 'max_delay:=0.05'], r'max_delay must be at least block \+ halo \+ lateness'),

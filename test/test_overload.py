@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
 from live import PATIENCE
-from nodes import Ros, Sensor, line, wait_for_thread
+from nodes import Ros, Sensor, hold_up, line, wait_for_thread
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,15 +24,8 @@ SHORT = {'block': 0.01, 'halo': 0.0, 'max_delay': 60.0, 'load.clouds': 10}
 
 @contextmanager
 def held_up(node: OutlierFilterNode) -> Iterator[None]:
-    """Hold up the thread that filters, as a block that takes long does."""
-    begun, go_on = threading.Event(), threading.Event()
-
-    def wait() -> None:
-        begun.set()
-        assert go_on.wait(PATIENCE)
-
-    node.channels[0]._inbox.order(wait)
-    assert begun.wait(PATIENCE)
+    """Hold up the thread that filters for a while."""
+    go_on = hold_up(node)
     yield
     go_on.set()
     wait_for_thread(node)

@@ -60,7 +60,8 @@ EXTRAS = {
     'open3d': 'bench',
     'pyarrow': 'parquet',
 }
-WITH_RCLPY = {'rosgraph_msgs'}  # of ROS, and needed by rclpy itself
+# Of ROS, and needed by rclpy itself, or by nav_msgs
+WITH_RCLPY = {'geometry_msgs', 'rosgraph_msgs'}
 WITHOUT_KEY = {'laspy', 'lzf', 'pyarrow'}  # unknown to rosdep: pip only
 # All of the package that the core may know.
 BELOW_CORE = ('errors', 'parameters', 'detector_parameters', 'core')

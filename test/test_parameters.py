@@ -114,6 +114,15 @@ SENTENCES: list[tuple[Mapping[str, object], str]] = [
     ({'chain': [['alpha_beta_gamma']]}, "got [['alpha_beta_gamma']]"),
     ({'gap': 2.0}, 'a parameter must be one of alpha_beta_gamma.after, '),
     ({'gap': 2.0}, ", got 'gap'"),
+    (
+        {'lof.treshold': 2.0},
+        "a parameter must be a known one, got 'lof.treshold' (did you mean 'lof.threshold'?)",
+    ),
+    (
+        {'chain': ['Lof', 'elevation', 'quadrik']},
+        "got ['Lof', 'elevation', 'quadrik'] (did you mean 'lof', 'quadric'?)",
+    ),
+    ({'time_unit': 'nss'}, "got 'nss' (did you mean 'ns'?)"),
     ({'alpha_beta_gamma': 2.0}, ", got 'alpha_beta_gamma'"),
     ({'alpha_beta_gamma.alpha': 2.0}, ", got 'alpha_beta_gamma.alpha'"),
     (

@@ -5,14 +5,21 @@
 from __future__ import annotations
 
 import math
+import threading
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from lidar_outlier_filter.core import poses
 from lidar_outlier_filter.core.points import Points, concatenate
 from lidar_outlier_filter.core.poses import KEPT, Cover, Mounting, Track
 from lidar_outlier_filter.errors import PoseError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -149,6 +156,13 @@ def test_cover() -> None:
     ('seconds', 'pose', 'sentence'),
     [
         (1.0, (math.nan, 0, 0, *LEVEL), r'^a pose must be finite, got nan, 0, 0, 0, 0, 0, 1$'),
+        (
+            1.0,
+            (0, -1e300, 0, *LEVEL),
+            r'^the position of a pose must be within 1e\+09 m, got 0, -1e\+300, 0$',
+        ),
+        (1.0, (1.0000001e9, 0, 0, *LEVEL), r'^the position of a pose must be within 1e\+09 m'),
+        (1.0, (0, 0, 0, 0, 1e300, 0, 0), r'^the norm of a quaternion must be 1, got 1e\+300$'),
         (1.0, (0, 0, 0, 0, 0, 0, 0), r'^the norm of a quaternion must be 1, got 0$'),
         (1.0, (0, 0, 0, 0, 0, 0, 1.02), r'^the norm of a quaternion must be 1, got 1.02$'),
         (
@@ -206,3 +220,138 @@ def test_the_poses_around_make_no_difference() -> None:
     for i, row in enumerate(rows):
         needed = [pose for pose in poses if abs(pose[0] - row[0]) < 0.1 - 1e-9]
         assert (move(track(*needed), points(row), mounting).xyz == together[i]).all()
+
+
+# Threads, and a clock that was set back ---------------------------------------------------------
+
+
+def test_poses_of_before_a_clock_was_set_back_are_forgotten() -> None:
+    """Unless they began anew by themselves, and are those of now."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (5.0, (0.0,) * 3 + LEVEL))
+    made.begin_anew()
+    assert len(made) == 0
+    # The poses go back first, and then the clouds.
+    made.add(START + 5 * SECOND, (0.0,) * 3 + LEVEL)
+    made.add(START, (0.0,) * 3 + LEVEL)
+    made.begin_anew()
+    assert len(made) == 1
+    # Points that were moved by them are of their time: the next time the clock is set back, is not.
+    move(made, points((0.0, 1, 0, 0)), NOWHERE)
+    made.begin_anew()
+    assert len(made) == 0
+
+
+def test_a_gap_of_exactly_the_longest() -> None:
+    """It is covered; one that is longer by a nanosecond is not."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.25, (0.0,) * 3 + LEVEL), max_gap=0.25)
+    assert made.cover(START, START + SECOND // 4) is Cover.YES
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.25, (0.0,) * 3 + LEVEL), max_gap=0.25 - 1e-9)
+    assert made.cover(START, START + SECOND // 4) is Cover.NEVER
+
+
+class Watched:
+    """A lock that tells when somebody has to wait for it."""
+
+    def __init__(self, noticed: threading.Event) -> None:
+        self._lock = threading.Lock()
+        self._noticed = noticed
+
+    def __enter__(self) -> None:
+        """Wait until nobody else has it."""
+        if not self._lock.acquire(blocking=False):
+            self._noticed.set()
+            self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        """Let others have it."""
+        self._lock.release()
+
+
+class Interrupted(list[int]):
+    """Times in which something else is done by another thread, as soon as they are used."""
+
+    def __init__(self, times: list[int], interrupt: Callable[[], object]) -> None:
+        super().__init__(times)
+        self._interrupt = interrupt
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return a part, and be interrupted before that of the poses is taken."""
+        found = super().__getitem__(index)
+        if isinstance(index, slice):
+            self._interrupt()
+        return found
+
+    def append(self, t: int) -> None:
+        """Add a time, and be interrupted before its pose is added."""
+        super().append(t)
+        self._interrupt()
+
+    def __delitem__(self, index: Any) -> None:
+        """Forget times, and be interrupted before their poses are forgotten."""
+        super().__delitem__(index)
+        self._interrupt()
+
+
+def interrupt(made: Track, other: Callable[[], Any]) -> Future[Any]:
+    """Let another thread do something when the times of a track are used next, once.
+
+    It goes as far as it can: until it is done, or until it has to wait.
+    """
+    noticed, result = threading.Event(), Future[Any]()
+
+    def work() -> None:
+        try:
+            result.set_result(other())
+        except Exception as err:  # noqa: BLE001  raised where the result is asked for
+            result.set_exception(err)
+        noticed.set()
+
+    threads = iter([threading.Thread(target=work)])
+
+    def begin() -> None:
+        thread = next(threads, None)
+        if thread is not None:
+            thread.start()
+            assert noticed.wait(PATIENCE)
+
+    made._lock = Watched(noticed)  # type: ignore[assignment]
+    made._times = Interrupted(made._times, begin)
+    return result
+
+
+PATIENCE = 60  # seconds
+ROAD = tuple((i / 10, (float(i), 0.0, 0.0, *LEVEL)) for i in range(8))
+PLACES = ((0.25, 1.0, 0.0, 0.0), (0.45, 1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('other', ['begins anew', 'is told to begin anew'])
+def test_a_track_that_begins_anew_while_points_are_moved(other: str) -> None:
+    """They are moved by the poses of before, all of them."""
+    made = track(*ROAD)
+
+    def begin_anew() -> None:
+        if other == 'begins anew':
+            made.add(START - 9 * SECOND, (99.0, 0.0, 0.0, *LEVEL))
+        else:
+            made.begin_anew()
+
+    other_done = interrupt(made, begin_anew)
+    moved = move(made, points(*PLACES), NOWHERE)
+    np.testing.assert_allclose(moved.xyz[:, 0], [3.5, 5.5])
+    other_done.result(PATIENCE)
+    assert len(made) == (1 if other == 'begins anew' else 0)
+
+
+@pytest.mark.parametrize('most', [10**6, 4])
+def test_points_that_are_moved_while_a_pose_is_added(
+    most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They see times and poses that belong together, also while old ones are forgotten."""
+    made = track(*ROAD)
+    monkeypatch.setattr(poses, 'MOST_KEPT', most)
+    places = ((0.65, 1.0, 0.0, 0.0), (0.75, 1.0, 0.0, 0.0))
+    result = interrupt(made, lambda: made.move(points(*places), NOWHERE))
+    made.add(START + 8 * SECOND // 10, (8.0, 0.0, 0.0, *LEVEL))
+    moved = result.result(PATIENCE)
+    np.testing.assert_allclose(moved.xyz[:, 0], [7.5, 8.5])
+    assert len(made) == (9 if most > 9 else 4)

@@ -192,7 +192,7 @@ def scene(way: str, seed: int, shots: int) -> Rows:
     rows = drive(seed, shots * 2, rings=1)
     turn = rows['tick'] / 200_000 * (2 * np.pi / 61)
     valid = np.isfinite(rows['x']) & (rows['x'] != 0)
-    radius = np.where(valid, rows['x'], 0)
+    radius = np.where(valid, np.abs(rows['x']), 0)  # nothing is behind the mirror
     rows['y'], rows['z'] = radius * np.cos(turn), radius * np.sin(turn)
     rows['x'][valid] = (turn[valid] % (2 * np.pi)) if 'field' in way else 1
     return rows

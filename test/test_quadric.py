@@ -389,6 +389,25 @@ def test_undecided() -> None:
             assert np.isnan(detect(xyz, window=window)).all()
 
 
+@pytest.mark.parametrize('start', ['robust', 'all'])
+def test_a_third_on_no_surface(start: str) -> None:
+    """Exactly a third of a window may be off its surfaces; one more, and nothing is said of it."""
+    dice = np.random.default_rng(21)
+    x, y = (part.ravel() / 10 for part in np.mgrid[:8, :5])
+    plane = np.column_stack([x, y, dice.normal(0, 0.001, 40)])
+    strays = dice.uniform([0, 0, 0.3], [0.7, 0.4, 1.5], (21, 3))
+    for count in (20, 21):
+        xyz = np.vstack([plane, strays[:count]])
+        parameters = Quadric(surfaces=1, start=start)
+        expected = naive.judge(xyz, rules(parameters))
+        score = judge_window(xyz, surfaces=1, start=start)
+        assert_same(score, expected)
+        if count == 20:
+            assert_array_equal(score > 1, np.arange(60) >= 40)
+        else:
+            assert np.isnan(score).all()
+
+
 @pytest.mark.parametrize('n', [0, 1, 5])
 @pytest.mark.parametrize('window', ['section', 'patch'])
 def test_few_points(n: int, window: str) -> None:

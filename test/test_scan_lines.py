@@ -22,6 +22,8 @@ from lidar_outlier_filter.core.scan_lines import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
 
 def points_of(t: Sequence[int], line: Sequence[int]) -> Points:
     """Make points of which only time and line matter."""
@@ -151,6 +153,107 @@ def test_half_a_turn_is_no_wrap() -> None:
     angle = np.array([3.0, 3.0 - np.pi, 3.0, -0.2, 3.0])
     line = counter.by_angle(angle, np.ones(5, np.bool_))
     assert (line - line[0]).tolist() == [0, 0, 0, 1, 2]
+
+
+def counted(angle: NDArray[np.float64], cuts: Sequence[int] = ()) -> list[int]:
+    """Give the lines, from 0, of angles that come in messages cut there."""
+    counter = LineCounter()
+    parts = [counter.by_angle(part, np.isfinite(part)) for part in np.split(angle, cuts)]
+    line = np.concatenate(parts)
+    return (line - line[0]).tolist() if len(line) else []
+
+
+def mirror(count: int, per_turn: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the angles of a mirror that turns, in [-π, π), and which turn each is of."""
+    turned = np.arange(count) / per_turn
+    return (turned % 1 - 0.5) * 2 * np.pi, np.floor(turned).astype(np.int64)
+
+
+@pytest.mark.parametrize('sense', [1, -1])
+@pytest.mark.parametrize('cut', [0, 90, 180, 270], ids='cut at {}'.format)
+@pytest.mark.parametrize('span', [45, 120, 175, 180, 185, 300])
+def test_each_turn_over_open_ground_is_a_line(span: int, cut: int, sense: int) -> None:
+    """Each turn begins a line where few of its shots return, whichever way the mirror turns.
+
+    The angles begin anew where nothing returns, as those of a sensor do that looks down.
+    """
+    degree, turn = np.tile(np.arange(span + 1), 22), np.repeat(np.arange(22), span + 1)
+    start = {0: 0, 90: -90, 180: -180 if span <= 180 else -span // 2, 270: 180 - span}[cut]
+    angle = np.deg2rad((degree + start) * sense)
+    assert counted(angle) == turn.tolist()
+    assert counted(angle, range(1, len(angle))) == turn.tolist()
+
+
+@pytest.mark.parametrize('sense', [1, -1])
+def test_from_houses_to_open_ground_and_back(sense: int) -> None:
+    """Lines over open ground and between houses follow each other without a merge or a break."""
+    angle, turn = mirror(30 * 360, 359.7)
+    low, high = np.array([[-180, 180], [-50, 70], [-80, -10], [-180, 180]])[turn * 4 // 31].T
+    seen = (np.rad2deg(angle) >= low) & (np.rad2deg(angle) <= high)
+    assert counted(sense * angle[seen]) == turn[seen].tolist()
+
+
+@pytest.mark.parametrize('sense', [1, -1])
+@pytest.mark.parametrize('scale', [0.01, 0.2])
+def test_noise_at_the_turn(scale: float, sense: int) -> None:
+    """Angles that go forth and back over the wrap begin one line, not several."""
+    rng = np.random.default_rng(1)
+    angle, turn = (values[100:] for values in mirror(20 * 1000, 1000))  # not from the wrap on
+    noisy = angle + rng.uniform(-scale, scale, len(angle))
+    noisy = (noisy + np.pi) % (2 * np.pi) - np.pi
+    lines = np.array(counted(sense * noisy))
+    assert lines[-1] in {turn[-1], turn[-1] + 1}  # the last shots may have wrapped already
+    assert (np.diff(lines) >= 0).all()
+    far = np.abs(angle) < np.pi - scale
+    np.testing.assert_array_equal(lines[far], turn[far] + (lines[far][0] - turn[far][0]))
+
+
+def test_a_mirror_that_swings_has_no_turns() -> None:
+    """Small steps back are no jump, however far they lead."""
+    swing = np.concatenate([np.arange(-60, 60), np.arange(60, -60, -1)])
+    assert set(counted(np.deg2rad(np.tile(swing, 5)))) == {0}
+
+
+def test_sense_that_changes() -> None:
+    """A mirror that is set to turn the other way is followed."""
+    angle = np.deg2rad(np.tile(np.arange(-60.0, 60), 10))
+    lines = counted(np.concatenate([angle, -angle]))
+    assert lines[1199] == 9
+    tail = np.array(lines[-600:])
+    np.testing.assert_array_equal(tail - tail[0], np.repeat(np.arange(5), 120))
+
+
+@pytest.mark.parametrize('seed', range(40))
+def test_angles_against_loops(seed: int) -> None:
+    """Lines by angle are those of plain loops, whatever the angles and the messages."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 600))
+    angle, _ = mirror(count, rng.uniform(2, 100))
+    step = rng.choice([0.0, 1e-3, 0.1, 0.6])
+    angle = (angle + rng.uniform(-step, step, count) + np.pi) % (2 * np.pi) - np.pi
+    low, high = np.sort(rng.uniform(-np.pi, np.pi, 2))
+    if seed % 2:
+        angle = angle[(angle >= low) & (angle <= high)]
+    if seed % 3 == 0:
+        angle = np.round(angle / (np.pi / 12)) * (np.pi / 12)  # steps of exactly the limits
+    if seed % 5 == 0:
+        angle = angle % (2 * np.pi)
+    angle = angle * rng.choice([-1, 1]) if seed % 5 else angle
+    cuts = np.sort(rng.integers(0, len(angle) + 1, 5)).tolist()
+    expected = naive.angle_lines(angle.tolist())
+    assert counted(angle, cuts) == counted(angle) == expected
+
+
+def test_angle_that_is_not_finite() -> None:
+    """A point whose angle is not finite is in the line it stands in, and hides no turn."""
+    angle, turn = mirror(300, 30)
+    lines = LineCounter().by_angle(angle, np.ones(300, np.bool_))
+    assert (lines - lines[0]).tolist() == turn.tolist()
+    for value in (np.nan, np.inf, -np.inf):
+        damaged = angle.copy()
+        damaged[29::30] = value
+        lines = LineCounter().by_angle(damaged, np.ones(300, np.bool_))
+        assert (lines - lines[0]).tolist() == turn.tolist()
 
 
 def test_counter_without_angles() -> None:

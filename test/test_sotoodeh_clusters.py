@@ -15,7 +15,7 @@ from PIL import Image
 
 from lidar_outlier_filter.core.detectors import elevation
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical.detector import Outcome
+from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation import pictures as picture
 from lidar_outlier_filter.parameters.detectors import Hierarchical
@@ -47,7 +47,7 @@ def test_errors() -> None:
     """Of six points, three of them outliers, phase 1 rejects one of each and phase 2 a good one."""
     outlier = np.array([False, False, False, True, True, True])
     phase = np.array([1, 2, 0, 1, 0, 0], np.uint8)
-    outcome = Outcome(np.zeros(6), phase, np.ones(6, np.int64))
+    outcome = ClusterOutcome(np.zeros(6), phase, np.ones(6, np.int64))
     assert hod_scene.errors(outlier, outcome) == (Errors(6, 1, 2), Errors(4, 1, 2))
     assert Errors(4, 1, 2).alpha == 0.25
     assert Errors(4, 1, 2).beta == 0.5
@@ -120,7 +120,7 @@ def test_benchmark_compares(benchmark: ModuleType, monkeypatch: pytest.MonkeyPat
     benchmark.compare_elevation(cloud)
     honest, honest_elevation = hierarchical.detect, elevation.detect
 
-    def wrong(*given: Any) -> Outcome:
+    def wrong(*given: Any) -> ClusterOutcome:
         outcome = honest(*given)
         return replace(outcome, phase=np.zeros_like(outcome.phase))
 

@@ -181,9 +181,9 @@ def test_most_points_are_measured_in_their_tile(monkeypatch: pytest.MonkeyPatch)
     far: list[int] = []
     measure = TiledChain._measure_far
 
-    def count(self: TiledChain, name: str, places: Any, *given: Any) -> None:
+    def count(self: TiledChain, how: Any, places: Any, *given: Any) -> None:
         far.append(len(places))
-        measure(self, name, places, *given)
+        measure(self, how, places, *given)
 
     monkeypatch.setattr(TiledChain, '_measure_far', count)
     for chain in ('sor', 'lof'):
@@ -239,11 +239,11 @@ def test_too_many_points_in_a_tile() -> None:
     TiledChain(points('surface'), parameters, 10.0).judge()
 
 
-def test_what_needs_all_points_at_once_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize('name', ['hierarchical', 'elevation', 'evidence'])
+def test_what_needs_all_points_at_once_is_refused(name: str) -> None:
     """A detector that cannot be cut into tiles says so, before anything is done."""
-    parameters = FilterParameters().changed(CHAINS['sor'])
-    monkeypatch.setattr(tiled, 'HOPS', {'lof': 3})
-    with pytest.raises(ParameterError, match='chain must be without sor where there are tiles'):
+    parameters = FilterParameters().changed({'chain': ['sor', name]})
+    with pytest.raises(ParameterError, match=f'chain must be without {name} where there are tiles'):
         TiledChain(points('surface'), parameters, 10.0)
 
 

@@ -104,6 +104,25 @@ def test_around(side: float, halo: float) -> None:
         assert places.tolist() == sorted(expected, key=tiles.order.__getitem__)
 
 
+@pytest.mark.parametrize('axis', [0, 1])
+@pytest.mark.parametrize('side', [0.1, 0.7, 1 / 3, 1.1])
+def test_points_that_round_past_the_edge(side: float, axis: int) -> None:
+    """A point that division puts into a tile is found there, though it is beyond its edge."""
+    edges = side * np.arange(-3000, 3000)
+    x = np.concatenate([np.nextafter(edges, -np.inf), edges, np.nextafter(edges, np.inf)])
+    tile = np.floor(x / side)
+    beyond = x[(x < tile * side) | (x > tile * side + side)]
+    assert len(beyond) > 10
+    xyz = np.zeros((len(beyond), 3))
+    xyz[:, axis] = beyond
+    tiles = Tiles(xyz, np.ones(len(xyz), np.bool_), side, np.empty)
+    everything = np.ones(len(xyz), np.bool_)
+    for number in range(len(tiles)):
+        places, _ = tiles.around(number, 0.0, everything)
+        part = tiles.part(number)
+        assert set(range(part.start, part.stop)) <= set(places.tolist())
+
+
 def radius(xyz: NDArray[np.float64], place: int, k: int, left: NDArray[np.bool_]) -> float:
     """Distance to the k-th nearest other place with points; inf if there are fewer."""
     own = xyz[place].tolist()

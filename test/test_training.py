@@ -64,6 +64,20 @@ def test_verdicts_are_those_of_a_replay(tmp_path: Path) -> None:
     assert both == np.count_nonzero(points.rejected & points.bad)
 
 
+def test_what_else_comes_on_the_topic(tmp_path: Path) -> None:
+    """A message of another type is no cloud, and one that cannot be read is a refused one."""
+    clouds = drive()
+    expected = from_recording(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
+    damaged = write(
+        tmp_path / 'damaged', {'/lidar': [*clouds, b'\0\1\0\0nothing']}, beside='/lidar'
+    )
+    data = from_recording(damaged, DEFAULTS, CAUSES)
+    report = replay(damaged, tmp_path / 'out')
+    assert data.refused == report.topics[0].refused == 1
+    np.testing.assert_array_equal(data.bad, expected.bad)
+    np.testing.assert_array_equal(data.judge(DEFAULTS).score, expected.judge(DEFAULTS).score)
+
+
 def test_truth_and_stretches(tmp_path: Path) -> None:
     """Missing returns are left out; stretches are of equal numbers of points, in order of time."""
     clouds = drive()

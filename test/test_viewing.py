@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from nodes import line
 
-from lidar_outlier_filter.core.verdict import BITS
+from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.health import PLOTTED
 

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from lidar_outlier_filter.cli.main import Commands
-    from lidar_outlier_filter.cli.terminal import Advance
+    from lidar_outlier_filter.cli.terminal import Advance, Commands
     from lidar_outlier_filter.files.clean import CleanReport, Wanted
 
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # behind the name of a file

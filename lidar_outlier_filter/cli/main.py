@@ -1,44 +1,29 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line. Each command imports what is heavy when it runs, so that help is instant."""
-
-# ruff: noqa: PLC0415  as said above
+"""The command line: every command has a module of its own beside this one."""
 
 from __future__ import annotations
 
 import argparse
-import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.cli.bench import add_bench
 from lidar_outlier_filter.cli.clean import add_clean
+from lidar_outlier_filter.cli.demo import add_demo
 from lidar_outlier_filter.cli.evaluate import add_evaluate
+from lidar_outlier_filter.cli.replay import add_replay
 from lidar_outlier_filter.cli.results import add_results
 from lidar_outlier_filter.cli.simulate import add_simulate
-from lidar_outlier_filter.cli.terminal import (
-    DONE,
-    INCOMPLETE,
-    INTERRUPTED,
-    REFUSED,
-    add_parameter_options,
-    progress_bar,
-    read_parameters,
-    say,
-    stopping,
-)
+from lidar_outlier_filter.cli.terminal import INTERRUPTED, REFUSED, say
 from lidar_outlier_filter.cli.tune import add_tune
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from rich.table import Table
-
-    from lidar_outlier_filter.recordings.replay import ReplayReport
-
-    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
+    from lidar_outlier_filter.cli.terminal import Commands
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,151 +44,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     return status
-
-
-def add_replay(commands: Commands) -> None:
-    """Add the command ``replay``."""
-    parser = commands.add_parser(
-        'replay',
-        help='filter the clouds of a recording',
-        description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
-        'TOPIC/outliers. Exit status: 0 all done; 1 refused, nothing is written; 3 written, but '
-        'some clouds were refused and have no answer.',
-    )
-    parser.add_argument(
-        'recording', type=Path, metavar='RECORDING', help='bag folder, .mcap, .db3 or ROS 1 .bag'
-    )
-    parser.add_argument(
-        '--output', type=Path, metavar='DIR', help='new folder; default: RECORDING_cleaned'
-    )
-    parser.add_argument(
-        '--topic',
-        action='append',
-        default=[],
-        dest='topics',
-        metavar='T',
-        help='filter this topic only; may be repeated; default: all PointCloud2 topics',
-    )
-    add_parameter_options(parser)
-    parser.add_argument(
-        '--drop-input',
-        action='store_true',
-        help='leave the clouds that are filtered out of the copy',
-    )
-    parser.set_defaults(run=_replay)
-
-
-def _replay(options: argparse.Namespace) -> int:
-    # The node only serves this process: no other on the network needs to see it.
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
-    from lidar_outlier_filter.recordings.replay import replay
-
-    with stopping() as leave_if_asked, progress_bar(options.recording.name) as show:
-
-        def progress(done: int, total: int) -> None:
-            leave_if_asked()
-            show(done, total)
-
-        report = replay(
-            options.recording,
-            options.output or _default_output(options.recording),
-            options.topics,
-            read_parameters(options.params, options.settings),
-            drop_input=options.drop_input,
-            progress=progress,
-        )
-    _show(report)
-    return DONE if report.is_complete else INCOMPLETE
-
-
-def _default_output(recording: Path) -> Path:
-    """Name the output after the recording, beside it."""
-    path = recording.resolve()
-    name = path.name if path.is_dir() else path.stem
-    return path.with_name(f'{name}_cleaned')
-
-
-def _show(report: ReplayReport) -> None:
-    """Print the table of a replay, and to stderr what is missing in its output."""
-    from rich.console import Console
-
-    console = Console()
-    console.print(_table(report))
-    console.print(f'written to {report.output}', markup=False, highlight=False, soft_wrap=True)
-    for topic in report.topics:
-        if topic.refused:
-            reasons = ', '.join(f'{what} ({count})' for what, count in topic.refusals.items())
-            clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
-            say(f'{clouds} were refused and have no answer, for: {reasons}')
-    if report.unread:
-        say(f'{report.unread} messages that the recording counts were not found in it')
-
-
-def _table(report: ReplayReport) -> Table:
-    """Make the table of a replay, a column for each topic."""
-    from rich.table import Table
-
-    table = Table('topic', *(topic.topic for topic in report.topics))
-    for column in table.columns[1:]:
-        column.justify, column.overflow = 'right', 'fold'
-    for name in ('messages', 'refused', 'points', 'rejected', 'untested', 'invalid'):
-        table.add_row(name, *(f'{getattr(topic, name):,}' for topic in report.topics))
-    for name in report.topics[0].rejected_by if report.topics else ():
-        for text, counts in (
-            ('rejected by', [topic.rejected_by for topic in report.topics]),
-            ('undecided by', [topic.undecided_by for topic in report.topics]),
-        ):
-            table.add_row(f'{text} {name}', *(f'{count[name]:,}' for count in counts))
-    speed = (topic.points / report.elapsed for topic in report.topics)
-    table.add_row('points per second', *(f'{value:,.0f}' for value in speed))
-    faster = f'{report.recorded / report.elapsed:.1f}'
-    table.add_row('× real time', *(faster for _ in report.topics))
-    return table
-
-
-def add_demo(commands: Commands) -> None:
-    """Add the command ``demo``."""
-    parser = commands.add_parser(
-        'demo',
-        help='simulate a drive, filter it, and compare with the truth',
-        description='Leave a simulated recording, what the filter made of it, and a picture.',
-    )
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=Path('demo_output'),
-        metavar='DIR',
-        help='new folder, or that of an earlier demo; default: demo_output',
-    )
-    parser.set_defaults(run=_demo)
-
-
-def _demo(options: argparse.Namespace) -> int:
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
-    from rich.console import Console
-
-    from lidar_outlier_filter.results.demo import run
-
-    return run(options.output, Console())
-
-
-def add_bench(commands: Commands) -> None:
-    """Add the command ``bench``."""
-    parser = commands.add_parser(
-        'bench',
-        help='measure the speed of this machine',
-        description='Compare the answers, then time the smoother, the whole way of a cloud, and a '
-        "peer's statistical outlier removal on the same points: Open3D's where it is installed.",
-    )
-    parser.set_defaults(run=_bench)
-
-
-def _bench(_options: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from lidar_outlier_filter.results.bench import run
-
-    return run(Console())
 
 
 # A command is a function that adds its parser; `run` in the parser's defaults runs it.

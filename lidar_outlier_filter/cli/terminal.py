@@ -18,9 +18,11 @@ from typing import TYPE_CHECKING, Protocol
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
-    from argparse import ArgumentParser
+    from argparse import ArgumentParser, _SubParsersAction
     from collections.abc import Callable, Iterable, Iterator
     from types import FrameType
+
+    Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 
 # Exit statuses; argparse itself exits with 2.
 DONE, REFUSED, INCOMPLETE, INTERRUPTED = 0, 1, 3, 130

@@ -173,6 +173,8 @@ def _run(options: argparse.Namespace) -> int:
     _show(found, parameters, output, options)
     if data.refused:
         say(f'{data.refused} of its clouds were refused by the filter, and not learnt from')
+    if data.unmoved:
+        say(f'{data.unmoved} of its clouds had no poses, and were judged in their own frame')
     return DONE
 
 

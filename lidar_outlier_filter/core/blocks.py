@@ -9,6 +9,9 @@ a verdict depends on the points alone and not on the messages that brought them.
 A sensor that sends one sweep per message may have the message as its block instead: it is judged at
 once, with the halo before it only. There the message is part of the question: cut otherwise, the
 same points are other blocks.
+
+An error that a detector raises costs its block only: the messages with points in it have no
+verdict, and the next block is judged.
 """
 
 from __future__ import annotations
@@ -21,13 +24,17 @@ import numpy as np
 
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.points import SECOND, Points, concatenate
-from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.core.verdict import Failed, Verdict
+from lidar_outlier_filter.errors import CloudError, JudgingError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
+
+    _Members = list[tuple['_Message', slice | NDArray[np.intp]]]
 
 MOST_BLOCKS = 10_000  # in one cloud: wild times must not stall the stream
 BEGINNING = -(2**62)  # before any time, nanoseconds
@@ -43,6 +50,7 @@ class _Message:
     verdict: Verdict  # of all points of the message
     tag: Any
     frame: str  # points of different frames are never judged together
+    error: JudgingError | None = None  # of a block with points of it
     first: int = field(init=False)  # earliest and latest time, ns
     last: int = field(init=False)
     sorted: bool = field(init=False)  # by time
@@ -52,6 +60,12 @@ class _Message:
         t = self.points.t
         self.first, self.last = (int(t.min()), int(t.max())) if len(t) else (END, BEGINNING - 1)
         self.sorted = bool((t[1:] >= t[:-1]).all())
+
+    def answer(self) -> Verdict:
+        """Return the verdict of all points, or why there is none."""
+        if self.error is not None:
+            return Failed.by(self.error, len(self.verdict))
+        return self.verdict
 
     def between(self, begin: int, end: int) -> slice | NDArray[np.intp]:
         """Find the points with begin <= t < end."""
@@ -85,11 +99,13 @@ class Stream:
         self._jump = round(parameters.time_jump * SECOND)
         self._most = parameters.max_points
         self.resets = 0
+        self.fail: Callable[[JudgingError], object] = str  # is told of each block that it costs
         self._clear()
 
     def _clear(self) -> None:
         self._seen: deque[_Message] = deque()  # with points that blocks to come need
         self._waiting: deque[_Message] = deque()  # without an answer yet
+        self._answered: list[tuple[Any, Verdict]] = []  # and not returned yet
         self._held = 0  # points in _seen
         self._unanswered = 0  # points in _waiting, missing returns too
         self._newest = BEGINNING  # latest time of any point
@@ -100,11 +116,13 @@ class Stream:
     @property
     def waiting(self) -> int:
         """Count the messages without an answer."""
-        return len(self._waiting)
+        return len(self._waiting) + len(self._answered)
 
     @property
     def oldest(self) -> Any:
         """The tag of the message that has waited longest; None where none waits."""
+        if self._answered:
+            return self._answered[0][0]
         return self._waiting[0].tag if self._waiting else None
 
     @property
@@ -122,20 +140,24 @@ class Stream:
         -------
         list of (tag, verdict)
             In the order they were pushed. A verdict has an entry for each point of the message;
-            that of an invalid point is untested.
+            that of an invalid point is untested. It is :class:`Failed` for a message with points in
+            a block that a detector raised an error in.
 
         Raises
         ------
         CloudError
-            If a point is older than what was judged already, or if more points would be held than
-            ``max_points``. The stream is as it was before.
+            If a point is older than what was judged already: the stream is as it was before. Or if
+            more points would be held than ``max_points``: time goes on all the same, so that what
+            is held is judged and forgotten in its time; :meth:`advance` has what that finished.
 
         """
         where = np.flatnonzero(points.valid)
         valid = points if len(where) == len(points) else points.take(where)
         message = _Message(valid, where, Verdict.untested(len(points)), tag, frame)
         set_back = len(where) > 0 and message.last < self._newest - self._jump
-        self._refuse(message, anew=set_back)
+        self.refuse_span(message.first, message.last)
+        self._refuse_late(message, anew=set_back)
+        self._refuse_too_many(message, anew=set_back)
         # A clock that was set back: what was before has nothing to do with what comes.
         finished = self.flush() if set_back else []
         self.resets += set_back
@@ -152,6 +174,26 @@ class Stream:
             self._judge_until(self._newest - self._lateness)
         return finished + self._finished()
 
+    def advance(self) -> list[tuple[Any, Verdict]]:
+        """Return the messages that a cloud has finished that was refused."""
+        return self._finished()
+
+    def make_room(self, first: int, last: int) -> None:
+        """Judge and forget what a message of these times, nanoseconds, completes from outside."""
+        if not self._by_message:
+            newest = max(self._newest, last)
+            self._close(min(first, newest - self._lateness))
+        elif first < END:
+            self._forget(first - self._halo)
+
+    def go_on(self, t: int) -> None:
+        """Let time go on, nanoseconds, to that of a cloud that was refused."""
+        self._newest = max(self._newest, t)
+        if self._by_message:
+            self._forget(self._newest - self._halo)
+        else:
+            self._close(self._newest - self._lateness)
+
     def flush(self) -> list[tuple[Any, Verdict]]:
         """Judge all that is pending with what is there, and begin anew."""
         finished = self.hurry()
@@ -163,20 +205,47 @@ class Stream:
         self._judge_until(END)
         return self._finished()
 
-    def _refuse(self, message: _Message, *, anew: bool) -> None:
+    def refuse_span(self, first: int, last: int) -> None:
+        """Refuse a cloud whose times, nanoseconds, cannot be true."""
         most = MOST_BLOCKS * self._block
-        if message.last - message.first > most:
-            got = f'{(message.last - message.first) / SECOND:g} s'
+        if last - first > most:
+            got = f'{(last - first) / SECOND:g} s'
             raise CloudError('the time that a cloud spans', f'at most {most / SECOND:g} s', got)
+
+    def _refuse_late(self, message: _Message, *, anew: bool) -> None:
         if not anew and message.first < self._closed and not self._by_message:
             late = (self._closed - message.first) / SECOND
             got = f'a point {late:.6f} s older than that'
             raise CloudError('the time of a cloud', 'at or after what is judged already', got)
-        total = len(message.verdict.score) + (0 if anew else self.held)
+
+    def _refuse_too_many(self, message: _Message, *, anew: bool) -> None:
+        total = len(message.verdict)
+        if not anew:
+            if self._total_with(message) > self._most:
+                self.make_room(message.first, message.last)
+            total = self._total_with(message)
         if total > self._most:
+            if not anew:
+                self.go_on(message.last)
             raise CloudError(
                 'the number of points held', f'at most max_points = {self._most}', total
             )
+
+    def _total_with(self, message: _Message) -> int:
+        """Count the points that would be held with a message."""
+        return max(self._held + len(message.points), self._unanswered + len(message.verdict))
+
+    def _close(self, complete: int) -> None:
+        """Judge every block that is complete with its halo, and take no point of it any more.
+
+        Also where nothing is pending: what is held is held for blocks that may come.
+        """
+        self._judge_until(complete)
+        end = (complete - self._halo) // self._block * self._block
+        if end > self._judged:
+            self._judged, self._closed = end, end + self._halo
+            self._forget()
+        self._settle()
 
     def _judge_until(self, complete: int) -> None:
         """Judge every block that is complete with its halo; END: every block, complete or not."""
@@ -198,38 +267,52 @@ class Stream:
 
     def _judge(self, begin: int, end: int) -> None:
         """Judge the pending points of one block with its halo; tell their messages."""
-        members, verdict = self._judge_together(begin - self._halo, end + self._halo)
+        members = self._members(begin - self._halo, end + self._halo)
+        verdict = self._judge_together(members)
         begin = max(begin, self._judged)
         offset = 0
         for message, index in members:
             t = message.points.t[index]
             mine = _between(t, begin, end, is_sorted=message.sorted)
-            told = verdict.take(slice(offset, offset + len(t))).take(mine)
-            message.verdict.put(message.where[index][mine], told)
+            if not isinstance(verdict, JudgingError):
+                told = verdict.take(slice(offset, offset + len(t))).take(mine)
+                message.verdict.put(message.where[index][mine], told)
+            elif len(t[mine]):
+                message.error = verdict
             offset += len(t)
 
     def _judge_message(self, message: _Message) -> None:
-        """Judge a message with the halo before it, at once."""
+        """Judge a message with the halo before it, and with what lies in its own time, at once."""
         if message.first < END:
-            # The message is the last of those seen.
-            _, verdict = self._judge_together(message.first - self._halo, END)
-            told = verdict.take(slice(len(verdict) - len(message.points), None))
-            message.verdict.put(message.where, told)
+            # The message is the last of those seen, but others may have later points.
+            members = self._members(message.first - self._halo, message.last + 1)
+            verdict = self._judge_together(members)
+            if isinstance(verdict, JudgingError):
+                message.error = verdict
+            else:
+                told = verdict.take(slice(len(verdict) - len(message.points), None))
+                message.verdict.put(message.where, told)
         self._judged = END
         self._pending = END
         self._forget(self._newest - self._halo)
 
-    def _judge_together(
-        self, first: int, last: int
-    ) -> tuple[list[tuple[_Message, slice | NDArray[np.intp]]], Verdict]:
-        """Judge all points with first <= t < last; return which of each message they are, too."""
+    def _members(self, first: int, last: int) -> _Members:
+        """Find all points with first <= t < last, message by message."""
         near = [message for message in self._seen if first <= message.last and message.first < last]
-        members = [(message, message.between(first, last)) for message in near]
-        parts = [message.points.take(index) for message, index in members]
-        frames = [message.frame for message in near]
-        if len(set(frames)) == 1:
-            return members, self.chain.judge(concatenate(parts))
-        return members, self._judge_apart(parts, frames)
+        return [(message, message.between(first, last)) for message in near]
+
+    def _judge_together(self, members: _Members) -> Verdict | JudgingError:
+        """Judge points; the verdict is in the order of their messages."""
+        frames = [message.frame for message, _ in members]
+        try:
+            parts = [message.points.take(index) for message, index in members]
+            if len(set(frames)) == 1:
+                return self.chain.judge(concatenate(parts))
+            return self._judge_apart(parts, frames)
+        except Exception as err:  # noqa: BLE001  whatever it is, the next block is judged
+            error = JudgingError(err)
+            self.fail(error)
+            return error
 
     def _judge_apart(self, parts: list[Points], frames: list[str]) -> Verdict:
         """Judge the points of each frame by themselves; the verdict is in order of the parts."""
@@ -263,10 +346,14 @@ class Stream:
         self._held = sum(len(message.points) for message in self._seen)
 
     def _finished(self) -> list[tuple[Any, Verdict]]:
-        """Take the messages from the head of the queue whose points are all judged."""
-        finished = []
+        """Take the messages whose points are all judged."""
+        self._settle()
+        finished, self._answered = self._answered, []
+        return finished
+
+    def _settle(self) -> None:
+        """Answer the messages from the head of the queue whose points are all judged."""
         while self._waiting and self._waiting[0].last < self._judged:
             message = self._waiting.popleft()
             self._unanswered -= len(message.verdict.score)
-            finished.append((message.tag, message.verdict))
-        return finished
+            self._answered.append((message.tag, message.answer()))

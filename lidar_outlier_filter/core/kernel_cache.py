@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sources that a compiled kernel on disk was made from.
+"""Compiled kernels on disk: valid for exactly the sources that they were made from.
 
 numba looks at the kernel's own file only. A kernel that calls one of another file would keep the
-old machine code after a change there. So the stamp of a kernel covers all files of its package that
-its own file imports, directly or by others.
+old machine code after a change there. So the files of a kernel carry, in their names, a hash of all
+files of the package that the kernel's own file imports, directly or by others. Files of another
+hash are never read, because they may name classes that are gone. They are removed when the kernel
+is compiled anew.
 """
 
 from __future__ import annotations
@@ -14,7 +16,9 @@ import sys
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from numba.core.caching import IndexDataCacheFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,9 +27,32 @@ if TYPE_CHECKING:
 _IMPORT = re.compile(
     r'^(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n]*)|import\s+([^\n]*))', re.MULTILINE
 )
+_DIGITS = 16  # of the hash, hexadecimal, in the name of a file
 
 
-def stamp(module: str) -> bytes:
+class CacheFile(IndexDataCacheFile):
+    """The files of one kernel on disk: an index, and machine code for each of its signatures."""
+
+    def __init__(self, usual: IndexDataCacheFile, module: str) -> None:
+        """Lie beside the files that numba would use for a kernel of ``module``."""
+        index: Path = Path(usual._index_path)  # noqa: SLF001  numba has no other name for it
+        source: bytes = usual._source_stamp  # noqa: SLF001
+        base = f'{index.stem}.{stamp(module)[:_DIGITS]}'
+        super().__init__(str(index.parent), base, source)  # type: ignore[no-untyped-call]
+        name, _, python = index.stem.rpartition('.')
+        self._all = f'{name.rpartition("-")[0]}-*.{python}.*.nb[ic]'  # of whatever line and hash
+        self._mine = f'.{stamp(module)[:_DIGITS]}.'
+
+    def save(self, key: Any, data: Any) -> None:
+        """Write machine code, and remove what was made from other sources."""
+        super().save(key, data)  # type: ignore[no-untyped-call]
+        for path in Path(self._cache_path).glob(self._all):
+            if self._mine not in path.name:
+                path.unlink(missing_ok=True)
+
+
+@cache
+def stamp(module: str) -> str:
     """Hash the file of a module and all files of its package that it imports, however far.
 
     Parameters
@@ -35,8 +62,8 @@ def stamp(module: str) -> bytes:
     """
     total = sha256()
     for path in sorted(_reachable(module)):
-        total.update(str(path.name).encode() + _content(path))
-    return total.digest()
+        total.update(path.name.encode() + _content(path))
+    return total.hexdigest()
 
 
 def _reachable(module: str) -> set[Path]:

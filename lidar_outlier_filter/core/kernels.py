@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 import numba
 
-from lidar_outlier_filter.core.kernel_cache import stamp
+from lidar_outlier_filter.core.kernel_cache import CacheFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,10 +28,10 @@ def kernel(function: Function) -> Function:
     is valid for the sources that it was made from, those of other files too.
     """
     compiled = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
-    # numba offers no other place for a stamp. There is no cache where NUMBA_DISABLE_JIT is set.
+    # numba offers no other place for it. There is no cache where NUMBA_DISABLE_JIT is set.
     cache = getattr(compiled, '_cache', None)
     if cache is not None:
-        cache._cache_file._source_stamp = stamp(function.__module__)  # noqa: SLF001
+        cache._cache_file = CacheFile(cache._cache_file, function.__module__)  # noqa: SLF001
     return cast('Function', compiled)
 
 

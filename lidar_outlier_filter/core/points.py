@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SECOND = 1_000_000_000  # nanoseconds
+# Metres. No map reaches that far, the Moon is nearer, and float64 still resolves 0.1 µm there. What
+# is beyond was never measured: memory that nobody has set, the wrong order of bytes.
+FARTHEST = 1e9
+FINEST = 1e-9  # metres: the least standard deviation
 
 
 @dataclass(frozen=True)
@@ -85,15 +90,54 @@ def missing(count: int) -> Points:
     )
 
 
-@kernel
 def is_return(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell real returns from missing ones: all three finite, and not all three 0."""
+    valid, _ = _look(xyz)
+    return np.asarray(valid)
+
+
+def returns(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell real returns from missing ones, as :func:`is_return`; refuse what can be neither.
+
+    Raises
+    ------
+    CloudError
+        If a coordinate of a return is beyond ``FARTHEST``.
+
+    """
+    valid, absurd = _look(xyz)
+    if absurd >= 0:
+        got = ', '.join(f'{value:g}' for value in xyz[absurd].tolist())
+        raise CloudError('the coordinates of a point', f'within {FARTHEST:g} m, NaN or Inf', got)
+    return np.asarray(valid)
+
+
+def check_sigma(sigma: NDArray[np.float64], valid: NDArray[np.bool_], what: str) -> None:
+    """Refuse standard deviations, metres, that cannot be true.
+
+    Raises
+    ------
+    CloudError
+        If that of a valid point is not from ``FINEST`` to ``FARTHEST``.
+
+    """
+    wrong = valid & ~((sigma >= FINEST) & (sigma <= FARTHEST))
+    if wrong.any():
+        raise CloudError(what, f'from {FINEST:g} to {FARTHEST:g} m', f'{sigma[wrong][0]:g}')
+
+
+@kernel
+def _look(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
+    """Tell the returns, and where the first one is that is beyond ``FARTHEST``; -1: nowhere."""
     result = np.empty(len(xyz), np.bool_)
+    absurd = -1
     for i in range(len(xyz)):
         x, y, z = xyz[i]
         finite = np.isfinite(x) and np.isfinite(y) and np.isfinite(z)
         result[i] = finite and (x != 0 or y != 0 or z != 0)
-    return result
+        if finite and absurd < 0 and max(abs(x), abs(y), abs(z)) > FARTHEST:
+            absurd = i
+    return result, absurd
 
 
 def concatenate(parts: Sequence[Points]) -> Points:

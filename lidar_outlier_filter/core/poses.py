@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.points import SECOND, Points
+from lidar_outlier_filter.core.points import FARTHEST, SECOND, Points
 from lidar_outlier_filter.errors import PoseError
 
 if TYPE_CHECKING:
@@ -66,6 +67,7 @@ class Track:
         self._lock = threading.Lock()
         self._times: list[int] = []
         self._poses: list[tuple[float, ...]] = []  # x y z, quaternion x y z w
+        self._is_new = False  # began anew, and has moved nothing since
 
     def __len__(self) -> int:
         """Count the poses."""
@@ -96,14 +98,18 @@ class Track:
             If it is no pose, or not later than the one before.
 
         """
-        norm = float(np.linalg.norm(pose[3:]))
         if not np.isfinite(pose).all():
             raise PoseError('a pose', 'finite', ', '.join(f'{value:g}' for value in pose))
+        if max(map(abs, pose[:3])) > FARTHEST:
+            got = ', '.join(f'{value:g}' for value in pose[:3])
+            raise PoseError('the position of a pose', f'within {FARTHEST:g} m', got)
+        norm = math.hypot(*pose[3:])
         if abs(norm - 1) > ROUNDING:
             raise PoseError('the norm of a quaternion', '1', f'{norm:g}')
         with self._lock:
             if self._times and t < self._times[-1] - self._jump:
                 self._times, self._poses = [], []
+                self._is_new = True
             if self._times and t <= self._times[-1]:
                 late = (self._times[-1] - t) / SECOND
                 raise PoseError('the time of a pose', 'after the one before', f'{late:g} s before')
@@ -113,9 +119,19 @@ class Track:
             if 2 * old > len(self._times):  # not one by one
                 del self._times[:old], self._poses[:old]
 
+    def begin_anew(self) -> None:
+        """Forget the poses: the clock of the points was set back.
+
+        Not those that have begun anew by themselves, and are ahead of the points.
+        """
+        with self._lock:
+            if not self._is_new:
+                self._times, self._poses = [], []
+
     def cover(self, first: int, last: int) -> Cover:
         """Tell whether there are poses for all times from ``first`` to ``last``, inclusive."""
-        times, _ = self._between(first, last)
+        with self._lock:
+            times, _ = self._between(first, last)
         largest = round(self.max_gap * SECOND)
         if any(after - before > largest for before, after in pairwise(times)):
             return Cover.NEVER
@@ -134,9 +150,11 @@ class Track:
         if not len(known):
             return points
         first, last = int(known.min()), int(known.max())
-        times, poses = self._between(first, last)
-        if not times or times[0] > first or times[-1] < last:
-            return None
+        with self._lock:
+            times, poses = self._between(first, last)
+            if not times or times[0] > first or times[-1] < last:
+                return None
+            self._is_new = False  # the points have caught up
         table = np.array(poses)
         moved = _move(
             points.xyz,
@@ -152,11 +170,10 @@ class Track:
             return replace(points, xyz=moved, distance=points.range)
 
     def _between(self, first: int, last: int) -> tuple[list[int], list[tuple[float, ...]]]:
-        """Return the poses from the last at or before, to the first at or after."""
-        with self._lock:
-            begin = max(bisect_right(self._times, first) - 1, 0)
-            end = bisect_left(self._times, last) + 1
-            return self._times[begin:end], self._poses[begin:end]
+        """Return the poses from the last at or before, to the first at or after; under the lock."""
+        begin = max(bisect_right(self._times, first) - 1, 0)
+        end = bisect_left(self._times, last) + 1
+        return self._times[begin:end], self._poses[begin:end]
 
 
 @kernel

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.points import Points
 
+# Radians. Steps up to here may be noise: laser beams of one shot lie side by side, and coordinates
+# of near points are rounded.
+NOISE = np.pi / 6
+
 
 @dataclass(frozen=True)
 class Lines:
@@ -147,7 +151,7 @@ class LineCounter:
     def __init__(self) -> None:
         """Begin before the first line."""
         self._line = 0
-        self._angle = np.nan
+        self._turn = (np.nan, np.nan, 0.0)
 
     def next_line(self, count: int) -> NDArray[np.int64]:
         """Begin a new line of ``count`` points."""
@@ -155,27 +159,60 @@ class LineCounter:
         return np.full(count, self._line)
 
     def by_angle(self, angle: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Begin a new line wherever the scan angle wraps: where it steps by more than half a turn.
+        """Begin a new line at each turn of the scan angle.
+
+        The angle wraps there: it steps by more than half a turn. Or it steps back against the sense
+        of rotation, by more than ``NOISE``: more than half a turn had no returns. A smaller step
+        back is noise, and the same wrap is not counted again behind it. The sense is known once the
+        small steps have gone that far; until then only wraps count.
 
         Parameters
         ----------
-        angle : (N,) float64, radians, in order of measurement valid : (N,) bool, False where the
-        angle means nothing; such a point belongs to the line it is in
+        angle : (N,) float64
+            Radians, in order of measurement.
+        valid : (N,) bool
+            False where the angle means nothing. Such a point belongs to the line it is in, as does
+            one whose angle is not finite.
 
         """
-        line, self._line, self._angle = _count_wraps(angle, valid, self._line, self._angle)
+        line, self._line, *turn = _count_turns(angle, valid, self._line, *self._turn)
+        self._turn = (turn[0], turn[1], turn[2])
         return line
 
 
 @kernel
-def _count_wraps(
-    angle: NDArray[np.float64], valid: NDArray[np.bool_], line: int, before: float
-) -> tuple[NDArray[np.int64], int, float]:
+def _count_turns(
+    angle: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    line: int,
+    before: float,
+    furthest: float,
+    travel: float,
+) -> tuple[NDArray[np.int64], int, float, float, float]:
+    """Count the turns; ``travel`` is the sum of the small steps so far, within half a turn."""
     result = np.empty(len(angle), np.int64)
     for i in range(len(angle)):
-        if valid[i]:
+        if valid[i] and np.isfinite(angle[i]):
             # The first angle ever is no wrap: a comparison with NaN is false.
-            line += abs(angle[i] - before) > np.pi
+            step = _wrapped(angle[i] - before)
+            sense = 0.0 if abs(travel) < NOISE else np.sign(travel)
+            ahead = sense * _wrapped(angle[i] - furthest)
+            if sense * step < -NOISE:
+                line += 1
+                furthest = angle[i]
+            elif sense == 0 or not -NOISE <= ahead <= 0:
+                line += abs(angle[i] - furthest) > np.pi
+                furthest = angle[i]
+            if abs(step) <= NOISE:
+                travel = min(max(travel + step, -np.pi), np.pi)
             before = angle[i]
         result[i] = line
-    return result, line, before
+    return result, line, before, furthest, travel
+
+
+@kernel
+def _wrapped(step: float) -> float:
+    """Return the shorter way round; half a turn keeps its sign."""
+    if step > np.pi:
+        return step - 2 * np.pi
+    return step + 2 * np.pi if step < -np.pi else step

@@ -2,20 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chain on a cloud that is too large for one piece, with the answer of one piece.
 
-Each detector goes over the whole cloud before the next one does, as in :class:`Chain`:
+Each detector goes over the whole cloud before the next one does, as in :class:`Chain`, in the way
+that it declares:
 
-``alpha_beta_gamma``
-    goes line by line anyway: lines are taken some at a time.
-``sor``, ``lof``
-    measure each point by its nearest neighbours. In a tile with a halo, a point is measured right
-    if no point beyond the halo could be one of them, or one of theirs; the few others, far from
-    everything, are measured among just those neighbours, wherever they are. What is compared with
-    all points (mean, median) is computed once all are measured.
-``quadric``
-    cuts what it is given into sections. It is given a tile with its halo, so that here, and only
-    here, the answer depends on the tiles: on their side alone, as tiles are aligned absolutely.
+``Tiled.BY_LINE``
+    It judges each line by itself anyway: lines are taken some at a time.
+``Measured``
+    It measures each point by its nearest neighbours. In a tile with a halo, a point is measured
+    right if no point beyond the halo could be one of them, or one of theirs; the few others, far
+    from everything, are measured among just those neighbours, wherever they are. What is compared
+    with all points (mean, median) is computed once all are measured.
+``Tiled.WITH_HALO``
+    It is given a tile with its halo. Here, and only here, the verdict depends on the tiles: on
+    their side alone, as tiles are aligned absolutely.
 
-So for all but ``quadric`` the scores are those of one piece, bit for bit, whatever the side.
+So for the first two the scores are those of one piece, bit for bit, whatever the side.
 """
 
 from __future__ import annotations
@@ -26,12 +27,14 @@ import numpy as np
 
 from lidar_outlier_filter.core import scan_lines as scanlines
 from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.detectors import lof, sor
+from lidar_outlier_filter.core.detectors.declaration import Measured, Tiled
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.core.tiles import ROUNDING, Tiles, distances_to_places
-from lidar_outlier_filter.core.verdict import BITS, Verdict
+from lidar_outlier_filter.core.verdict import ALL, Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 
 if TYPE_CHECKING:
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.declaration import Detector
     from lidar_outlier_filter.core.tiles import Allocate
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -46,12 +50,10 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Bools = NDArray[np.bool_]
 
-HALO = 0.1  # of the side of a tile; of sor and lof only the time depends on it
+HALO = 0.1  # of the side of a tile; of what is measured only the time depends on it
 WIDEST = 4  # halo, in sides of a tile
 MOST = 0.99  # of the points of a tile are to be measured in it
 FAR_AT_ONCE = 10_000  # points
-# Steps to a neighbour that lead to all that the measure of a point depends on.
-HOPS = {'sor': 1, 'lof': 3}
 LINES_AT_ONCE = 1_000_000  # points, at least
 
 
@@ -83,7 +85,7 @@ class TiledChain:
 
         """
         for name in parameters.chain:
-            if name not in {'alpha_beta_gamma', 'quadric', *HOPS}:
+            if DETECTORS[name].tiled is None:
                 raise ParameterError('chain', f'without {name} where there are tiles', name)
         self._cloud, self._parameters, self._progress = cloud, parameters, progress
         self._tiles = Tiles(cloud.xyz, cloud.valid, side, allocate)
@@ -95,77 +97,86 @@ class TiledChain:
         verdict = Verdict.untested(len(self._cloud))
         left = np.ones(len(tiles.order), np.bool_)
         for name in parameters.chain:
-            if name == 'alpha_beta_gamma':
-                score = self._along_lines(left)
-            elif name in HOPS:
-                score = self._by_measure(name, left)
+            detector = DETECTORS[name]
+            if isinstance(detector.tiled, Measured):
+                measure = _Measure(detector, detector.tiled, parameters)
+                found = self._by_measure(measure, left)
+            elif detector.tiled is Tiled.BY_LINE:
+                found = self._by_line(name, left)
             else:
-                score = self._by_tile(name, left)
-            verdict.add(BITS[name], tiles.order[left], score[left])
+                found = self._by_tile(name, left)
+            extra = None if found.extra is None else found.extra[left]
+            verdict.add(detector.bit, tiles.order[left], found.score[left], extra)
             if parameters.vote == 0:
-                left &= ~(score > 1)
+                left &= ~(found.score > 1)
         verdict.settle(max(parameters.vote, 1))
         return verdict
 
-    def _along_lines(self, left: Bools) -> Floats:
-        """Run the smoother over the lines, some at a time."""
+    def _by_line(self, name: str, left: Bools) -> Scores:
+        """Run a detector over the lines, some at a time."""
         where = np.sort(self._tiles.order[left])
-        chain = self._alone('alpha_beta_gamma')
+        chain = self._alone(name)
         lines = Points(
             np.empty((len(where), 0)), self._cloud.t[where], self._cloud.line[where], left[left]
         )
         order = where[scanlines.order_by_line(lines)]
         line = self._cloud.line[order]
         ends = np.append(np.flatnonzero(line[1:] != line[:-1]) + 1, len(order))
-        told = np.full(len(self._cloud), np.nan)
+        verdict = Verdict.untested(len(self._cloud))
         begin = 0
         for end in ends.tolist():
             if end - begin >= LINES_AT_ONCE or end == len(order):
                 part = np.sort(order[begin:end])
-                told[part] = chain.judge(self._cloud.take(part)).score
+                verdict.put(part, chain.judge(self._cloud.take(part)))
                 self._advance(end - begin)
                 begin = end
-        score: Floats = told[self._tiles.order]
-        return score
+        return _scores(verdict.take(self._tiles.order))
 
-    def _by_tile(self, name: str, left: Bools) -> Floats:
+    def _by_tile(self, name: str, left: Bools) -> Scores:
         """Run a detector in each tile with its halo."""
         tiles, chain = self._tiles, self._alone(name)
-        score = np.full(len(left), np.nan)
+        verdict = Verdict.untested(len(left))
         for tile in range(len(tiles)):
             part = tiles.part(tile)
             if left[part].any():
                 places, _ = self._around(tile, HALO * tiles.side, left)
                 own = (places >= part.start) & (places < part.stop)
-                told = chain.judge(self._cloud.take(tiles.order[places]))
-                score[places[own]] = told.score[own]
+                found = chain.judge(self._cloud.take(tiles.order[places]))
+                verdict.put(places[own], found.take(own))
             self._advance(part.stop - part.start)
-        return score
+        return _scores(verdict)
 
-    def _by_measure(self, name: str, left: Bools) -> Floats:
+    def _by_measure(self, measure: _Measure, left: Bools) -> Scores:
         """Measure all points, tile by tile, and then compare with the limit, which all make."""
-        tiles, parameters = self._tiles, self._parameters
+        tiles = self._tiles
         measured, radius = np.empty(len(self._cloud)), np.full(len(left), np.nan)
         halo, far = HALO * tiles.side, [np.empty(0, np.int64)]
         for tile in range(len(tiles)):
             part = tiles.part(tile)
             if left[part].any():
-                halo, others = self._measure_tile(name, tile, halo, left, measured, radius)
+                halo, others = self._measure_tile(measure, tile, halo, left, measured, radius)
                 far.append(others)
             self._advance(part.stop - part.start)
-        self._measure_far(name, np.concatenate(far), left, measured, radius)
+        self._measure_far(measure, np.concatenate(far), left, measured, radius)
         where = np.sort(tiles.order[left])
-        score = np.full(len(self._cloud), np.nan)
-        if name == 'lof':
-            score[where] = lof.score(measured[where], parameters.lof)
-        else:
-            ranges = self._cloud.range[where] if parameters.sor.range_scaled else None
-            score[where] = sor.score(measured[where], parameters.sor, ranges)
-        in_tiles: Floats = score[tiles.order]
-        return in_tiles
+        found = measure.score(measured[where], lambda: self._cloud.range[where])
+        place = np.searchsorted(where, tiles.order[left])
+        score = np.full(len(left), np.nan)
+        score[left] = found.score[place]
+        if found.extra is None:
+            return Scores(score)
+        extra = np.zeros(len(left), np.uint16)
+        extra[left] = found.extra[place]
+        return Scores(score, extra)
 
     def _measure_tile(
-        self, name: str, tile: int, halo: float, left: Bools, measured: Floats, radius: Floats
+        self,
+        measure: _Measure,
+        tile: int,
+        halo: float,
+        left: Bools,
+        measured: Floats,
+        radius: Floats,
     ) -> tuple[float, Ints]:
         """Measure the points of a tile that can be measured in it and a halo.
 
@@ -182,9 +193,9 @@ class TiledChain:
         places, box = self._around(tile, halo, left)
         while True:
             own = (places >= part.start) & (places < part.stop)
-            hood, values = self._measure(name, places)
-            seen = self._radius(name, hood)
-            reach, inwards = seen * (2 ** HOPS[name] - 1), _to_edges(tiles.xyz[places], box)
+            hood, values = measure.take(tiles.xyz[places])
+            seen = measure.radius(hood)
+            reach, inwards = seen * (2**measure.steps - 1), _to_edges(tiles.xyz[places], box)
             fine = reach < inwards
             # As far as most points reach, on either side.
             most = float(np.quantile(reach[own], MOST, method='lower'))
@@ -201,47 +212,15 @@ class TiledChain:
         return halo, places[own & ~fine]
 
     def _measure_far(
-        self, name: str, far: Ints, left: Bools, measured: Floats, radius: Floats
+        self, measure: _Measure, far: Ints, left: Bools, measured: Floats, radius: Floats
     ) -> None:
         """Measure points that lie far from others, or from most, among those they depend on."""
         for begin in range(0, len(far), FAR_AT_ONCE):
             some = far[begin : begin + FAR_AT_ONCE]
-            closed = self._tiles.closure(some, self._k(name), HOPS[name], left, radius)
-            _, values = self._measure(name, closed)
+            closed = self._tiles.closure(some, measure.k, measure.steps, left, radius)
+            _, values = measure.take(self._tiles.xyz[closed])
             own = np.isin(closed, some)
             measured[self._tiles.order[closed[own]]] = values[own]
-
-    def _measure(self, name: str, places: Ints) -> tuple[Neighbourhood, Floats]:
-        parameters = self._parameters
-        hood = Neighbourhood(self._tiles.xyz[places], self._k(name), parameters.threads)
-        if name == 'lof':
-            return hood, lof.measure(hood, parameters.lof)
-        return hood, sor.measure(hood, parameters.sor)
-
-    def _radius(self, name: str, hood: Neighbourhood) -> Floats:
-        """Return the distance D of each point to its k-th nearest other, or a little more.
-
-        The measure of p depends on nothing farther away than (2**hops - 1) D(p): around a neighbour
-        o of p, within D(p) + D(p), there are p and the other neighbours of p, so D(o) <= 2 D(p);
-        and so on with each step. Points that are not seen can only make D smaller.
-        """
-        k = self._k(name)
-        if len(hood) <= k:
-            return np.full(len(hood), np.inf)
-        distance = np.empty(len(hood))
-        distance[hood.order] = np.sqrt(squared_k_distances(hood, k))
-        if name == 'lof' and not distance.all():
-            # Coincident points are measured by the next places with points.
-            points = np.empty((len(hood), 3))
-            points[hood.order] = hood.xyz
-            distance = distances_to_places(points, points, k)[:, k]
-        return distance * ROUNDING
-
-    def _k(self, name: str) -> int:
-        parameters = self._parameters
-        if name == 'lof':
-            return lof.neighbours(parameters.lof)
-        return sor.neighbours(parameters.sor)
 
     def _around(self, tile: int, halo: float, left: Bools) -> tuple[Ints, Floats]:
         """Find the points in a tile and a halo, which is narrower where it holds too many."""
@@ -259,6 +238,45 @@ class TiledChain:
     def _advance(self, count: int) -> None:
         self._done += count
         self._progress(self._done, len(self._tiles.order) * len(self._parameters.chain))
+
+
+class _Measure:
+    """How a detector measures points by their nearest neighbours, and how far away these may be."""
+
+    def __init__(self, detector: Detector, way: Measured, parameters: FilterParameters) -> None:
+        self.k = detector.neighbours(parameters)
+        self.steps = way.steps
+        self._way, self._parameters = way, parameters
+
+    def take(self, xyz: Floats) -> tuple[Neighbourhood, Floats]:
+        hood = Neighbourhood(xyz, self.k, self._parameters.threads)
+        return hood, self._way.measure(hood, self._parameters)
+
+    def score(self, measured: Floats, range_m: Callable[[], Floats]) -> Scores:
+        return self._way.score(measured, range_m, self._parameters)
+
+    def radius(self, hood: Neighbourhood) -> Floats:
+        """Return the distance D of each point to its k-th nearest other, or a little more.
+
+        The measure of p depends on nothing farther away than (2**steps - 1) D(p): around a
+        neighbour o of p, within D(p) + D(p), there are p and the other neighbours of p, so
+        D(o) <= 2 D(p); and so on with each step. Points that are not seen can only make D smaller.
+        """
+        if len(hood) <= self.k:
+            return np.full(len(hood), np.inf)
+        distance = np.empty(len(hood))
+        distance[hood.order] = np.sqrt(squared_k_distances(hood, self.k))
+        if self._way.by_place and not distance.all():
+            # Coincident points are measured by the next places with points.
+            points = np.empty((len(hood), 3))
+            points[hood.order] = hood.xyz
+            distance = distances_to_places(points, points, self.k)[:, self.k]
+        return distance * ROUNDING
+
+
+def _scores(verdict: Verdict) -> Scores:
+    """Return what one detector found."""
+    return Scores(verdict.score.astype(np.float64), verdict.detectors & np.uint16(~ALL & 0xFFFF))
 
 
 def _to_edges(xyz: Floats, box: Floats) -> Floats:

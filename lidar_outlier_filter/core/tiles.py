@@ -92,12 +92,13 @@ class Tiles:
         """
         box = np.stack((self.corner[tile] - halo, self.corner[tile] + self.side + halo))
         near = (self.low[:, :2] <= box[1]).all(axis=1) & (self.high[:, :2] >= box[0]).all(axis=1)
+        # Rounding may put a point beyond the edge of its own tile.
+        near[tile] = True
         found = []
         for other in np.flatnonzero(near).tolist():
             part = self.part(other)
             xy = self.xyz[part, :2]
             inside = (xy >= box[0]).all(axis=1) & (xy <= box[1]).all(axis=1)
-            # Rounding may put a point beyond the edge of its own tile.
             inside = left[part] & (inside | (other == tile))
             found.append(part.start + np.flatnonzero(inside))
         return self.as_given(np.concatenate(found)), box

@@ -14,22 +14,14 @@ from lidar_outlier_filter.core.kernels import kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.errors import JudgingError
+
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
-# The bit of a detector never changes: recorded clouds carry it in `outlier_detectors`.
-BITS = {
-    'alpha_beta_gamma': 1,
-    'quadric': 2,
-    'lof': 4,
-    'sor': 8,
-    'hierarchical': 16,
-    'elevation': 32,
-    'evidence': 64,
-}
-ALL = sum(BITS.values())
 # Beside the bit of `hierarchical`: its second phase rejected the point, in the surroundings of its
 # cluster; without it the first one did. It says nothing alone, and has no vote.
 SECOND_PHASE = 1 << 15
+ALL = SECOND_PHASE - 1  # bits for detectors
 # Rounding to float32 must not make a rejected point look kept.
 ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
 
@@ -70,9 +62,22 @@ class Verdict:
         """Count the points."""
         return len(self.score)
 
-    def add(self, bit: int, where: NDArray[np.intp], score: NDArray[np.float64]) -> None:
-        """Note what one detector says of some of the points; NaN: nothing."""
+    @property
+    def outlier(self) -> NDArray[np.bool_]:
+        """Which points are outliers: the same as ``rejected``, in the words of the library."""
+        return self.rejected
+
+    def add(
+        self,
+        bit: int,
+        where: NDArray[np.intp],
+        score: NDArray[np.float64],
+        extra: NDArray[np.uint16] | None = None,
+    ) -> None:
+        """Note what one detector finds of some of the points; NaN: nothing; and its extra bits."""
         _add(np.uint16(bit), where, score, self.score, self.detectors, self.undecided)
+        if extra is not None:
+            self.detectors[where] |= extra
 
     def settle(self, needed: int) -> None:
         """Reject the points that at least ``needed`` detectors reject."""
@@ -90,6 +95,25 @@ class Verdict:
         """Write the verdicts of some of the points."""
         for field in fields(Verdict):
             getattr(self, field.name)[where] = getattr(told, field.name)
+
+
+@dataclass(frozen=True)
+class Failed(Verdict):
+    """Stands in for the verdict of points that could not all be judged; none is tested.
+
+    Attributes
+    ----------
+    error : JudgingError
+        Why.
+
+    """
+
+    error: JudgingError
+
+    @classmethod
+    def by(cls, error: JudgingError, count: int) -> Failed:
+        """Make that of so many points."""
+        return cls(**vars(Verdict.untested(count)), error=error)
 
 
 @kernel

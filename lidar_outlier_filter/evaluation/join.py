@@ -11,6 +11,7 @@ import numpy as np
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.labels import read_codes
 from lidar_outlier_filter.messages.cloud import is_empty, structured
+from lidar_outlier_filter.stream.topics import CLEANED, OUTLIERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -21,10 +22,10 @@ if TYPE_CHECKING:
     Rows = NDArray[np.void]
     Integers = NDArray[np.int64]
 
-INPUT, CLEANED, OUTLIERS = '', '/cleaned', '/outliers'  # what follows the name of the topic
+INPUT = ''  # what follows the name of the topic for the clouds themselves
 
 
-class Answer(NamedTuple):
+class JoinedAnswer(NamedTuple):
     """One cleaned or outlier cloud: its points, their truth, and the number of the cloud."""
 
     points: Rows
@@ -44,14 +45,14 @@ class Joiner:
         self._waiting: dict[tuple[int, int], dict[str, Any]] = {}
         self._numbers: dict[tuple[int, int], int] = {}
 
-    def take(self, which: str, message: Any) -> Iterator[Answer]:
+    def take(self, which: str, message: Any) -> Iterator[JoinedAnswer]:
         """Take the next cloud of the input ('', with files only), '/cleaned' or '/outliers'."""
         number = self._count[which]
         self._count[which] += 1
         if not self._files:
             if not is_empty(message):
                 points = structured(message).reshape(-1)
-                yield Answer(points, which == OUTLIERS, self._field(which, points), number)
+                yield JoinedAnswer(points, which == OUTLIERS, self._field(which, points), number)
             return
         stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
         if which == INPUT:
@@ -92,7 +93,7 @@ class Joiner:
             )
         return points[self._label].astype(np.int64)
 
-    def _join(self, together: Mapping[str, Any], number: int) -> Iterator[Answer]:
+    def _join(self, together: Mapping[str, Any], number: int) -> Iterator[JoinedAnswer]:
         file = self._files[number]
         code = read_codes(file, self._label)
         messages = [together[which] for which in (INPUT, CLEANED, OUTLIERS)]
@@ -107,7 +108,7 @@ class Joiner:
         for message, index, rejected in zip(messages[1:], place, (False, True), strict=True):
             if not is_empty(message):
                 points = structured(message).reshape(-1)
-                yield Answer(points, rejected, code[index], number)
+                yield JoinedAnswer(points, rejected, code[index], number)
 
 
 def _rows(message: Any, step: int) -> Rows:

@@ -27,11 +27,12 @@ from lidar_outlier_filter.evaluation.labels import (
     read_codes,
     read_column,
     usual_column,
+    words,
 )
-from lidar_outlier_filter.evaluation.report import words
 from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.simulation.scene import Cause
+from lidar_outlier_filter.stream.topics import CLEANED, CLOUD, OUTLIERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -39,9 +40,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.evaluation.join import Answer
+    from lidar_outlier_filter.evaluation.join import JoinedAnswer
 
-CLEANED, OUTLIERS = '/cleaned', '/outliers'
 SURFACE, OUTLIER = 'surface', 'outlier'
 # What the label of a simulated drive says.
 CAUSES = Codes(names={cause: words(cause.name) for cause in Cause})
@@ -164,26 +164,31 @@ def read_points(
 
 def answers(
     recording: Path, topic: str | None, label: str = '', files: Sequence[Path] = ()
-) -> Iterator[Answer]:
+) -> Iterator[JoinedAnswer]:
     """Yield every answer that has any points."""
     store = get_typestore(Stores.ROS2_JAZZY)
     with Recording(recording) as source:
         topic = _choose(source, topic)
         joiner = Joiner(topic, label if files else label or LABEL, files)
         wanted = {topic + CLEANED, topic + OUTLIERS} | ({topic} if files else set())
-        if missing := wanted - {channel.name for channel in source.topics}:
+        if missing := wanted - _clouds(source):
             must_be = f'with {topic}, which the labels are for'
             raise RecordingError(f'the recording {recording}', must_be, f'no {missing.pop()}')
         for channel, _, data in source.messages():
-            if channel.name in wanted:
+            if channel.name in wanted and channel.msgtype == CLOUD:
                 message = store.deserialize_cdr(data, channel.msgtype)
                 yield from joiner.take(channel.name.removeprefix(topic), message)
         joiner.finish()
 
 
+def _clouds(source: Recording) -> set[str]:
+    """List the topics of clouds."""
+    return {channel.name for channel in source.topics if channel.msgtype == CLOUD}
+
+
 def _choose(source: Recording, topic: str | None) -> str:
     """Find the topic whose answers are to be scored."""
-    names = {channel.name for channel in source.topics}
+    names = _clouds(source)
     filtered = [
         name.removesuffix(CLEANED)
         for name in sorted(names)
@@ -198,7 +203,7 @@ def _choose(source: Recording, topic: str | None) -> str:
     return topic
 
 
-def _part(answer: Answer) -> Judged:
+def _part(answer: JoinedAnswer) -> Judged:
     """Take what counts from one cleaned or outlier cloud."""
     points = answer.points
     names = points.dtype.names or ()

@@ -150,3 +150,8 @@ def _read_npy(path: Path) -> NDArray[Any]:
 
 
 _PLAIN = {'.label': _read_label, '.npy': _read_npy}
+
+
+def words(name: str) -> str:
+    """Write the name of a cause or a surface in words."""
+    return name.lower().replace('_', ' ')

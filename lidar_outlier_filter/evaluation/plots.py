@@ -102,6 +102,7 @@ def draw_lines(  # noqa: PLR0913  all that a plain picture needs
     x_label: str,
     y_label: str,
     from_zero: bool = False,
+    colours: Mapping[str, str] | None = None,
 ) -> list[Path]:
     """Draw figures against a parameter: area under the curve against k, time against points.
 
@@ -112,13 +113,15 @@ def draw_lines(  # noqa: PLR0913  all that a plain picture needs
     path : without suffix
     x_label, y_label : with units
     from_zero : let both axes begin at 0, as where a straight line through it is claimed
+    colours : '#rrggbb' by name; None: one after the other of :data:`COLOURS`
 
     """
     _check(series)
     figure = Figure((6.4, 4.4), facecolor='white', layout='constrained')
     axes = figure.subplots()
     for number, (name, values) in enumerate(series.items()):
-        axes.plot(x, values, label=name, marker='o', markersize=4, **_look(number))
+        look = _look(number) if colours is None else _look(0) | {'color': colours[name]}
+        axes.plot(x, values, label=name, marker='o', markersize=4, **look)
     _dress(axes, x_label, y_label)
     if from_zero:
         axes.set_xlim(left=0)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from lidar_outlier_filter.core.verdict import BITS
+from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import (
     CONFIDENCE,
@@ -24,6 +24,7 @@ from lidar_outlier_filter.evaluation.confusion import (
     tally,
 )
 from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.simulation.scene import Kind
 
 if TYPE_CHECKING:
@@ -334,8 +335,3 @@ def _limits(interval: Interval) -> str:
 
 def _of(share: Share) -> str:
     return f'{share.part} of {share.total}  {percent(share.ratio):>8}'
-
-
-def words(name: str) -> str:
-    """Write the name of a cause or a surface in words."""
-    return name.lower().replace('_', ' ')

@@ -21,9 +21,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.chain import Chain, along_lines
+from lidar_outlier_filter.core.chain import along_lines
+from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.core.tiled_chain import TiledChain
-from lidar_outlier_filter.core.verdict import BITS, SECOND_PHASE, Verdict
+from lidar_outlier_filter.core.verdict import SECOND_PHASE
+from lidar_outlier_filter.core.whole_cloud import chain_without_lines, judge_whole
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.files import cloud_file, points
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
@@ -38,15 +40,14 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.core.tiles import Allocate
+    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.files.cloud_file import CloudFile
 
     Progress = Callable[[str, int, int], object]
 
 OUTLIER = 'outlier'
 MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'
-# The chain where nobody asks for one: where the file has no scan lines, and where there are tiles
-# of a file that has.
-WITHOUT_LINES, IN_TILES = ('sor',), ('alpha_beta_gamma',)
+IN_TILES = ('alpha_beta_gamma',)  # the chain where nobody asks for one, and there are tiles
 _LIBRARIES = {
     **{name: name for name in ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow')},
     'python-neo-lzf': 'lzf',
@@ -181,14 +182,7 @@ def judge(
         show = partial(progress, 'judging')
         return TiledChain(cloud, parameters, tile, allocate, show).judge()
     progress('judging', 0, 0)
-    where = np.flatnonzero(cloud.valid)
-    if len(where) > parameters.max_points:
-        must_be = f'at most max_points = {parameters.max_points}'
-        raise CloudError('the number of points judged in one piece', must_be, len(where))
-    verdict = Verdict.untested(len(cloud))
-    if len(where):
-        verdict.put(where, Chain(parameters).judge(cloud.take(where)))
-    return verdict
+    return judge_whole(cloud, parameters)
 
 
 def _clouds(file: CloudFile, output: Path, outliers: Path | None, wanted: Wanted) -> list[Path]:
@@ -228,10 +222,9 @@ def _load(  # noqa: PLR0913  all that a run knows by then
         progress=lambda done: progress('reading', done, len(file)),
     )
     if along and not loaded.lines:
-        if chosen:
-            must_be = f'without {along}, as {file.path} has {loaded.lack}'
-            raise ParameterError('chain', must_be, ', '.join(parameters.chain))
-        parameters = parameters.changed({'chain': WITHOUT_LINES})
+        parameters = chain_without_lines(
+            parameters, chosen=chosen, what=str(file.path), lack=loaded.lack
+        )
     elif wanted.tile > 0 and not chosen:
         parameters = parameters.changed({'chain': IN_TILES})
     return loaded, parameters

@@ -85,7 +85,10 @@ class CloudFile(Protocol):
         """Count the points."""
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Read columns, chunk by chunk: for each name an array (n,), in the order of the names."""
+        """Read columns, chunk by chunk: for each name an array (n,), in the order of the names.
+
+        Whole numbers of which some are missing are a masked array; other missing numbers are NaN.
+        """
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Write a copy to a new file; yield, now and then, how many points of this are done.
@@ -136,7 +139,24 @@ def is_same_format(path: Path, other: Path) -> bool:
 
 
 def read(file: CloudFile, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-    """Read columns of a file chunk by chunk, whatever is wrong with it said in one sentence."""
+    """Read columns of a file chunk by chunk, as :func:`read_exact`; what is missing is NaN."""
+    for chunk in read_exact(file, names):
+        yield tuple(filled(values) for values in chunk)
+
+
+def filled(values: NDArray[Any]) -> NDArray[Any]:
+    """Put NaN where a masked array has no number; others stay as they are."""
+    if not np.ma.is_masked(values):
+        return np.ma.getdata(values)
+    with_nan: NDArray[Any] = np.ma.filled(values.astype(np.float64), np.nan)
+    return with_nan
+
+
+def read_exact(file: CloudFile, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+    """Read columns of a file chunk by chunk, whatever is wrong with it said in one sentence.
+
+    Whole numbers of which some are missing are a masked array: a float would round large ones.
+    """
     for name in names:
         if name not in file.columns:
             raise CloudError(f'a column of {file.path}', f'one of {_names(file)}', repr(name))

@@ -53,7 +53,7 @@ class ParquetFile:
         return int(self._count)
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Read columns chunk by chunk; null is NaN."""
+        """Read columns chunk by chunk; null is missing."""
         with parquet.ParquetFile(self.path) as file:
             for batch in file.iter_batches(CHUNK, columns=list(dict.fromkeys(names))):
                 yield tuple(_numbers(batch.column(name)) for name in names)
@@ -83,6 +83,9 @@ class ParquetFile:
 def _numbers(column: Any) -> NDArray[Any]:
     if pa.types.is_timestamp(column.type):
         column = column.cast(pa.timestamp('ns')).cast(pa.int64())
+    if column.null_count and pa.types.is_integer(column.type):
+        missing = column.is_null().to_numpy(zero_copy_only=False)
+        return np.ma.MaskedArray(column.fill_null(0).to_numpy(zero_copy_only=False), missing)
     return np.asarray(column.to_numpy(zero_copy_only=False))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import Points, is_return
+from lidar_outlier_filter.core.points import Points, check_sigma, returns
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file, scan
 from lidar_outlier_filter.messages.decoder import LINE_NAMES, TIME_NAMES, guess_unit, to_nanoseconds
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-    Columns = Mapping[str, NDArray[Any]]
+    Columns = Mapping[str, NDArray[Any]]  # masked where a whole number is missing
 
 GPS_TIME = 'gps_time'
 DIMENSIONS = (2, 3)
@@ -93,26 +93,27 @@ def load(  # noqa: PLR0913  which columns, and where to
     Raises
     ------
     CloudError
-        If the file cannot be read, or has not the columns that the parameters name.
+        If the file cannot be read, has not the columns that the parameters name, or holds a point
+        farther away than ``FARTHEST``.
 
     """
     others = _others(file, parameters) if timed else []
     xyz = allocate((len(file), 3))
     columns: dict[str, NDArray[Any]] = {}
     done = 0
-    for chunk in cloud_file.read(file, [*coordinates, *others]):
+    for chunk in cloud_file.read_exact(file, [*coordinates, *others]):
         part = slice(done, done + len(chunk[0]))
         for axis in range(3):
-            xyz[part, axis] = chunk[axis] if axis < len(coordinates) else 0.0
+            xyz[part, axis] = cloud_file.filled(chunk[axis]) if axis < len(coordinates) else 0.0
         for name, values in zip(others, chunk[len(coordinates) :], strict=True):
             if done == 0:
-                columns[name] = np.empty(len(file), values.dtype)
+                columns[name] = np.ma.empty(len(file), values.dtype)
             elif values.dtype.kind == 'f' != columns[name].dtype.kind:
-                columns[name] = columns[name].astype(np.float64)  # the first NaN
+                columns[name] = columns[name].astype(np.float64)  # the first that is not whole
             columns[name][part] = values
         done = part.stop
         progress(done)
-    valid = is_return(xyz)
+    valid = returns(xyz)
     zeros = np.zeros(len(file), np.int64)
     if not timed:
         return Loaded(Points(xyz, zeros, zeros, valid), '', '')
@@ -153,12 +154,17 @@ def _with_lines(
     time = _named(file, parameters.time_field, 'time_field', (GPS_TIME, *TIME_NAMES))
     if not time:
         return Loaded(points, '', 'no column with the time of each point')
-    values, unit = columns[time], parameters.time_unit
+    values, unit = np.ma.getdata(columns[time]), parameters.time_unit
+    if (points.valid & np.ma.getmaskarray(columns[time])).any():
+        raise CloudError('the time of a point', 'finite and within 73 years', np.nan)
     if unit == 'auto':
         sizes = np.abs(values[points.valid].astype(np.float64))
-        unit = 's' if time.lower() == GPS_TIME else guess_unit(values.dtype, sizes)
+        # A table that is text does not say that its numbers are whole.
+        said = file.columns[time]
+        kind = said if said.kind == 'f' else values.dtype
+        unit = 's' if time.lower() == GPS_TIME else guess_unit(kind, sizes)
     t = to_nanoseconds(values, points.valid, unit)
-    found = _lines(file, t, columns, parameters)
+    found = _lines(file, points.valid, t, columns, parameters)
     if found is None:
         return Loaded(points, '', 'no column that tells its scan lines')
     sigma = _sigma(columns, points.valid, parameters.alpha_beta_gamma.sigma_field)
@@ -167,7 +173,11 @@ def _with_lines(
 
 
 def _lines(
-    file: CloudFile, t: NDArray[np.int64], columns: Columns, parameters: FilterParameters
+    file: CloudFile,
+    valid: NDArray[np.bool_],
+    t: NDArray[np.int64],
+    columns: Columns,
+    parameters: FilterParameters,
 ) -> scan.ScanLines | None:
     """Find the scan lines in the way that ``line_source`` says."""
     source = parameters.line_source
@@ -178,24 +188,31 @@ def _lines(
         must_be = f'one of {", ".join(LINE_NAMES)}, or line_field given'
         raise CloudError('the line column', must_be, f'the columns {", ".join(file.columns)}')
     if field and source != 'angle':
-        line = columns[field]
-        if line.dtype.kind == 'f' and not (line == np.floor(line)).all():
-            raise CloudError(f'column {field!r}', 'of whole numbers', 'others')
-        return scan.ScanLines(line.astype(np.int64), field)
+        return scan.ScanLines(_numbers_of_lines(columns[field], valid, field), field)
     angle = parameters.angle_field
     if source == 'angle' and not angle:
         angle = next((name for name in scan.ANGLES if name in columns), '')
         if not angle:
             must_be = f'one of {", ".join(scan.ANGLES)}, or angle_field given'
             raise CloudError('the angle column', must_be, f'the columns {", ".join(file.columns)}')
-    return scan.find(t, columns, angle)
+    plain = {name: cloud_file.filled(values) for name, values in columns.items()}
+    return scan.find(t, plain, angle)
+
+
+def _numbers_of_lines(line: NDArray[Any], valid: NDArray[np.bool_], name: str) -> NDArray[np.int64]:
+    """Return the line of each point; 0 for a missing return that has none."""
+    values = np.ma.getdata(line)
+    whole = ~np.ma.getmaskarray(line)
+    if values.dtype.kind == 'f':
+        whole &= np.isfinite(values) & (values == np.floor(values))
+    if not whole[valid].all():
+        raise CloudError(f'column {name!r}', 'of whole numbers', 'others')
+    return np.where(whole, values, 0).astype(np.int64)
 
 
 def _sigma(columns: Columns, valid: NDArray[np.bool_], name: str) -> NDArray[np.float64] | None:
     if not name:
         return None
-    sigma = columns[name].astype(np.float64)
-    wrong = valid & ~((sigma > 0) & np.isfinite(sigma))
-    if wrong.any():
-        raise CloudError(f'column {name!r}', 'more than 0 and finite', sigma[wrong][0])
+    sigma = cloud_file.filled(columns[name]).astype(np.float64)
+    check_sigma(sigma, valid, f'column {name!r}')
     return sigma

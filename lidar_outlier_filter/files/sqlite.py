@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import sqlite3
-from contextlib import closing
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.cloud_file import Change
 
 VERDICT = '_verdict'  # behind the name of the table
+ROW_IDS = ('rowid', 'oid', '_rowid_')  # SQLite's names for it, where no column has them
 _TYPES = {'f': 'REAL', 'u': 'INTEGER', 'i': 'INTEGER'}
 
 
@@ -41,14 +42,19 @@ class SqliteFile:
         self.path = path
         with closing(self._connect()) as database:
             self.table = _choose(database, path, table)
-            about = database.execute(f'PRAGMA table_info({_quoted(self.table)})').fetchall()
+            # With the columns that are computed; hidden ones (1) do not stand in a row.
+            about = database.execute(f'PRAGMA table_xinfo({_quoted(self.table)})').fetchall()
+            about = [column for column in about if column[-1] != 1]
+            self._row_id = _row_id(self.table, [column[1] for column in about])
             count = f'SELECT count(*) FROM {_quoted(self.table)}'  # noqa: S608  quoted
             self._count: int = database.execute(count).fetchone()[0]
             first = database.execute(
-                f'SELECT * FROM {_quoted(self.table)} ORDER BY rowid LIMIT 1'  # noqa: S608  quoted
+                f'SELECT * FROM {_quoted(self.table)} ORDER BY {self._row_id} LIMIT 1'  # noqa: S608  quoted
             ).fetchone()
         self.columns: Mapping[str, np.dtype[Any]] = {
-            name: np.dtype(np.int64 if 'INT' in kind.upper() else np.float64)
+            name: np.dtype(
+                np.int64 if 'INT' in kind.upper() or isinstance(value, int) else np.float64
+            )
             for (_, name, kind, *_), value in zip(about, first or (), strict=False)
             if value is None or _number(value) is not None
         }
@@ -61,7 +67,7 @@ class SqliteFile:
         return self._count
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Read columns chunk by chunk, in the order of the row ids; NULL is NaN."""
+        """Read columns chunk by chunk, in the order of the row ids; NULL is missing."""
         wanted = ', '.join(_quoted(name) for name in names)
         with closing(self._connect()) as database:
             for rows in self._chunks(database, wanted):
@@ -72,15 +78,21 @@ class SqliteFile:
 
     def _numbers(self, name: str, values: Sequence[Any]) -> NDArray[Any]:
         """Turn a column into numbers, whatever it was declared to be."""
-        known = [np.nan if value is None else _number(value) for value in values]
+        known = [0 if value is None else _number(value) for value in values]
         if None in known:
             what = f'column {name!r} of table {self.table!r}'
             raise CloudError(what, 'of numbers', repr(values[known.index(None)]))
-        return np.array(known)
+        missing = np.array([value is None for value in values])
+        numbers = np.array(known)
+        if numbers.dtype.kind == 'f':
+            numbers[missing] = np.nan
+        elif missing.any():
+            return np.ma.MaskedArray(numbers, missing)
+        return numbers
 
     def _chunks(self, database: sqlite3.Connection, wanted: str) -> Iterator[list[Any]]:
         cursor = database.execute(
-            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY rowid'  # noqa: S608  quoted
+            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY {self._row_id}'  # noqa: S608  quoted
         )
         while rows := cursor.fetchmany(CHUNK):
             yield rows
@@ -99,7 +111,7 @@ class SqliteFile:
             done = 0
             with target:
                 target.execute(f'CREATE TABLE {name} (row_id INTEGER PRIMARY KEY{columns})')
-                for rows in self._chunks(source, 'rowid'):
+                for rows in self._chunks(source, self._row_id):
                     part = slice(done, done + len(rows))
                     added = [values[part].tolist() for values in change.added.values()]
                     ids = (row[0] for row in rows)
@@ -123,14 +135,32 @@ def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str
     return wanted
 
 
+def _row_id(table: str, columns: Sequence[str]) -> str:
+    """Find a name of the row id that no column has."""
+    taken = {name.lower() for name in columns}
+    free = [name for name in ROW_IDS if name not in taken]
+    if not free:
+        must_be = f'without one of {", ".join(ROW_IDS)}, which SQLite numbers the rows by'
+        raise CloudError(f'the columns of table {table!r}', must_be, ', '.join(columns))
+    return free[0]
+
+
 def _number(value: Any) -> float | None:
     """Return a number, even if it was stored as a text; None for what is none."""
     if isinstance(value, int | float):
         return value
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return None
+    for kind in (_whole, float):
+        with suppress(TypeError, ValueError):
+            return kind(value)
+    return None
+
+
+def _whole(value: Any) -> int:
+    """Return a whole number that a text holds, as SQLite itself would hold it."""
+    number = int(value)
+    if not -(2**63) <= number < 2**63:
+        raise ValueError
+    return number
 
 
 def _quoted(name: str) -> str:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _SEPARATORS = ',;\t| '
 FLOAT = np.dtype(np.float64)
+EXACT = 2**53  # up to here a float64 holds every whole number
 
 
 def open_file(path: Path, _table: str | None) -> TextFile:
@@ -101,7 +102,7 @@ class TextFile:
         return self._count
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Read columns chunk by chunk; an empty field is NaN."""
+        """Read columns chunk by chunk; an empty field is missing."""
         places = [self._places[name] for name in names]
         done = 0
         with self._open() as stream:
@@ -114,7 +115,10 @@ class TextFile:
                     for column, place in zip(table, places, strict=True):
                         column[i] = self._number(fields[place], done + i)
                 done += len(rows)
-                yield tuple(table)
+                yield tuple(
+                    _exact(column, [fields[place] for fields, _ in rows])
+                    for column, place in zip(table, places, strict=True)
+                )
 
     def _number(self, text: str, row: int) -> float:
         try:
@@ -147,6 +151,22 @@ class TextFile:
         """Return the text of the line with the names."""
         with self._open() as stream:
             return stream.readline()
+
+
+def _exact(column: NDArray[np.float64], texts: Sequence[str]) -> NDArray[Any]:
+    """Return numbers as int64 if all are whole, so that none is rounded; NaN are missing then."""
+    missing = np.isnan(column)
+    known = column[~missing]
+    if not (np.isfinite(known).all() and (known == np.floor(known)).all()):
+        return column
+    large = np.abs(column) >= EXACT
+    whole = np.where(missing | large, 0, column).astype(np.int64)
+    try:
+        for i in np.flatnonzero(large).tolist():
+            whole[i] = int(texts[i])
+    except (ValueError, OverflowError):  # such as 1e300
+        return column
+    return np.ma.MaskedArray(whole, missing) if missing.any() else whole
 
 
 def _split(line: str, mark: str) -> list[str]:

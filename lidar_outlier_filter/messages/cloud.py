@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 # Index is PointField.datatype; 9 to 11 are PCL's, and ROS's after Jazzy: int64, uint64, bool.
 _FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
-UINT16, FLOAT32 = 4, 7
+# PointField.datatype by numpy's name without byte order
+DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(_FORMATS[:11]) if name}}
+UINT16, FLOAT32 = DATATYPES['u2'], DATATYPES['f4']
 AXES = ('x', 'y', 'z')
 SCORE, DETECTORS = 'outlier_score', 'outlier_detectors'
 BYTES_OF_SCORES = 6

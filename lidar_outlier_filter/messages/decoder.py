@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import SECOND, Points, is_return
+from lidar_outlier_filter.core.points import SECOND, Points, check_sigma, returns
 from lidar_outlier_filter.core.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE, is_empty, structured
@@ -63,13 +63,14 @@ class Decoder:
         self.parameters = parameters
         self._inform = inform
         self._warn = warn
+        self.convention: Convention | None = None  # of the last cloud that had a valid point
         self._found: dict[np.dtype[np.void], Convention] = {}
         self._counter = LineCounter()
         self._before = self._counter
 
     def compile(self) -> None:
         """Run every kernel once on nothing, so that it is ready for the first cloud."""
-        is_return(np.empty((0, 3)))
+        returns(np.empty((0, 3)))
         LineCounter().by_angle(np.empty(0), np.empty(0, np.bool_))
 
     # Signalling NaN are NaN like any other: no warning where they are converted or compared.
@@ -85,7 +86,8 @@ class Decoder:
         Raises
         ------
         CloudError
-            If the cloud cannot be read, or a valid point has no time or no standard deviation.
+            If the cloud cannot be read, if a point is farther away than ``FARTHEST``, or if a valid
+            one has no time or no standard deviation.
 
         """
         self._before = copy.copy(self._counter)
@@ -95,14 +97,13 @@ class Decoder:
         xyz = np.empty((view.size, 3))
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
-        valid = is_return(xyz)
-        stamp = msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec
+        valid = returns(xyz)
         convention = self._convention(view, valid)
         if convention is None:
             # No valid point: nothing to find out from, and nothing to judge.
             zeros = np.zeros(view.size, np.int64)
             return Points(xyz, zeros, zeros, valid, self._sigma(view, valid))
-        t = self._time(view, valid, stamp, convention)
+        t = self._time(view, valid, msg.header.stamp, convention)
         sigma = self._sigma(view, valid)
         line = self._line(view, xyz, valid, convention)
         # By now nothing is refused any more.
@@ -151,6 +152,7 @@ class Decoder:
 
     def _remember(self, dtype: np.dtype[np.void], convention: Convention) -> None:
         """Read all clouds of this layout in the same way, and tell so once."""
+        self.convention = convention
         if dtype not in self._found:
             self._found[dtype] = convention
             self._inform(str(convention))
@@ -195,7 +197,7 @@ class Decoder:
         return Convention(time_field, unit, absolute, source, line_field, '; '.join(missing))
 
     def _time(
-        self, view: NDArray[np.void], valid: NDArray[np.bool_], stamp: int, convention: Convention
+        self, view: NDArray[np.void], valid: NDArray[np.bool_], stamp: Any, convention: Convention
     ) -> NDArray[np.int64]:
         if convention.time_field is None:
             # The points of a column of an organised cloud are fired together.
@@ -203,9 +205,9 @@ class Decoder:
             column = np.tile(np.arange(width), height)
             step = height * SECOND / self.parameters.points_per_second
             after: NDArray[np.int64] = np.rint(column * step).astype(np.int64)
-            return after + stamp
+            return after + _nanoseconds(stamp)
         t = to_nanoseconds(_column(view, convention.time_field), valid, convention.time_unit)
-        start = 0 if convention.time_is_absolute else stamp
+        start = 0 if convention.time_is_absolute else _nanoseconds(stamp)
         return np.asarray(np.where(valid, t + start, 0))
 
     def _line(
@@ -239,9 +241,7 @@ class Decoder:
         if not name:
             return None
         sigma = _named(view, name, 'alpha_beta_gamma.sigma_field', 'iuf').astype(np.float64)
-        wrong = valid & ~((sigma > 0) & np.isfinite(sigma))
-        if wrong.any():
-            raise CloudError(f'field {name!r}', 'more than 0 and finite', sigma[wrong][0])
+        check_sigma(sigma, valid, f'field {name!r}')
         return sigma
 
 
@@ -249,6 +249,14 @@ def _nothing(*, with_sigma: bool) -> Points:
     none = np.empty(0, np.int64)
     sigma = np.empty(0) if with_sigma else None
     return Points(np.empty((0, 3)), none, none, np.empty(0, np.bool_), sigma)
+
+
+def _nanoseconds(stamp: Any) -> int:
+    """Return the time of a header; an array that came without one has no such time."""
+    if stamp is None:
+        must_be = 'given, in nanoseconds, for an array whose times count from it'
+        raise CloudError('the stamp', must_be, 'none')
+    return int(stamp.sec * SECOND + stamp.nanosec)
 
 
 def _column(view: NDArray[np.void], name: str) -> NDArray[Any]:

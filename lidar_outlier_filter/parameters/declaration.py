@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 LARGEST = 2**63  # of ROS's whole numbers
 TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
@@ -60,7 +61,8 @@ class Parameter:
             raise ParameterError(self.name, TYPE_NAMES[wanted], repr(value))
         if wanted is str:
             if self.choices and value not in self.choices:
-                raise ParameterError(self.name, self.range_text, repr(value))
+                got = repr(value) + did_you_mean([value], self.choices)
+                raise ParameterError(self.name, self.range_text, got)
         elif wanted is not bool:
             self._check_range(value)
         return value
@@ -80,11 +82,21 @@ class Parameter:
         if not all(right) or not values or len(set(values)) < len(values):
             must_be = 'a list, without repetition, of '
             must_be += self.range_text if self.choices else 'texts'
-            raise ParameterError(self.name, must_be, repr(list(values)))
+            unknown = [item for item in values if item not in self.choices]
+            got = repr(list(values)) + did_you_mean(unknown, self.choices)
+            raise ParameterError(self.name, must_be, got)
         return values
 
     def _is_choice(self, text: str) -> bool:
         return text in self.choices if self.choices else bool(text)
+
+
+def did_you_mean(unknown: Iterable[object], known: Iterable[str]) -> str:
+    """Name what was probably meant by the unknown texts, in brackets; empty if nothing is near."""
+    names = list(known)
+    near = [get_close_matches(text, names, 1) for text in unknown if isinstance(text, str)]
+    meant = [match[0] for match in near if match]
+    return f' (did you mean {", ".join(map(repr, meant))}?)' if meant else ''
 
 
 def declare(  # noqa: PLR0913  one line declares all that is known of a parameter
@@ -102,10 +114,20 @@ def declare(  # noqa: PLR0913  one line declares all that is known of a paramete
     return field(default=default, metadata={**about, 'fixed': fixed})
 
 
+class Section:
+    """The parameters of one detector, a frozen dataclass of fields that :func:`declare` made."""
+
+    def check(self) -> None:
+        """Refuse settings that make sense alone but not with each other."""
+
+
 def walk(cls: type, prefix: str) -> Iterator[Parameter]:
-    """Yield the parameters of a dataclass and of its sections, in the order of declaration."""
+    """Yield the parameters of a dataclass in the order of declaration, those of sections last."""
+    sections = []
     for item in fields(cls):
         if is_dataclass(item.default) and not isinstance(item.default, type):
-            yield from walk(type(item.default), f'{prefix}{item.name}.')
+            sections.append((type(item.default), f'{prefix}{item.name}.'))
         elif item.default is not MISSING:
             yield Parameter(prefix + item.name, item.default, **item.metadata)
+    for section, name in sections:
+        yield from walk(section, name)

@@ -7,11 +7,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from lidar_outlier_filter.parameters.declaration import declare
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.declaration import Section, declare
 
 
 @dataclass(frozen=True)
-class AlphaBetaGamma:
+class AlphaBetaGamma(Section):
     """The moving fixed-interval α-β-γ smoother along each line segment."""
 
     before: int = declare(3, 'Points of the window in front of the tested one.', '', 0, 1000)
@@ -41,7 +42,9 @@ class AlphaBetaGamma:
         0.0, 'Standard deviation of a coordinate; 0: estimated from each line.', 'm', 0.0, 100.0
     )
     sigma_field: str = declare(
-        '', "Field with each point's own standard deviation in metres; empty: none.", fixed=True
+        '',
+        "Field with each point's own standard deviation, from 1e-9 to 1e9 metres; empty: none.",
+        fixed=True,
     )
     sigma_floor: float = declare(
         0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
@@ -58,9 +61,23 @@ class AlphaBetaGamma:
         choices=('kernel', 'filterpy'),
     )
 
+    def check(self) -> None:
+        """Refuse windows that are too short."""
+        if self.min_window < self.order + 2:
+            # With one point more than unknowns all of them fail alike: none is known to be wrong.
+            must_be = f'at least order + 2 = {self.order + 2}'
+            raise ParameterError('alpha_beta_gamma.min_window', must_be, self.min_window)
+        got = f'{self.before} and {self.after}'
+        if self.before + self.after < self.min_window:
+            must_be = f'together at least min_window = {self.min_window}'
+            raise ParameterError('alpha_beta_gamma.before and after', must_be, got)
+        if self.sides == 'either' and max(self.before, self.after) < self.min_window:
+            must_be = f'at most before or after, or there is no side to agree with ({got})'
+            raise ParameterError('alpha_beta_gamma.min_window', must_be, self.min_window)
+
 
 @dataclass(frozen=True)
-class Quadric:
+class Quadric(Section):
     """Quadric surfaces through the neighbourhood."""
 
     window: str = declare(
@@ -91,7 +108,7 @@ class Quadric:
 
 
 @dataclass(frozen=True)
-class Lof:
+class Lof(Section):
     """Local outlier factor: density against that of the neighbours."""
 
     min_pts: int = declare(20, 'Neighbours that make the density; ties count too.', '', 1, 1000)
@@ -106,7 +123,7 @@ class Lof:
 
 
 @dataclass(frozen=True)
-class Sor:
+class Sor(Section):
     """Distance to the nearest neighbours."""
 
     k: int = declare(20, 'Neighbours whose mean distance counts, the point left out.', '', 1, 1000)
@@ -133,7 +150,7 @@ class Sor:
 
 
 @dataclass(frozen=True)
-class Hierarchical:
+class Hierarchical(Section):
     """Clusters that a graph falls into when its long edges are cut."""
 
     global_confidence: float = declare(
@@ -161,7 +178,7 @@ class Hierarchical:
 
 
 @dataclass(frozen=True)
-class Elevation:
+class Elevation(Section):
     """Elevation against the mean of the neighbours on the map."""
 
     k: int = declare(
@@ -191,7 +208,7 @@ class Elevation:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Evidence(Section):
     """Witnesses, weighed."""
 
     sensor: str = declare(
@@ -203,6 +220,19 @@ class Evidence:
     threshold: float = declare(
         1.0, "Rejected above this many times the sensor's own threshold.", '', 1e-6, 1e6
     )
+
+
+@dataclass(frozen=True)
+class DetectorSections:
+    """THE table of the detectors' parameters: each section has the name of its detector."""
+
+    alpha_beta_gamma: AlphaBetaGamma = AlphaBetaGamma()
+    quadric: Quadric = Quadric()
+    lof: Lof = Lof()
+    sor: Sor = Sor()
+    hierarchical: Hierarchical = Hierarchical()
+    elevation: Elevation = Elevation()
+    evidence: Evidence = Evidence()
 
 
 # What each witness compares, in the order in which the tables show them.

@@ -4,39 +4,48 @@
 
 ROS declarations, ``config/defaults.yaml``, the table in the README and command-line help are made
 from this file, and from those of the detectors and of the node, which are parts of it. A parameter
-of a detector is named ``detector.parameter``.
+of a detector is named ``detector.parameter``. Detectors that do not come with the package bring a
+section of their own: :func:`add_section`.
 """
 
 # ruff: noqa: RUF009  the defaults that are called for are frozen
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters.declaration import Parameter, declare, walk
-from lidar_outlier_filter.parameters.detectors import (
-    AlphaBetaGamma,
-    Elevation,
-    Evidence,
-    Hierarchical,
-    Lof,
-    Quadric,
-    Sor,
-    SpinningWeights,
-    Weights,
+from lidar_outlier_filter.parameters.declaration import (
+    Parameter,
+    Section,
+    declare,
+    did_you_mean,
+    walk,
 )
-from lidar_outlier_filter.parameters.node import Health, Load, Motion
+from lidar_outlier_filter.parameters.detectors import DetectorSections, SpinningWeights, Weights
+from lidar_outlier_filter.parameters.node import HealthLimits, LoadParameters, MotionParameters
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+OneSection = TypeVar('OneSection', bound=Section)
+
+_added: dict[str, type[Section]] = {}
+
 
 @dataclass(frozen=True)
-class FilterParameters:
-    """All parameters of the filter; make a changed copy with :meth:`changed`."""
+class FilterParameters(DetectorSections):
+    """All parameters of the filter; make a changed copy with :meth:`changed`.
+
+    Attributes
+    ----------
+    added : tuple of sections
+        Those of added detectors that were changed; read them with :meth:`of`.
+
+    """
 
     inputs: tuple[str, ...] = declare(
         ('points',),
@@ -45,16 +54,7 @@ class FilterParameters:
     )
     chain: tuple[str, ...] = declare(
         ('evidence',),
-        'Detectors, in their order.',
-        choices=(
-            'alpha_beta_gamma',
-            'quadric',
-            'lof',
-            'sor',
-            'hierarchical',
-            'elevation',
-            'evidence',
-        ),
+        'Detectors, in their order.',  # the choices: every detector that has a section
     )
     vote: int = declare(
         0,
@@ -101,7 +101,7 @@ class FilterParameters:
     )
     line_source: str = declare(
         'auto',
-        'What makes a scan line: a field (ring), each row, each message, or a wrap of the scan '
+        'What makes a scan line: a field (ring), each row, each message, or each turn of the scan '
         'angle; auto: field, else row, else message.',
         choices=('auto', 'field', 'row', 'message', 'angle'),
         fixed=True,
@@ -175,23 +175,19 @@ class FilterParameters:
         '',
         'File that ~/save_parameters writes; empty: one named after the node, in ROS_HOME.',
     )
-    alpha_beta_gamma: AlphaBetaGamma = AlphaBetaGamma()
-    quadric: Quadric = Quadric()
-    lof: Lof = Lof()
-    sor: Sor = Sor()
-    hierarchical: Hierarchical = Hierarchical()
-    elevation: Elevation = Elevation()
-    evidence: Evidence = Evidence()
     evidence_profile: Weights = Weights()
     evidence_spinning: SpinningWeights = SpinningWeights()
-    motion: Motion = Motion()
-    load: Load = Load()
-    health: Health = Health()
+    motion: MotionParameters = MotionParameters()
+    load: LoadParameters = LoadParameters()
+    health: HealthLimits = HealthLimits()
+    added: tuple[Section, ...] = field(default_factory=tuple)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be: each parameter by itself, then together."""
         for parameter in describe():
             parameter.check(_value(self, parameter.name))
+        for name in detector_names():
+            self._section(name).check()
         _check_together(self)
         self.health.check()
         self.motion.check(len(self.inputs))
@@ -203,14 +199,36 @@ class FilterParameters:
         sections: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             if name not in known:
-                raise ParameterError(
-                    'a parameter', 'one of ' + ', '.join(sorted(known)), repr(name)
-                )
+                meant = did_you_mean([name], known)
+                must_be = 'a known one' if meant else 'one of ' + ', '.join(sorted(known))
+                raise ParameterError('a parameter', must_be, repr(name) + meant)
             section, _, leaf = name.rpartition('.')
             (sections.setdefault(section, {}) if section else top)[leaf] = known[name].check(value)
-        for section, leaves in sections.items():
-            top[section] = replace(getattr(self, section), **leaves)
-        return replace(self, **top)
+        added = {type(one): one for one in self.added}
+        for name, leaves in sections.items():
+            section = replace(self._section(name), **leaves)
+            if name in _added:
+                added[type(section)] = section
+            else:
+                top[name] = section
+        return replace(self, **top, added=tuple(added.values()))
+
+    def of(self, section: type[OneSection]) -> OneSection:
+        """Return the section of a detector that was added by its class.
+
+        Raises
+        ------
+        ParameterError
+            If no such section has been added.
+
+        """
+        if section not in _added.values():
+            raise ParameterError('a section of parameters', 'an added one', section.__name__)
+        changed = (one for one in self.added if isinstance(one, section))
+        return next(changed, None) or section()
+
+    def _section(self, name: str) -> Any:
+        return self.of(_added[name]) if name in _added else getattr(self, name)
 
     def flat(self) -> dict[str, Any]:
         """All values by their flat, dotted names, in the order of declaration."""
@@ -232,28 +250,13 @@ PAPER: Mapping[str, object] = MappingProxyType(
 )
 
 
-def _value(parameters: object, name: str) -> Any:
-    for part in name.split('.'):
-        parameters = getattr(parameters, part)
-    return parameters
+def _value(parameters: FilterParameters, name: str) -> Any:
+    section, _, leaf = name.rpartition('.')
+    return getattr(parameters._section(section) if section else parameters, leaf)  # noqa: SLF001  of the same file
 
 
 def _check_together(parameters: FilterParameters) -> None:
     """Refuse settings that make sense alone but not with each other."""
-    detector = parameters.alpha_beta_gamma
-    if detector.min_window < detector.order + 2:
-        # With one point more than unknowns all of them fail alike: none can be told to be wrong.
-        must_be = f'at least order + 2 = {detector.order + 2}'
-        raise ParameterError('alpha_beta_gamma.min_window', must_be, detector.min_window)
-    got = f'{detector.before} and {detector.after}'
-    if detector.before + detector.after < detector.min_window:
-        must_be = f'together at least min_window = {detector.min_window}'
-        raise ParameterError('alpha_beta_gamma.before and after', must_be, got)
-    if detector.sides == 'either' and max(detector.before, detector.after) < detector.min_window:
-        must_be = f'before or after, or there is no side to agree with ({got})'
-        raise ParameterError(
-            'alpha_beta_gamma.min_window', f'at most {must_be}', detector.min_window
-        )
     if 0 < parameters.points_per_second < 1:
         raise ParameterError('points_per_second', '0 or at least 1', parameters.points_per_second)
     if parameters.time_jump < parameters.lateness:
@@ -269,6 +272,37 @@ def _check_together(parameters: FilterParameters) -> None:
         raise ParameterError('max_delay', must_be, f'{parameters.max_delay:g} s')
 
 
+def detector_names() -> tuple[str, ...]:
+    """List the detectors that have a section: those of the package, then added ones."""
+    return (*(section.name for section in fields(DetectorSections)), *_added)
+
+
+def add_section(name: str, section: type[Section]) -> None:
+    """Add the parameters of a detector that does not come with the package.
+
+    Raises
+    ------
+    ParameterError
+        If there is a parameter or a section of that name.
+
+    """
+    if name in _added or name in {item.name for item in fields(FilterParameters)}:
+        raise ParameterError('the name of a section', 'a new one', repr(name))
+    _added[name] = section
+    describe.cache_clear()
+
+
+def remove_section(name: str) -> None:
+    """Take away a section that was added."""
+    del _added[name]
+    describe.cache_clear()
+
+
+@cache
 def describe() -> tuple[Parameter, ...]:
-    """List every parameter, in the order of declaration."""
-    return tuple(walk(FilterParameters, ''))
+    """List every parameter: those of no section first, those of added detectors last."""
+    found = list(walk(FilterParameters, ''))
+    for name, section in _added.items():
+        found += walk(section, f'{name}.')
+    choices = detector_names()
+    return tuple(replace(one, choices=choices) if one.name == 'chain' else one for one in found)

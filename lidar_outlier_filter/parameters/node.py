@@ -11,7 +11,7 @@ from lidar_outlier_filter.parameters.declaration import declare
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionParameters:
     """Where the sensor is when, so that points of different times lie in one frame."""
 
     source: str = declare(
@@ -49,14 +49,15 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Load:
+class LoadParameters:
     """What waits to be filtered, and what becomes of it when it is too much."""
 
     policy: str = declare(
         'drop_oldest',
         'When clouds come faster than they are filtered: drop_oldest: the oldest get no answer; '
-        'pass_through: they pass unfiltered; shed: the smoother alone filters them, and what is '
-        'still too much, or where the chain has no smoother all, passes unfiltered.',
+        'pass_through: they pass unfiltered, and so do those that a detector fails on; shed: the '
+        'smoother alone filters them, and what is still too much, or where the chain has no '
+        'smoother all, passes unfiltered.',
         choices=('drop_oldest', 'pass_through', 'shed'),
     )
     clouds: int = declare(
@@ -68,7 +69,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Health:
+class HealthLimits:
     """When the diagnostics warn, and when they tell of an error; each above its limit."""
 
     delay_warn: float = declare(

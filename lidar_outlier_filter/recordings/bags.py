@@ -54,6 +54,18 @@ LATCHED = Qos(
     _FOREVER,
     avoid_ros_namespace_conventions=False,
 )
+# What a publisher of ROS 2 offers that keeps ten messages; 0: the middleware's own default.
+RELIABLE = Qos(
+    QosHistory.KEEP_LAST,
+    10,
+    QosReliability.RELIABLE,
+    QosDurability.VOLATILE,
+    QosTime(0, 0),
+    QosTime(0, 0),
+    QosLiveliness.SYSTEM_DEFAULT,
+    QosTime(0, 0),
+    avoid_ros_namespace_conventions=False,
+)
 # Types that ROS 2 has under another name.
 _RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}
 _SEPARATOR = '=' * 80 + '\n'

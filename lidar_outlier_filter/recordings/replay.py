@@ -1,48 +1,29 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording through the node that filters live: called directly, so that nothing is dropped."""
+"""A recording through the filter of the node, without the node: nothing is dropped."""
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from time import perf_counter
-from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
-import numpy as np
-import rclpy
-from nav_msgs.msg import Odometry
-from rclpy.context import Context
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.serialization import deserialize_message
-from rclpy.validate_topic_name import validate_topic_name
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
-from sensor_msgs.msg import PointCloud2
 
-from lidar_outlier_filter.errors import ParameterError, RecordingError
-from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
-from lidar_outlier_filter.ros.node import OutlierFilterNode
+from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.bags import RELIABLE, NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.odometry import check_motion
+from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_filter.stream.motion import Odometry
+from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, answers, check_name, resolve
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
     from pathlib import Path
 
-    from rclpy.duration import Duration
-    from rclpy.qos import QoSProfile
-
     from lidar_outlier_filter.stream.cloud_filter import Answer
-
-CLOUD = 'sensor_msgs/msg/PointCloud2'
-ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 @dataclass(frozen=True)
@@ -93,8 +74,12 @@ def replay(  # noqa: PLR0913  what the command line offers
     *,
     drop_input: bool = False,
     progress: Callable[[int, int], object] | None = None,
+    inform: Callable[[str], object] = str,
 ) -> ReplayReport:
     """Write a copy of a recording, with the cleaned and the outlier clouds added.
+
+    Answers have the bag time of their cloud. They stand behind it: first the cleaned, then the
+    outlier cloud.
 
     Parameters
     ----------
@@ -103,7 +88,8 @@ def replay(  # noqa: PLR0913  what the command line offers
     topics : PointCloud2 topics to filter, each as a stream of its own; none given: all of them
     parameters : of the filter, by flat name
     drop_input : leave the clouds that are filtered out of the copy
-    progress : is told after each message how many of how many have been read
+    progress : is called after each message: how many of how many have been read
+    inform : is called with a sentence on how the clouds of a topic are read, once for each layout
 
     Raises
     ------
@@ -113,17 +99,11 @@ def replay(  # noqa: PLR0913  what the command line offers
         If a parameter makes no sense.
 
     """
-    with (
-        Recording(recording) as source,
-        NewBag(output, source.custom_data) as bag,
-        _ros() as context,
-        ExitStack() as nodes,
-    ):
-        streams = {}
-        for topic in _choose(source, topics):
-            streams[topic] = _Stream(topic, parameters, context)
-            nodes.callback(streams[topic].node.destroy_node)
-        _check_motion(source, streams)
+    given = FilterParameters().changed(parameters or {})
+    with Recording(recording) as source, NewBag(output, source.custom_data) as bag:
+        chosen = _choose(source, topics)
+        _check_motion(source, chosen, given)
+        streams = {topic: _Stream(topic, given, inform) for topic in chosen}
         started = perf_counter()
         done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress)
         elapsed = perf_counter() - started
@@ -144,34 +124,26 @@ def _copy(
         if topic not in dropped:
             bag.add(topic)
     names = {topic.name for topic in source.topics}
-    listeners: dict[str, Callable[[int, bytes], object]] = {}
+    # By type, too: a topic of a recording may carry several.
+    listeners: dict[tuple[str, str], Callable[[int, bytes], object]] = {}
     for topic, stream in streams.items():
         stream.begin(bag, names)
-        listeners[topic.name] = stream.feed
-        listeners |= {stream.odometry: stream.feed_pose} if stream.odometry else {}
+        listeners[topic.name, CLOUD] = stream.feed
+        if stream.odometry:
+            listeners[stream.odometry, ODOMETRY] = stream.feed_pose
     done = 0
     for topic, time, data in source.messages():
         if topic not in dropped:
             bag.write(topic, time, data)
-        if topic.name in listeners:
-            listeners[topic.name](time, data)
+        listener = listeners.get((topic.name, topic.msgtype))
+        if listener is not None:
+            listener(time, data)
         done += 1
         if progress is not None:
             progress(done, source.message_count)
     for stream in streams.values():
         stream.finish()
     return done
-
-
-@contextmanager
-def _ros() -> Iterator[Context]:
-    """Give a ROS context of its own: without command line, and without signal handlers."""
-    context = Context()
-    rclpy.init(args=[], context=context)
-    try:
-        yield context
-    finally:
-        rclpy.shutdown(context=context)
 
 
 def _choose(source: Recording, wanted: Collection[str]) -> list[Topic]:
@@ -185,47 +157,38 @@ def _choose(source: Recording, wanted: Collection[str]) -> list[Topic]:
     for name in names:
         if name not in clouds:
             raise RecordingError('a topic to filter', f'one of {", ".join(clouds)}', repr(name))
-        try:
-            validate_topic_name(name)
-        except InvalidTopicNameException as err:  # ROS 1 allowed more
-            raise RecordingError('a topic to filter', 'a name that ROS 2 allows', name) from err
+        check_name('a topic to filter', name)  # ROS 1 allowed more
     return [clouds[name] for name in names]
 
 
-def _check_motion(source: Recording, streams: Mapping[Topic, _Stream]) -> None:
-    """Refuse motion that the recording cannot tell."""
-    names = [topic.name for topic in source.topics if topic.msgtype == ODOMETRY]
-    for stream in streams.values():
-        kind = stream.node.filter_parameters.motion.source
-        if kind == 'tf':
-            raise ParameterError('motion.source', "'none' or 'odometry' in a replay", repr(kind))
-        if kind == 'odometry' and len(streams) > 1:
-            must_be = "'none' for several topics, whose sensors are not at the same place"
-            raise ParameterError('motion.source', must_be, repr(kind))
-        if kind == 'odometry' and stream.odometry not in names:
-            must_be = 'one of the odometry topics ' + (', '.join(names) or '(none)')
-            raise RecordingError('motion.topic', must_be, repr(stream.odometry))
+def _check_motion(
+    source: Recording, chosen: Collection[Topic], parameters: FilterParameters
+) -> None:
+    """Refuse motion that the recording does not hold."""
+    motion = parameters.motion
+    if motion.source == 'odometry' and len(chosen) > 1:
+        must_be = "'none' for several topics, whose sensors are not at the same place"
+        raise ParameterError('motion.source', must_be, repr(motion.source))
+    check_motion(source, motion)
 
 
 class _Stream:
-    """A topic of clouds, the node that filters it, and the topics of its answers."""
+    """A topic of clouds, its filter, and the topics of its answers."""
 
     def __init__(
-        self, topic: Topic, parameters: Mapping[str, object] | None, context: Context
+        self, topic: Topic, parameters: FilterParameters, inform: Callable[[str], object]
     ) -> None:
         self.topic = topic
-        self.node = OutlierFilterNode(
-            parameters=parameters,
-            input_topic=topic.name,
-            context=context,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        motion = self.node.filter_parameters.motion
-        self.odometry = ''
-        if motion.source == 'odometry':
-            self.odometry = self.node.resolve_topic_name(motion.topic)
+        self._parameters = parameters
+        motion = Odometry(parameters) if parameters.motion.source == 'odometry' else None
+        self.odometry = '' if motion is None else resolve(motion.topic)
+        self._motion = motion
+        name = resolve(topic.name)
+
+        def say(text: str) -> None:
+            inform(f'{name}: {text}')
+
+        self._filter = CloudFilter(parameters, say, say, motion)
         self._clouds = 0
         self._types = get_typestore(Stores.ROS2_JAZZY)
 
@@ -233,59 +196,53 @@ class _Stream:
         """Add the topics of the answers to the bag and to the names in use."""
         self._bag = bag
         self._outputs = []
-        for publisher in (self.node.cleaned_publisher, self.node.outliers_publisher):
-            name = publisher.topic_name
+        for name in answers(resolve(self.topic.name)):
             if name in names:
                 must_be = 'a topic that the recording does not have'
                 raise RecordingError(f'the answer to {self.topic.name}', must_be, name)
-            qos = _recorded(publisher.qos_profile)
-            output = Topic(name, CLOUD, self.topic.definition, self.topic.digest, (qos,))
+            output = Topic(name, CLOUD, self.topic.definition, self.topic.digest, (RELIABLE,))
             bag.add(output)
             names.add(name)
             self._outputs.append(output)
 
     def feed(self, time: int, data: bytes) -> None:
-        """Let the node have a cloud with its bag time, and write the answers it has by now."""
+        """Filter a cloud with its bag time, and write the answers that are finished by it."""
         self._clouds += 1
         try:
-            cloud = deserialize_message(data, PointCloud2)
-        except RuntimeError:
-            self.node.statistics.refusals['the CDR bytes'] += 1
-        else:
-            self._write(self.node.process(cloud, time))
+            cloud = self._types.deserialize_cdr(data, CLOUD)
+        except SerdeError as err:
+            self._filter.refused(CloudError('the CDR bytes', 'a whole cloud', err))
+            return
+        try:
+            finished = self._filter.push(cloud, time)
+        except CloudError:  # counted by the filter; others may be finished all the same
+            finished = self._filter.advance()
+        self._write(finished)
 
     def feed_pose(self, _time: int, data: bytes) -> None:
-        """Let the node have an odometry, and write the answers it has by now."""
+        """Take an odometry, and write the answers that are finished by it."""
+        if self._motion is None:
+            return
         try:
-            msg = deserialize_message(data, Odometry)
-        except RuntimeError:
-            self.node.statistics.poses['the CDR bytes'] += 1
-        else:
-            self._write(self.node.take_pose(msg))
+            msg = self._types.deserialize_cdr(data, ODOMETRY)
+        except SerdeError:
+            self._motion.refusals['the CDR bytes'] += 1
+            return
+        self._motion.take(msg)
+        self._write(self._filter.advance())
 
     def finish(self) -> None:
         """Write the answers to the last clouds."""
-        self._write(self.node.flush())
+        self._write(self._filter.flush())
 
-    def _write(self, answers: Iterable[Answer]) -> None:
-        for answer in answers:
+    def _write(self, finished: Iterable[Answer]) -> None:
+        for answer in finished:
             for topic, cloud in zip(self._outputs, (answer.cleaned, answer.outliers), strict=True):
-                self._bag.write(topic, answer.tag, self._serialized(cloud))
-
-    def _serialized(self, cloud: PointCloud2) -> memoryview:
-        """Turn a cloud into CDR bytes.
-
-        Not with rclpy: its padding between fields is memory that nobody has set, so that the same
-        input would not give the same output.
-        """
-        fields = {name: getattr(cloud, name) for name in cloud.get_fields_and_field_types()}
-        fields['data'] = np.frombuffer(cloud.data, np.uint8)
-        return self._types.serialize_cdr(SimpleNamespace(**fields), CLOUD)
+                self._bag.write(topic, answer.tag, self._types.serialize_cdr(cloud, CLOUD))
 
     def report(self) -> TopicReport:
-        """Tell what became of the clouds."""
-        counts = self.node.statistics
-        chain = self.node.filter_parameters.chain
+        """Say what became of the clouds."""
+        counts, chain = self._filter.statistics, self._parameters.chain
         return TopicReport(
             self.topic.name,
             self._clouds,
@@ -298,22 +255,3 @@ class _Stream:
             {name: counts.rejected[name] for name in chain},
             {name: counts.undecided[name] for name in chain},
         )
-
-
-def _recorded(profile: QoSProfile) -> Qos:
-    """Turn a QoS profile into its form in recordings; both number the policies alike."""
-    return Qos(
-        QosHistory(int(profile.history)),
-        profile.depth,
-        QosReliability(int(profile.reliability)),
-        QosDurability(int(profile.durability)),
-        _time(profile.deadline),
-        _time(profile.lifespan),
-        QosLiveliness(int(profile.liveliness)),
-        _time(profile.liveliness_lease_duration),
-        profile.avoid_ros_namespace_conventions,
-    )
-
-
-def _time(duration: Duration) -> QosTime:
-    return QosTime(*divmod(duration.nanoseconds, 10**9))

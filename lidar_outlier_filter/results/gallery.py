@@ -13,7 +13,7 @@ from lidar_outlier_filter.core.detectors.evidence.detector import hear_first
 from lidar_outlier_filter.core.detectors.evidence.surface import K
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import concatenate
-from lidar_outlier_filter.evaluation.report import words
+from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.results import gallery_picture
 from lidar_outlier_filter.results.gallery_picture import Cutout

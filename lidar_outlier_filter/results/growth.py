@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.points import concatenate
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.results.contest import Progress
 
-DETECTORS = ('alpha_beta_gamma', 'lof', 'sor', 'quadric', 'hierarchical', 'elevation', 'evidence')
 PARTS = 8  # sizes, evenly apart
 ROUNDS = 3
 PICTURE = 'results_run_time'
@@ -66,7 +66,7 @@ def section(preset: str, seed: int, folder: Path, progress: Progress) -> str:
     (sample,) = simulated(preset, seed)
     points = concatenate(sample.data.clouds)
     sizes = [len(points) * part // PARTS for part in range(1, PARTS + 1)]
-    seconds = growth(points, sizes, DETECTORS, progress)
+    seconds = growth(points, sizes, tuple(DETECTORS), progress)
     plots.draw_lines(
         seconds,
         [size / 1000 for size in sizes],
@@ -74,6 +74,7 @@ def section(preset: str, seed: int, folder: Path, progress: Progress) -> str:
         x_label='thousand points',
         y_label='seconds',
         from_zero=True,
+        colours={name: one.colour for name, one in DETECTORS.items()},
     )
     return paragraphs(
         '## Run time',

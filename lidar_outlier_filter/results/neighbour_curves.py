@@ -17,7 +17,8 @@ from lidar_outlier_filter.core.detectors import lof, sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.curves import Curve, curve
-from lidar_outlier_filter.evaluation.report import percent, words
+from lidar_outlier_filter.evaluation.labels import words
+from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.parameters.detectors import Lof, Sor
 from lidar_outlier_filter.results.markdown import image, number, paragraphs, table
 from lidar_outlier_filter.results.samples import simulated

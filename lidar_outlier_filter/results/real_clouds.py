@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.core.chain import ALONG_LINES
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.evaluation.report import percent
@@ -21,7 +21,8 @@ from lidar_outlier_filter.results.contest_tables import details, worse
 from lidar_outlier_filter.results.contestants import DEFAULT, OURS, peers
 from lidar_outlier_filter.results.markdown import NOTHING, paragraphs, table
 from lidar_outlier_filter.results.samples import Sample
-from lidar_outlier_filter.tuning.training import CLOUD, Training, from_file
+from lidar_outlier_filter.stream.topics import CLOUD
+from lidar_outlier_filter.tuning.training import Training, from_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -53,13 +54,14 @@ def section(data: Path, progress: Progress) -> str:
 
 def labelled(path: Path) -> Sample | None:
     """Read a cloud with classes, with its scan lines if it tells them; None: no class is noise."""
-    for chain in (ALONG_LINES, ('lof',)):
+    along = tuple(name for name, one in DETECTORS.items() if one.needs_lines)
+    for chain in (along, ('lof',)):
         try:
             found = from_file(path, FilterParameters().changed({'chain': chain}), NOISE)
         except RecordingError:
             continue
         nothing = np.zeros(len(found), np.int64)
-        return Sample(path.name, 0, found, nothing, chain == ALONG_LINES, in_own_frame=False)
+        return Sample(path.name, 0, found, nothing, chain == along, in_own_frame=False)
     return None
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.parameters.detectors import Hierarchical
-    from lidar_outlier_filter.simulation.sotoodeh_clusters import Scene
+    from lidar_outlier_filter.simulation.sotoodeh_clusters import LabelledClusters
 
     Floats = NDArray[np.float64]
     Bools = NDArray[np.bool_]
@@ -80,7 +80,7 @@ def course(xyz: Floats, parameters: Hierarchical) -> Course:
     )
 
 
-def draw(scene: Scene, parameters: Hierarchical, path: Path) -> None:
+def draw(scene: LabelledClusters, parameters: Hierarchical, path: Path) -> None:
     """Draw six panels: the cloud, its spanning tree, pruned, Gabriel graphs, pruned, the rest."""
     steps = course(scene.xyz, parameters)
     everything = np.ones(len(scene.xyz), np.bool_)

@@ -11,9 +11,9 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
-    from lidar_outlier_filter.parameters.node import Load
+    from lidar_outlier_filter.parameters.node import LoadParameters
 
     Command = Callable[[], object]
 
@@ -38,7 +38,7 @@ class Inbox:
     Commands are done between two clouds: at once, or in their turn among the clouds.
     """
 
-    def __init__(self, load: Load) -> None:
+    def __init__(self, load: LoadParameters) -> None:
         """Take the bounds."""
         self.load = load
         self._changed = threading.Condition()
@@ -63,11 +63,16 @@ class Inbox:
         return max(self._clouds / self.load.clouds, self._size / (self.load.megabytes * 1e6))
 
     def put(self, item: Received) -> int:
-        """Add a cloud; return how many of the oldest were dropped for it. One always has room."""
+        """Add a cloud; return how many were dropped for it, the oldest first. One always has room.
+
+        After the end it is the cloud itself that is dropped.
+        """
         dropped = 0
         with self._changed:
+            if self._closed:
+                return 1
             self._add(item)
-            while self._clouds > 1 and self.fill > 1 and not self._closed:
+            while self._clouds > 1 and self.fill > 1:
                 dropped += self._drop_oldest()
             self._changed.notify()
         return dropped
@@ -84,9 +89,14 @@ class Inbox:
             self._woken = True
             self._changed.notify()
 
-    def close(self, *, discard: bool = False) -> None:
-        """Let ``take`` return what is left, however much, and then say that it is done."""
+    def close(self, last: Iterable[Received] = (), *, discard: bool = False) -> None:
+        """Let ``take`` return what is left and the ``last`` clouds, however much; then be done.
+
+        All under one lock: between the clouds and the end the other thread does not look.
+        """
         with self._changed:
+            for item in last:
+                self._add(item)
             self._closed = True
             if discard:
                 self._items.clear()
@@ -99,14 +109,21 @@ class Inbox:
         """Whether nothing is expected any more."""
         return self._closed
 
+    @property
+    def done(self) -> bool:
+        """Whether it is closed and empty: both at one time."""
+        with self._changed:
+            return self._closed and not (self._items or self._commands)
+
     def take(self, seconds: float | None) -> Received | Command | None:
         """Wait, for ``seconds`` at most, and return what comes next; None for nothing."""
         with self._changed:
             self._changed.wait_for(self._is_due, seconds)
-            self._woken = False
             if self._commands:
                 return self._commands.popleft()
             if not self._items:
+                # Only now: who was woken looks around when it is given nothing to do.
+                self._woken = False
                 return None
             item = self._items.popleft()
             if isinstance(item, Received):
@@ -181,6 +198,6 @@ class Overload:
             if waited >= 1 and fill > 0:
                 self.treatment = Treatment.DROP
         elif self._busy:
-            passes = policy == 'pass_through' or waited >= 1 or pressure >= FULL
+            passes = policy == 'pass_through' or pressure >= FULL
             self.treatment = Treatment.PASS if passes else Treatment.SHED
         return self.treatment

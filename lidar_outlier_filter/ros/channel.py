@@ -9,36 +9,35 @@ from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
-from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.errors import CloudError, JudgingError
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
 from lidar_outlier_filter.ros.cdr import read_cloud
 from lidar_outlier_filter.ros.clocks import DelayClock
 from lidar_outlier_filter.ros.health import Backlog, Health, Report
+from lidar_outlier_filter.ros.subscriptions import (
+    advertise,
+    end,
+    subscribe,
+    subscribe_odometry,
+)
+from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter, Statistics
-from lidar_outlier_filter.stream.motion import make_motion
+from lidar_outlier_filter.stream.topics import answers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
+    from nav_msgs.msg import Odometry
     from rclpy.node import Node
-    from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription
+    from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-# Clouds kept while the executor is busy: nobody is told of those that the middleware replaces.
-INPUT_DEPTH = 50
-OUTPUT_DEPTH = 10  # clouds kept for a subscriber that is slow
 REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
-ODOMETRY_DEPTH = 1000  # poses kept while the executor is busy
 ACKNOWLEDGE = Duration(seconds=2)  # how long the last clouds may take to arrive
 MEGABYTE = 1e6
 
@@ -62,9 +61,10 @@ class Channel:
         self._motion = make_motion(node, parameters)
         self._filter = CloudFilter(parameters, self._log_info, self._log_warning, self._motion)
         self._filter.refuse = self._log_refusal
+        self._filter.fail = self._log_failure
         self._enabled = True
-        self.cleaned_publisher = self._advertise(f'{topic}/cleaned')
-        self.outliers_publisher = self._advertise(f'{topic}/outliers')
+        publishers = (advertise(node, name) for name in answers(topic))
+        self.cleaned_publisher, self.outliers_publisher = publishers
         self._subscription: Subscription | None = None
         self._odometry: Subscription | None = None
         self._clock = DelayClock(node)
@@ -89,24 +89,20 @@ class Channel:
 
     def start(self) -> None:
         """Subscribe, and filter what comes in a thread of its own."""
+        self._filter.pass_failed = self._parameters.load.policy == 'pass_through'
         self._clock.watch(self._went_on, self._went_back, self._clock_changed)
         self._thread = threading.Thread(target=self._work, name=f'filter {self.topic}', daemon=True)
         self._thread.start()
         if self._motion is not None and self._motion.topic:
-            self._odometry = self._node.create_subscription(
-                Odometry,
-                self._motion.topic,
-                self._receive_pose,
-                QoSProfile(depth=ODOMETRY_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )
-        self._subscription = self._subscribe()
+            self._odometry = subscribe_odometry(self._node, self._motion.topic, self._receive_pose)
+        self._subscription = subscribe(self._node, self.topic, self._receive_bytes, self._lost)
 
     def change(self, parameters: FilterParameters) -> None:
         """Filter by other parameters from the next block on."""
 
         def apply() -> None:
             self._filter.change(parameters)
+            self._filter.pass_failed = parameters.load.policy == 'pass_through'
             self._parameters = parameters
 
         self._inbox.load = parameters.load
@@ -145,12 +141,13 @@ class Channel:
         parameters = self._parameters
         return self.health.look(seconds, parameters.health, parameters.max_delay, backlog, remarks)
 
+    def close(self) -> None:
+        """Receive no more; what was received is filtered, however much it is."""
+        self._inbox.close([self._received(msg) for msg in self._read(self._unsubscribe())])
+
     def finish(self) -> None:
         """Answer and publish all that was received, before the node goes."""
-        received = self._unsubscribe()
-        self._inbox.close()  # from now on nothing is too much
-        for data in received:
-            self._receive_bytes(data)
+        self.close()
         self._join()
         self.raise_failure()
         self._publish(self.flush())
@@ -183,16 +180,25 @@ class Channel:
     # In the executor's thread -----------------------------------------------------------------
 
     def _receive_bytes(self, data: bytes) -> None:
-        try:
-            self._receive(read_cloud(data))
-        except CloudError as err:
-            self._do(partial(self._filter.refused, err))
+        for msg in self._read([data]):
+            self._receive(msg)
 
     def _receive(self, msg: PointCloud2) -> None:
         self.raise_failure()
+        self.health.dropped(self._inbox.put(self._received(msg)))
+
+    def _read(self, received: Iterable[bytes]) -> Iterator[PointCloud2]:
+        """Read clouds; those that make no sense are counted."""
+        for data in received:
+            try:
+                yield read_cloud(data)
+            except CloudError as err:
+                self._do(partial(self._filter.refused, err))
+
+    def _received(self, msg: PointCloud2) -> Received:
+        """Count a cloud, and note when it was received."""
         self.health.received(msg.width * msg.height)
-        dropped = self._inbox.put(Received(msg, self._clock.now(), len(msg.data)))
-        self.health.dropped(dropped)
+        return Received(msg, self._clock.now(), len(msg.data))
 
     def _receive_pose(self, msg: Odometry) -> None:
         if self._motion is not None:
@@ -228,7 +234,8 @@ class Channel:
         """Do what comes next; tell whether there will be more."""
         left = self._time_left()
         if left is not None and left <= 0 and not self._inbox.closed:
-            self._publish(self._filter.hurry_oldest())
+            # Poses may have come while a block was being judged.
+            self._publish(self._filter.advance() or self._filter.hurry_oldest())
             return True
         job = self._inbox.take(None if self._clock.is_simulated else left)
         if isinstance(job, Received):
@@ -237,7 +244,8 @@ class Channel:
             job()
         else:
             self._publish(self._filter.advance())
-            return not self._inbox.closed
+            # Something may have come meanwhile, and the end behind it.
+            return not self._inbox.done
         return True
 
     def _time_left(self) -> float | None:
@@ -338,49 +346,18 @@ class Channel:
             return self._filter.push(msg, tag)
         except CloudError as err:
             self._log_refusal(err)
-            return []
+            return self._filter.advance()
 
     # ROS --------------------------------------------------------------------------------------
 
-    def _advertise(self, name: str) -> Publisher:
-        return self._node.create_publisher(
-            PointCloud2,
-            name,
-            QoSProfile(depth=OUTPUT_DEPTH),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-        )
-
-    def _subscribe(self) -> Subscription:
-        def subscribe(events: SubscriptionEventCallbacks) -> Subscription:
-            return self._node.create_subscription(
-                PointCloud2,
-                self.topic,
-                self._receive_bytes,
-                QoSProfile(depth=INPUT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
-                raw=True,
-                event_callbacks=events,
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
-            )
-
-        try:
-            return subscribe(SubscriptionEventCallbacks(message_lost=self._lost))
-        except UnsupportedEventTypeError:  # not by every middleware
-            return subscribe(SubscriptionEventCallbacks())
-
     def _unsubscribe(self) -> list[bytes]:
-        """Take the clouds that were received, but that no executor will serve any more."""
-        if self._odometry is not None:
-            for msg in self._end(self._odometry, Odometry):
-                self._receive_pose(msg)
-            self._odometry = None
-        subscription, self._subscription = self._subscription, None
-        return [] if subscription is None else self._end(subscription, PointCloud2)
-
-    def _end(self, subscription: Subscription, kind: type) -> list[Any]:
-        take = partial(subscription.handle.take_message, kind, subscription.raw)
-        with subscription.handle:
-            received = [taken[0] for taken in iter(take, None)]
-        self._node.destroy_subscription(subscription)
+        """Take what was received and not served: poses are kept, clouds returned."""
+        clouds, self._subscription = self._subscription, None
+        odometry, self._odometry = self._odometry, None
+        # The poses last: those of the last clouds may come behind them.
+        received = [] if clouds is None else end(self._node, clouds)
+        for msg in [] if odometry is None else end(self._node, odometry):
+            self._receive_pose(msg)
         return received
 
     def _lost(self, event: Any) -> None:
@@ -391,6 +368,9 @@ class Channel:
             f'{self.resolved}: refused a cloud ({self.statistics.refused} so far): {err}',
             throttle_duration_sec=REFUSAL_PERIOD,
         )
+
+    def _log_failure(self, err: JudgingError) -> None:
+        self._log.error(f'{self.resolved}: a detector raised an error: {err}\n{err.trace}')
 
     def _log_info(self, text: str) -> None:
         self._log.info(f'{self.resolved}: {text}')

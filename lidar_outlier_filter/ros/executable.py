@@ -5,33 +5,13 @@
 from __future__ import annotations
 
 import ctypes
-import os
-import signal
 import sys
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from lidar_outlier_filter.ros.signals import leave, on_stop
 
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # Of glibc's mallopt (malloc.h): what is given back to the system, and what is not kept at all.
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
 KEPT = 1 << 29  # bytes: what is larger, or free beyond that, goes back to the system
-
-
-def on_stop(react: Callable[[], object]) -> None:
-    """Call ``react`` at SIGINT and SIGTERM from now on."""
-    for number in STOP_SIGNALS:
-        signal.signal(number, lambda *_: react())
-
-
-def leave() -> None:
-    """End the process at once, with status 0.
-
-    For as long as it has nothing to lose. Not by an exception: raised inside an import or a
-    destructor, it would be swallowed, or come out as another.
-    """
-    os._exit(0)
 
 
 def keep_memory() -> None:

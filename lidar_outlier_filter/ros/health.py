@@ -15,7 +15,7 @@ from lidar_outlier_filter.stream.cloud_filter import Statistics
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from lidar_outlier_filter.parameters.node import Health as Limits
+    from lidar_outlier_filter.parameters.node import HealthLimits
 
 OK, WARN, ERROR = 0, 1, 2
 ADVICE = 'for large clouds set config/fastdds_large_clouds.xml for both sides'
@@ -122,7 +122,7 @@ class Health:
     def look(
         self,
         seconds: float,
-        limits: Limits,
+        limits: HealthLimits,
         max_delay: float,
         backlog: Backlog,
         remarks: Sequence[str] = (),
@@ -164,7 +164,8 @@ class _Look:
 
     @property
     def passed(self) -> int:
-        return self.now.passed['overload'] - self.before.passed['overload']
+        reasons = ('overload', 'failure')
+        return sum(self.now.passed[reason] - self.before.passed[reason] for reason in reasons)
 
     def share(self, name: str) -> float:
         """Return the share of the points answered since the last look; 0 of none."""
@@ -172,9 +173,12 @@ class _Look:
         count: int = getattr(self.now, name) - getattr(self.before, name)
         return count / points if points else 0.0
 
-    def complaints(self, limits: Limits, max_delay: float) -> Iterator[tuple[int, str]]:
+    def complaints(self, limits: HealthLimits, max_delay: float) -> Iterator[tuple[int, str]]:
         """Tell what is above its limit."""
         tally = self.tally
+        failures = self.now.failures - self.before.failures
+        if failures:
+            yield ERROR, f'a detector raised an error in {failures} blocks: see the log'
         delay = _percentiles(tally.delays)[1]
         missed = {
             'refused': self.refused,
@@ -242,6 +246,7 @@ class _Look:
             'shed',
             'unmoved',
             'resets',
+            'failures',
         ):
             found[name] = str(getattr(now, name))
         for text, counter in (

@@ -23,7 +23,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from lidar_outlier_filter.parameters.declaration import Parameter
 
@@ -32,7 +32,7 @@ class TunableNode(Node):  # type: ignore[misc]
     """A node with the parameters of :mod:`lidar_outlier_filter.parameters.filter`.
 
     They are set one by one or together; what makes no sense is refused, and nothing is changed by
-    it. A class derived from this one puts into force what was accepted: ``apply``.
+    it.
     """
 
     def __init__(self, values: Mapping[str, object], **options: Any) -> None:
@@ -53,17 +53,14 @@ class TunableNode(Node):  # type: ignore[misc]
         """The parameters as they were set last."""
         return self._parameters_now
 
-    def apply(self, parameters: FilterParameters) -> None:
-        """Put parameters into force that were accepted."""
-        raise NotImplementedError
-
     def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
         """Set all or none; refuse in our own words, before rclpy does in words without units."""
         result = self._check_parameters(parameter_list)
         return super().set_parameters_atomically(parameter_list) if result.successful else result
 
-    def _watch_parameters(self) -> None:
-        """Check and apply what is set from now on."""
+    def _watch_parameters(self, apply: Callable[[FilterParameters], object]) -> None:
+        """Check what is set from now on, and hand what passes to ``apply``."""
+        self._apply = apply
         self.add_pre_set_parameters_callback(_with_floats)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
@@ -111,7 +108,7 @@ class TunableNode(Node):  # type: ignore[misc]
     def _apply_parameters(self, parameters: list[RosParameter]) -> None:
         """Apply what passed."""
         self._parameters_now = self._changed(parameters)
-        self.apply(self._parameters_now)
+        self._apply(self._parameters_now)
 
     def _save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Write the parameters to a file that ``--params-file`` reads."""

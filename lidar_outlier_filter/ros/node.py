@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -21,8 +21,9 @@ from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
-from lidar_outlier_filter.ros.executable import leave, on_stop
 from lidar_outlier_filter.ros.live_parameters import TunableNode
+from lidar_outlier_filter.ros.signals import leave, on_stop
+from lidar_outlier_filter.stream.topics import answers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.cloud_filter import Answer, Statistics
 
-POINTS, CLEANED, OUTLIERS = 'points', 'points/cleaned', 'points/outliers'
+POINTS = 'points'
 SIGNAL_PERIOD = 0.1  # seconds between two looks for a signal: the middleware wakes for none
 
 
@@ -50,8 +51,10 @@ def remappings(input_topic: str) -> list[tuple[str, str]]:
 
     """
     _refuse_topic('input_topic', input_topic)
-    cleaned, outliers = f'{input_topic}/cleaned', f'{input_topic}/outliers'
-    return [(POINTS, input_topic), (CLEANED, cleaned), (OUTLIERS, outliers)]
+    return [
+        (POINTS, input_topic),
+        *zip(answers(POINTS), answers(input_topic), strict=True),
+    ]
 
 
 def _refuse_topic(what: str, name: str) -> None:
@@ -98,7 +101,7 @@ class OutlierFilterNode(TunableNode):
         super().__init__(parameters or {}, **options)
         names = self._names()
         self.channels = tuple(Channel(self, name, self.filter_parameters) for name in names)
-        self._watch_parameters()
+        self._watch_parameters(self.apply)
 
     @property
     def statistics(self) -> Statistics:
@@ -152,8 +155,12 @@ class OutlierFilterNode(TunableNode):
         Does nothing where ROS is shut down already: nobody would hear of it.
         """
         if self.context.ok():
+            # Before one is waited for, so that the queues of the others do not run over meanwhile.
             for channel in self.channels:
-                channel.finish()
+                channel.close()
+            with ExitStack() as others:  # which finish where one has failed
+                for channel in reversed(self.channels):
+                    others.callback(channel.finish)
 
     def destroy_node(self) -> None:
         """End what runs, and let go of the rest."""

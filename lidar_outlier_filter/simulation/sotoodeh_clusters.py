@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.detectors.hierarchical.detector import Outcome
+    from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
     from lidar_outlier_filter.parameters.detectors import Hierarchical
 
     Floats = NDArray[np.float64]
@@ -39,7 +39,7 @@ MARGIN = (np.array([0.6, 0.6, 0.6]), np.array([0.6, 1.2, 0.6]))  # around the go
 PAPER = (0.0045, 0.0137, 0.0104, 0.0052)
 
 
-class Scene(NamedTuple):
+class LabelledClusters(NamedTuple):
     """A cloud with its truth.
 
     Attributes
@@ -73,7 +73,7 @@ class Errors(NamedTuple):
         return self.left / self.seen
 
 
-def simulate(seed: int) -> Scene:
+def simulate(seed: int) -> LabelledClusters:
     """Scan the two surfaces and scatter the outliers; the same seed gives the same points."""
     dice = np.random.default_rng(seed)
     u, v = _grid(dice, (24, 21), 0.2)
@@ -95,7 +95,7 @@ def simulate(seed: int) -> Scene:
         ]
     )
     truth = np.arange(len(good) + len(outliers)) >= len(good)
-    return Scene(np.concatenate([good, outliers]), truth)
+    return LabelledClusters(np.concatenate([good, outliers]), truth)
 
 
 def _grid(dice: np.random.Generator, shape: tuple[int, int], step: float) -> tuple[Floats, Floats]:
@@ -119,7 +119,7 @@ def _scatter(
     return np.array(found)
 
 
-def errors(outlier: Bools, outcome: Outcome) -> tuple[Errors, Errors]:
+def errors(outlier: Bools, outcome: ClusterOutcome) -> tuple[Errors, Errors]:
     """Count the errors of both phases."""
     first, second = outcome.phase == 1, outcome.phase == 2  # noqa: PLR2004  the phases
     rejected = first | second

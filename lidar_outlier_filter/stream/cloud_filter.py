@@ -12,21 +12,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import TEMPORAL, Chain
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.detectors.declaration import Tiled
+from lidar_outlier_filter.core.detectors.registry import BITS, DETECTORS
 from lidar_outlier_filter.core.points import missing
-from lidar_outlier_filter.core.verdict import BITS, Verdict
-from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.core.verdict import Failed, Verdict
+from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
+from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
+from lidar_outlier_filter.parameters.given import gather
 from lidar_outlier_filter.stream.moving import MovingStream
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.stream.motion import Motion
+    from lidar_outlier_filter.stream.motion import PoseSource
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class _Task:
 class Answer:
     """The two clouds that one cloud was split into, and what was handed in with it.
 
-    A cloud that nobody wants is None.
+    Clouds are of the kind that was pushed. A cloud that nobody wants is None.
     """
 
     cleaned: Any
@@ -71,6 +76,7 @@ class Statistics:
     unmoved : clouds that were judged without poses, in their own frame
     resets : times the clock was set back
     passes : most repetitions without the rejected that a block has needed
+    failures : blocks that a detector raised an error in
 
     """
 
@@ -88,6 +94,7 @@ class Statistics:
     unmoved: int = 0
     resets: int = 0
     passes: int = 0
+    failures: int = 0
 
     @property
     def refused(self) -> int:
@@ -124,26 +131,70 @@ class Statistics:
 
 
 class CloudFilter:
-    """Clouds in, answers out: one for each cloud, in order, however long it takes."""
+    """Clouds in, answers out: one for each cloud, in order, however long it takes.
+
+    Parameters
+    ----------
+    parameters : mapping of flat names to values, or FilterParameters; optional
+        What is not named has its default.
+    inform, warn : callable, optional
+        Are called once with a sentence that says how the clouds are read, and what they lack.
+    motion : PoseSource, optional
+        With it clouds wait for their poses, too.
+    chain : sequence of str, optional
+        The detectors, in their order; short for ``chain`` in ``parameters``.
+
+    Attributes
+    ----------
+    statistics : Statistics
+        Counts since the start.
+    refuse : callable
+        Is called with the error of a cloud that is refused after it was taken: when its poses
+        have come, or when its block was judged.
+    fail : callable
+        Is called with an error that a detector raised, once for each place in the code.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter or a detector is unknown, or a value makes no sense.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter import CloudFilter
+    >>> cloud = np.zeros(2000, [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4')])
+    >>> cloud['x'], cloud['y'] = np.divmod(np.arange(2000), 50)
+    >>> cloud['t'] = np.arange(2000) * 50_000  # nanoseconds after the stamp
+    >>> cloud['z'][1234] = 30
+    >>> filter = CloudFilter({'lof.threshold': 2.0}, chain=['lof'])
+    >>> answers = filter.push(cloud, stamp=1_700_000_000_000_000_000) + filter.flush()
+    >>> answers[0].outliers['z'].tolist(), answers[0].cleaned.size
+    ([30.0], 1999)
+
+    """
 
     def __init__(
         self,
-        parameters: FilterParameters,
+        parameters: FilterParameters | Mapping[str, object] | None = None,
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
-        motion: Motion | None = None,
+        motion: PoseSource | None = None,
+        *,
+        chain: Sequence[str] | None = None,
     ) -> None:
-        """Compile the kernels; ``inform`` and ``warn`` are told once how the clouds are read.
-
-        With a ``motion`` clouds wait for their poses, too; ``refuse`` is told of one that is
-        refused when they have come.
-        """
+        """Compile the kernels."""
+        parameters = gather(parameters, chain)
         self.statistics = Statistics()
         self.refuse: Callable[[CloudError], object] = str
+        self.fail: Callable[[JudgingError], object] = str
+        self.pass_failed = False  # clouds that could not be judged, instead of refusing them
         self.wanted = (True, True)  # cleaned and outliers: what nobody wants is not made
         self._parameters = parameters
         self._decoder = Decoder(parameters, inform, warn)
         self._stream = Stream(parameters)
+        self._stream.fail = self._failed
+        self._places: set[str] = set()  # where detectors have raised errors
         self._moving = None
         if motion is not None:
             self._moving = MovingStream(self._stream, motion, parameters, self.refused)
@@ -169,15 +220,29 @@ class CloudFilter:
         first = self._entrance.oldest
         return None if first is None else first.tag
 
-    def push(self, msg: Any, tag: Any = None) -> list[Answer]:
+    def push(
+        self, msg: Any, tag: Any = None, *, stamp: int | np.integer[Any] | None = None
+    ) -> list[Answer]:
         """Take the next cloud; return the answers that are finished by it, the oldest first.
+
+        Parameters
+        ----------
+        msg : structured array of shape (N,) or (height, width), or anything like a PointCloud2
+            With the fields x, y and z, metres. Its answers are of the same kind. It must not change
+            until it is answered.
+        tag : optional
+            Comes back with the answer.
+        stamp : int, optional
+            Time that the times of an array count from, nanoseconds. Absolute times need none.
 
         Raises
         ------
         CloudError
-            If the cloud makes no sense. It is counted, and the next one is served.
+            If the cloud makes no sense. It is counted, and the next one is served; ``advance`` has
+            the answers that it finished all the same.
 
         """
+        msg = self._as_message(msg, stamp)
         try:
             points = self._decoder.decode(msg)
             task = _Task(msg, tag, self._parameters, _valid(points))
@@ -197,6 +262,7 @@ class CloudFilter:
             If the cloud cannot be split. It is counted, and the next one is served.
 
         """
+        msg = self._as_message(msg)
         try:
             view = self._decoder.view(msg)
             task = _Task(msg, tag, self._parameters, 0, reason)
@@ -225,8 +291,8 @@ class CloudFilter:
         return self._answers(self._stream.hurry() if moving is None else moving.hurry_oldest())
 
     def advance(self) -> list[Answer]:
-        """Go on with the clouds that have their poses by now."""
-        return [] if self._moving is None else self._answers(self._moving.advance())
+        """Go on with the clouds that have their poses by now, or that a refused one completed."""
+        return self._answers(self._entrance.advance())
 
     @property
     def can_shed(self) -> bool:
@@ -253,7 +319,10 @@ class CloudFilter:
                 raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
         chain = Chain(parameters)
         # What the old chain did not need is compiled before the next cloud.
-        chain.compile()
+        try:
+            chain.compile()
+        except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
+            self._failed(JudgingError(err))
         self._parameters = self._decoder.parameters = parameters
         self._stream.chain = self._chain = chain
         self._short = _short(chain)
@@ -265,6 +334,20 @@ class CloudFilter:
         self.statistics.refusals[err.what] += 1
         self.refuse(err)
 
+    def _failed(self, err: JudgingError) -> None:
+        """Count a block that a detector raised an error in."""
+        self.statistics.failures += 1
+        if err.place not in self._places:
+            self._places.add(err.place)
+            self.fail(err)
+
+    def _as_message(self, cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
+        try:
+            return as_message(cloud, stamp)
+        except CloudError as err:
+            self.statistics.refusals[err.what] += 1
+            raise
+
     def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
         self.statistics.resets = self._stream.resets
         self.statistics.unmoved = 0 if self._moving is None else self._moving.unmoved
@@ -273,6 +356,11 @@ class CloudFilter:
         for task, verdict in finished:
             if task.passed:
                 self.statistics.count_passed(len(verdict), task.passed)
+            elif isinstance(verdict, Failed):
+                if not self.pass_failed:
+                    self.refused(verdict.error)
+                    continue
+                self.statistics.count_passed(len(verdict), 'failure')
             else:
                 self.statistics.count(verdict, task.valid)
             answers.append(_answer(task, verdict, self.wanted))
@@ -288,13 +376,14 @@ def _answer(task: _Task, verdict: Verdict, wanted: tuple[bool, bool]) -> Answer:
         scores=form.scores,
         wanted=wanted,
     )
-    return Answer(*clouds, task.tag)
+    cleaned, outliers = map(as_given, clouds)
+    return Answer(cleaned, outliers, task.tag)
 
 
 def _short(chain: Chain) -> Chain | None:
-    """Leave out the slow detectors; None where the rest could reject nothing."""
+    """Leave all but those that judge each line by itself, which are fast; None: none is left."""
     parameters = chain.parameters
-    names = tuple(name for name in parameters.chain if name in TEMPORAL)
+    names = tuple(name for name in parameters.chain if DETECTORS[name].tiled is Tiled.BY_LINE)
     if len(names) < max(parameters.vote, 1):
         return None
     return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))

@@ -1,31 +1,24 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the sensor was when: from odometry, or from tf. Messages are duck-typed.
+"""Where the sensor was when, by odometry. Messages are duck-typed.
 
 Only the points that detectors see are moved. What is published keeps its frame and its bytes.
 """
 
 from __future__ import annotations
 
-import importlib
 from collections import Counter
 from typing import TYPE_CHECKING, Any, Protocol
 
-import numpy as np
-
 from lidar_outlier_filter.core.points import SECOND, Points
 from lidar_outlier_filter.core.poses import Cover, Mounting, Track
-from lidar_outlier_filter.errors import ParameterError, PoseError
+from lidar_outlier_filter.errors import PoseError
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
-
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-STEP = SECOND // 100  # between two looks into tf: vehicles turn slowly
 
-
-class Motion(Protocol):
+class PoseSource(Protocol):
     """What knows where the sensor was."""
 
     topic: str  # of nav_msgs/Odometry; empty: none
@@ -39,6 +32,12 @@ class Motion(Protocol):
 
     def move(self, points: Points, frame: str) -> Points | None:
         """Move points from ``frame`` to the frame that stands still; None if that is not known."""
+
+    def begin_anew(self) -> None:
+        """Forget what was before: the clock of the points was set back.
+
+        What has begun anew by itself is kept: poses may be set back before the points are.
+        """
 
 
 class Odometry:
@@ -72,77 +71,6 @@ class Odometry:
         """Move points from the sensor to the frame of the odometry."""
         return self._track.move(points, self._mounting)
 
-
-class Tf:
-    """tf2: the transform from the frame of the cloud to one that stands still.
-
-    It is looked up every 10 ms and interpolated between, because one look takes 10 µs and a cloud
-    has as many times as points.
-    """
-
-    def __init__(self, node: Node, parameters: FilterParameters) -> None:
-        """Listen to /tf and /tf_static.
-
-        Raises
-        ------
-        ParameterError
-            If tf2_ros is not installed.
-
-        """
-        try:
-            tf2_ros = importlib.import_module('tf2_ros')
-        except ImportError as err:
-            must_be = "'none' or 'odometry' where tf2_ros is not installed"
-            raise ParameterError('motion.source', must_be, "'tf'") from err
-        from rclpy.time import Duration, Time  # noqa: PLC0415  the odometry of a test needs no ROS
-
-        self.topic = ''
-        self._fixed = parameters.motion.fixed_frame
-        self.refusals: Counter[str] = Counter()
-        self._time: Any = lambda t: Time(nanoseconds=t)
-        self._jump, self._gap = parameters.time_jump, parameters.motion.max_gap
-        self._buffer: Any = tf2_ros.Buffer(cache_time=Duration(seconds=60), node=node)
-        Track.compile()
-        self._unknown: Any = tf2_ros.TransformException
-        self._listener = tf2_ros.TransformListener(self._buffer, node)
-
-    def take(self, msg: Any) -> None:
-        """Do nothing: tf2 has its own subscriptions."""
-
-    def cover(self, first: int, last: int, frame: str) -> Cover:
-        """Tell whether tf knows ``frame`` from ``first`` to ``last``."""
-        if not self._buffer.can_transform(self._fixed, frame, self._time(last)):
-            return Cover.NOT_YET
-        known = self._buffer.can_transform(self._fixed, frame, self._time(first))
-        return Cover.YES if known else Cover.NEVER
-
-    def move(self, points: Points, frame: str) -> Points | None:
-        """Move points from ``frame`` to the one that stands still."""
-        known = points.t[points.valid]
-        if not len(known):
-            return points
-        first, last = int(known.min()), int(known.max())
-        track = Track(self._gap, self._jump)
-        for t in np.unique(np.append(np.arange(first, last, STEP), last)).tolist():
-            try:
-                found = self._buffer.lookup_transform(self._fixed, frame, self._time(t))
-            except self._unknown:
-                return None
-            moved = found.transform
-            p, q = moved.translation, moved.rotation
-            track.add(t, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
-        return track.move(points, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-
-
-def make_motion(node: Node, parameters: FilterParameters) -> Motion | None:
-    """Make what ``motion.source`` asks for; None for 'none'.
-
-    Raises
-    ------
-    ParameterError
-        If it is not to be had here.
-
-    """
-    if parameters.motion.source == 'none':
-        return None
-    return Odometry(parameters) if parameters.motion.source == 'odometry' else Tf(node, parameters)
+    def begin_anew(self) -> None:
+        """Forget the odometry of before."""
+        self._track.begin_anew()

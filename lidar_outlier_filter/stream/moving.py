@@ -8,6 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from lidar_outlier_filter.core.blocks import BEGINNING, END
 from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.core.poses import Cover
 from lidar_outlier_filter.errors import CloudError
@@ -19,13 +20,13 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.stream.motion import Motion
+    from lidar_outlier_filter.stream.motion import PoseSource
 
     Finished = list[tuple[Any, Verdict]]
 
 
 @dataclass(frozen=True)
-class _Message:
+class _WaitingCloud:
     """A message that waits for poses, and the times of its points; ``last`` < ``first`` of none."""
 
     points: Points
@@ -45,7 +46,7 @@ class MovingStream:
     def __init__(
         self,
         stream: Stream,
-        motion: Motion,
+        motion: PoseSource,
         parameters: FilterParameters,
         refuse: Callable[[CloudError], object],
     ) -> None:
@@ -57,9 +58,10 @@ class MovingStream:
         self._most = parameters.max_points
         self.wait_at_most(parameters.max_delay)
         self._jump = round(parameters.time_jump * SECOND)
-        self._queue: deque[_Message] = deque()
+        self._queue: deque[_WaitingCloud] = deque()
         self._held = 0  # points in the queue
-        self._newest = -(2**62)
+        self._newest = BEGINNING
+        self._answered: Finished = []  # by a cloud that was refused
 
     @property
     def waiting(self) -> int:
@@ -81,29 +83,44 @@ class MovingStream:
         Raises
         ------
         CloudError
-            If more points would be held than ``max_points``.
+            If the time that it spans cannot be true. Or if more points would be held than
+            ``max_points``: time goes on all the same; :meth:`advance` has what that finished.
 
         """
-        total = self._held + self._stream.held + len(points)
-        if total > self._most:
-            must_be = f'at most max_points = {self._most}'
-            raise CloudError('the number of points held', must_be, total)
         t = points.t[points.valid]
-        first, last = (int(t.min()), int(t.max())) if len(t) else (0, -1)
+        first, last = (int(t.min()), int(t.max())) if len(t) else (END, BEGINNING)
+        self._stream.refuse_span(first, last)
         finished: Finished = []
-        if len(t) and last < self._newest - self._jump:
+        if last < self._newest - self._jump and len(t):
+            self._refuse_too_many(len(points))
             # A clock that was set back: the poses of before will not come any more.
             finished = self._let_go_all() + self._stream.flush()
+            self._motion.begin_anew()
             self._stream.resets += 1
             self._newest = last
         self._newest = max(self._newest, last)
-        self._queue.append(_Message(points, tag, first, last))
+        finished += self.advance()
+        if not self._queue and self._stream.held + len(points) > self._most:
+            self._stream.make_room(first, last)
+        try:
+            self._refuse_too_many(self._held + self._stream.held + len(points))
+        except CloudError:
+            self._answered = finished
+            if not self._queue:
+                self._stream.go_on(last)
+            raise
+        self._queue.append(_WaitingCloud(points, tag, first, last))
         self._held += len(points)
         return finished + self.advance()
 
+    def _refuse_too_many(self, total: int) -> None:
+        if total > self._most:
+            must_be = f'at most max_points = {self._most}'
+            raise CloudError('the number of points held', must_be, total)
+
     def advance(self) -> Finished:
         """Let go on what has its poses by now, in order."""
-        finished: Finished = []
+        finished = self._take_answered() + self._stream.advance()
         while self._queue:
             head = self._queue[0]
             cover = Cover.YES
@@ -121,16 +138,21 @@ class MovingStream:
 
     def hurry_oldest(self) -> Finished:
         """Answer what has waited longest; others may still wait for their poses."""
-        finished: Finished = []
+        finished = self._take_answered()
         if not self._stream.waiting and self._queue:
-            finished = self._let_go(moved=False) + self.advance()
+            finished += self._let_go(moved=False) + self.advance()
         return finished + self._stream.hurry()
 
     def flush(self) -> Finished:
         """Answer all that is pending with what is there, and begin anew."""
         finished = self._let_go_all()
-        self._newest = -(2**62)
+        self._newest = BEGINNING
+        self._motion.begin_anew()
         return finished + self._stream.flush()
+
+    def _take_answered(self) -> Finished:
+        answered, self._answered = self._answered, []
+        return answered
 
     def _let_go_all(self) -> Finished:
         finished = self.advance()

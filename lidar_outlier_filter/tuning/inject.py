@@ -73,8 +73,12 @@ class Injection:
             raise FilterError('the distances of outliers', 'LOW and HIGH > 2 LOW > 0', got)
 
 
-def inject(clouds: Sequence[Points], how: Injection) -> tuple[list[Points], Integers]:
+def inject(
+    clouds: Sequence[Points], how: Injection, eyes: Sequence[Floats | None] = ()
+) -> tuple[list[Points], Integers]:
     """Move some points of clouds, all of them valid, to where no point is.
+
+    ``eyes`` says of clouds whose points have a distance where the sensor was, (N, 3).
 
     Returns
     -------
@@ -99,10 +103,15 @@ def inject(clouds: Sequence[Points], how: Injection) -> tuple[list[Points], Inte
             here = bisect_left(groups[kind], begin, key=lambda group: group.start)
             there = bisect_left(groups[kind], end, key=lambda group: group.start)
             _move(xyz, groups[kind][here:there], good, how, dice)
-    return [
-        replace(cloud, xyz=xyz[start : start + len(cloud)])
-        for cloud, start in zip(clouds, first.tolist(), strict=False)
-    ], code
+    made = []
+    for number, (cloud, start) in enumerate(zip(clouds, first.tolist(), strict=False)):
+        part = slice(start, start + len(cloud))
+        distance, eye = cloud.distance, eyes[number] if eyes else None
+        if distance is not None and eye is not None:
+            there = np.linalg.norm(xyz[part] - eye, axis=1)
+            distance = np.where(code[part] == Cause.GOOD, distance, there)
+        made.append(replace(cloud, xyz=xyz[part], distance=distance))
+    return made, code
 
 
 def _choose(

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.dials import Threshold
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.tuning.dials import Search, Threshold
+    from lidar_outlier_filter.tuning.dials import Search
     from lidar_outlier_filter.tuning.training import Training
 
     Floats = NDArray[np.float64]

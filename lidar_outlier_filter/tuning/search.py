@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.verdict import ALL, BITS
+from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.core.verdict import ALL
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED
 from lidar_outlier_filter.tuning.dials import searches

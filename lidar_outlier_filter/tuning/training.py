@@ -4,24 +4,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain, along_lines
-from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.errors import CloudError, RecordingError
+from lidar_outlier_filter.core.verdict import Failed, Verdict
+from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.labels import read_codes
 from lidar_outlier_filter.files import points as file_points
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.messages.cloud import is_empty, structured
-from lidar_outlier_filter.messages.decoder import Decoder
-from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.tuning.inject import Injection, inject
+from lidar_outlier_filter.tuning.recorded import RecordedClouds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,9 +33,6 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
     Integers = NDArray[np.int64]
-
-CLOUD = 'sensor_msgs/msg/PointCloud2'
-ANSWERS = ('/cleaned', '/outliers')
 
 
 @dataclass(frozen=True)
@@ -54,6 +49,9 @@ class Training:
     stretches : how many there are
     streamed : whether the clouds are judged in blocks, as the node judges them
     refused : clouds that the filter refuses, which are not among them
+    unmoved : clouds that have no poses, under ``motion.source``
+    frames : of the clouds, where they are not all of one; those of different frames are never
+        judged together
 
     """
 
@@ -64,6 +62,8 @@ class Training:
     stretches: int
     streamed: bool = True
     refused: int = 0
+    unmoved: int = 0
+    frames: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Count the points."""
@@ -81,7 +81,10 @@ class Training:
             ends = np.cumsum([len(cloud) for cloud in clouds])[:-1]
             parts = np.split(seen, ends)
             clouds = [cloud.take(part) for cloud, part in zip(clouds, parts, strict=True)]
-        told = _stream(clouds, parameters) if self.streamed else _whole(clouds, parameters)
+        if self.streamed:
+            told = _stream(clouds, self.frames or [''] * len(clouds), parameters)
+        else:
+            told = _whole(clouds, parameters)
         if seen is None:
             return told
         verdict = Verdict.untested(len(self))
@@ -122,14 +125,22 @@ def together(parts: Sequence[Training]) -> Training:
         np.concatenate([part.stretch + first for part, first in zip(parts, before, strict=False)]),
         int(before[-1]),
         refused=sum(part.refused for part in parts),
+        unmoved=sum(part.unmoved for part in parts),
         parts=tuple(parts),
     )
 
 
-def _stream(clouds: Sequence[Points], parameters: FilterParameters) -> Verdict:
+def _stream(
+    clouds: Sequence[Points], frames: Sequence[str], parameters: FilterParameters
+) -> Verdict:
     stream = Stream(parameters)
-    finished = [answer for cloud in clouds for answer in stream.push(cloud)]
+    finished = []
+    for cloud, frame in zip(clouds, frames, strict=True):
+        finished += stream.push(cloud, None, frame)
     finished += stream.flush()
+    for _, verdict in finished:
+        if isinstance(verdict, Failed):
+            raise verdict.error
     return _joined([verdict for _, verdict in finished])
 
 
@@ -158,7 +169,7 @@ def from_recording(  # noqa: PLR0913  what the command line offers
     Parameters
     ----------
     recording : any that ``replay`` reads
-    parameters : how the clouds are read, and what makes a block
+    parameters : how the clouds are read and moved, and what makes a block
     codes : what the labels mean
     topic : of clouds; None: the only one
     truth : field of the clouds; or a file for each cloud, in order; or how to make outliers of
@@ -172,61 +183,28 @@ def from_recording(  # noqa: PLR0913  what the command line offers
 
     """
     files = [] if isinstance(truth, str | Injection) else list(truth)
-    clouds, labels, refused = _read(recording, parameters, topic, truth, files)
+    injected = isinstance(truth, Injection)
+    source = RecordedClouds(recording, parameters, topic, with_eyes=injected)
+    clouds, frames, eyes, labels = [], [], [], []
+    for cloud in source:
+        valid = cloud.points.valid
+        clouds.append(cloud.points.take(valid))
+        frames.append(cloud.frame)
+        eyes.append(None if cloud.eye is None else cloud.eye[valid])
+        if not injected and not (files and cloud.number >= len(files)):
+            path = files[cloud.number] if files else None
+            labels.append(_labels(cloud.msg, path, truth)[valid])
+    if files and source.count != len(files):
+        must_be = f'one for each of the {source.count} clouds of {source.topic}'
+        raise RecordingError('the files with labels', must_be, len(files))
     if isinstance(truth, Injection):
-        clouds, code = inject(clouds, truth)
+        clouds, code = inject(clouds, truth, eyes)
     else:
         code = np.concatenate(labels) if labels else np.zeros(0, np.int64)
     t = np.concatenate([cloud.t for cloud in clouds]) if clouds else np.zeros(0, np.int64)
-    pieces = cut(t, stretches)
-    return _checked(clouds, code, codes, pieces, stretches, streamed=True, refused=refused)
-
-
-def _read(
-    recording: Path,
-    parameters: FilterParameters,
-    topic: str | None,
-    truth: str | Sequence[Path] | Injection,
-    files: Sequence[Path],
-) -> tuple[list[Points], list[Integers], int]:
-    """Read the valid points of every cloud that the filter takes, and their labels."""
-    decoder, dry = Decoder(parameters), Stream(parameters)
-    # It only says which clouds it would take.
-    dry.chain = _Nothing(parameters)
-    store = get_typestore(Stores.ROS2_JAZZY)
-    clouds, labels, number, taken = [], [], 0, 0
-    with Recording(recording) as source:
-        name = _choose(source, topic)
-        for channel, _, data in source.messages():
-            if channel.name != name:
-                continue
-            message = store.deserialize_cdr(data, channel.msgtype)
-            number += 1
-            if files and number > len(files):
-                continue
-            try:
-                points = decoder.decode(message)
-                dry.push(points)
-            except CloudError:
-                decoder.undo()
-                continue
-            taken += 1
-            clouds.append(points.take(points.valid))
-            if not isinstance(truth, Injection):
-                path = files[number - 1] if files else None
-                labels.append(_labels(message, path, truth)[points.valid])
-    if files and number != len(files):
-        must_be = f'one for each of the {number} clouds of {name}'
-        raise RecordingError('the files with labels', must_be, len(files))
-    return clouds, labels, number - taken
-
-
-class _Nothing(Chain):
-    """A chain that leaves all points as they are."""
-
-    def judge(self, points: Points) -> Verdict:
-        """Judge nothing."""
-        return Verdict.untested(len(points))
+    found = _checked(clouds, code, codes, cut(t, stretches), stretches, streamed=True)
+    refused = source.count - len(clouds)
+    return replace(found, frames=tuple(frames), refused=refused, unmoved=source.unmoved)
 
 
 def _labels(message: Any, path: Path | None, truth: str | Sequence[Path] | Injection) -> Integers:
@@ -245,25 +223,6 @@ def _labels(message: Any, path: Path | None, truth: str | Sequence[Path] | Injec
         must_be = f'with whole numbers {truth!r}'
         raise RecordingError('the fields of the clouds', must_be, ', '.join(names))
     return np.asarray(points[str(truth)].astype(np.int64))
-
-
-def _choose(source: Recording, topic: str | None) -> str:
-    """Find the topic of clouds that is named, or the only one; answers are none."""
-    names = [channel.name for channel in source.topics if channel.msgtype == CLOUD]
-    inputs = [
-        name
-        for name in names
-        if not any(
-            name.endswith(answer) and name.removesuffix(answer) in names for answer in ANSWERS
-        )
-    ]
-    if topic is None and len(inputs) == 1:
-        return inputs[0]
-    if topic is None or topic not in names:
-        known = ', '.join(inputs) or 'none'
-        must_be = f'one of its topics of clouds ({known})'
-        raise RecordingError(f'the topic to learn from in {source.path}', must_be, repr(topic))
-    return topic
 
 
 def from_file(  # noqa: PLR0913  what the command line offers
@@ -330,13 +289,10 @@ def _checked(  # noqa: PLR0913  all that is known
     stretches: int,
     *,
     streamed: bool,
-    refused: int = 0,
 ) -> Training:
     counted, bad = codes.counted(code), codes.bad(code)
     outliers, good = np.count_nonzero(counted & bad), np.count_nonzero(counted & ~bad)
     if outliers == 0 or good == 0:
         got = f'{outliers} outliers and {good} good points'
         raise RecordingError('the points to learn from', 'outliers and good points', got)
-    return Training(
-        tuple(clouds), bad & counted, ~bad & counted, stretch, stretches, streamed, refused
-    )
+    return Training(tuple(clouds), bad & counted, ~bad & counted, stretch, stretches, streamed)

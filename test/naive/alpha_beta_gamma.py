@@ -9,7 +9,7 @@ terrestrial lidar data" (2010), section 2.1. Times are int64 nanoseconds unless 
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import factorial, isnan, nan, sqrt
+from math import factorial, isnan, nan, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +55,43 @@ def segments(t_ns: Sequence[int], line: Sequence[int], gap_factor: float) -> lis
         gap = usual is not None and int(t_ns[i]) - int(t_ns[i - 1]) > gap_factor * usual
         answer.append(answer[-1] + int(new_line or gap))
     return answer
+
+
+def angle_lines(angle: Sequence[float]) -> list[int]:
+    """Give each shot the number of its line, from 0, by its angle (radians, in [-π, 2π]).
+
+    A line begins where the angle wraps (steps by more than π), or steps against the sense of
+    rotation by more than a twelfth of a turn. A smaller step back is noise: until the angle is
+    further than it ever was in this line, nothing begins. The sense is the sign of the sum of the
+    steps of a twelfth or less, limited to ±π. Within a twelfth of 0 there is none, and only wraps
+    count.
+    """
+    answer: list[int] = []
+    line, travel, furthest = 0, 0.0, nan
+    for i, now in enumerate(angle):
+        if i == 0:
+            furthest = now
+            answer.append(line)
+            continue
+        step = _shorter_way(angle[i - 1], now)
+        forwards = travel >= pi / 6
+        backwards = travel <= -pi / 6
+        jump = (forwards and step < -pi / 6) or (backwards and step > pi / 6)
+        lag = -_shorter_way(furthest, now) if forwards else _shorter_way(furthest, now)
+        noise = (forwards or backwards) and 0 <= lag <= pi / 6
+        if jump or (not noise and abs(now - furthest) > pi):
+            line += 1
+        if jump or not noise:
+            furthest = now
+        if -pi / 6 <= step <= pi / 6:
+            travel = sorted([-pi, travel + step, pi])[1]
+        answer.append(line)
+    return answer
+
+
+def _shorter_way(a: float, b: float) -> float:
+    """Step from one angle to another that is at most half a turn away; half keeps its sign."""
+    return min([b - a, b - a - 2 * pi, b - a + 2 * pi], key=abs)
 
 
 # Windows: positions in a segment of m points, without p itself ---------------------------------

@@ -30,14 +30,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
+from lidar_outlier_filter.core.detectors.declaration import Detector
+from lidar_outlier_filter.core.detectors.dials import decades, each, plain
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.detectors import Elevation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters.detectors import Elevation
+    from lidar_outlier_filter.core.seen import Seen
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -66,6 +71,24 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     ------
     FilterError
         If a coordinate is not finite, or so large that its square is not.
+
+    References
+    ----------
+    .. [1] Kang, Huang and Yang (2018): A gross error elimination method for point cloud data based
+       on kd-tree. ISPRS Archives XLII-3, 719-722.
+       https://doi.org/10.5194/isprs-archives-XLII-3-719-2018
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors import elevation
+    >>> from lidar_outlier_filter.parameters.detectors import Elevation
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> score = elevation.detect(xyz, Elevation())
+    >>> np.flatnonzero(score > 1).tolist()
+    [77]
 
     """
     score = np.full(len(xyz), np.nan)
@@ -175,3 +198,21 @@ def _differences_of_lists(
         for j in range(offsets[i], offsets[i + 1]):
             total += elevation[near[j]] - elevation[which[i]]
         result[which[i]] = total / (offsets[i + 1] - offsets[i])
+
+
+def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
+    return Scores(detect(seen.points.xyz, parameters.elevation, seen.threads))
+
+
+DETECTOR = Detector(
+    name='elevation',
+    bit=32,
+    section=Elevation,
+    detect=_detect,
+    threshold=lambda _: plain('elevation.multiplier', decades(-1, 3)),
+    dials=lambda _: [each('elevation.k', (10, 20, 30, 60))],
+    colour='#56b4e9',
+    rejects='is set apart in elevation, or differs by more than 3 σ from its neighbours on the map '
+    '(airborne clouds, z up)',
+    source='Kang 2018',
+)

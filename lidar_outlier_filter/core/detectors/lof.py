@@ -32,17 +32,21 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import threads
+from lidar_outlier_filter.core.detectors.declaration import Detector, Measured
+from lidar_outlier_filter.core.detectors.dials import NEIGHBOURS, Threshold, decades, each, plain
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
 from lidar_outlier_filter.core.kernels import kernel, median
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
+from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.parameters.detectors import Lof
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters.detectors import Lof
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -91,6 +95,30 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
         In the order in which the points were given, ÷ ``threshold``: the LOF (``lof``), or its
         absolute difference from the median of all (``lof2``, Pirotti et al. 2018). NaN for all
         points where each has fewer than ``min_pts`` others.
+
+    References
+    ----------
+    .. [1] Breunig, Kriegel, Ng and Sander (2000): LOF: identifying density-based local outliers.
+       SIGMOD, 93-104. https://doi.org/10.1145/342009.335388
+    .. [2] Sotoodeh (2006): Outlier detection in laser scanner point clouds. ISPRS Archives XXXVI-5,
+       297-302.
+    .. [3] Pirotti, Ravanelli, Fissore and Masiero (2018): Implementation and assessment of two
+       density-based outlier detection methods over large spatial point clouds. Open Geospatial
+       Data, Software and Standards 3, 14. https://doi.org/10.1186/s40965-018-0056-5
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors import lof
+    >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    >>> from lidar_outlier_filter.parameters.detectors import Lof
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> parameters = Lof(threshold=2.0)
+    >>> score = lof.detect(Neighbourhood(xyz, lof.neighbours(parameters)), parameters)
+    >>> np.flatnonzero(score > 1).tolist()
+    [77]
 
     """
     return score(measure(neighbourhood, parameters), parameters)
@@ -269,3 +297,32 @@ def _mean(values: Floats, lists: NDArray[np.int32], row: int, first: int, last: 
     for m in range(first, last):
         total += values[lists[row, m]]
     return float(total / (last - first))
+
+
+def _threshold(parameters: FilterParameters) -> Threshold:
+    if parameters.lof.statistic == 'lof2':
+        return plain('lof.threshold', decades(-3, 3))
+    # A factor of 1 is that of a good point: what counts is how much it is more.
+    return plain('lof.threshold', (round(1 + more, 6) for more in decades(-2, 3)))
+
+
+_MEASURED = Measured(
+    measure=lambda neighbourhood, parameters: measure(neighbourhood, parameters.lof),
+    score=lambda factor, _, parameters: Scores(score(factor, parameters.lof)),
+    steps=3,
+    by_place=True,
+)
+DETECTOR = Detector(
+    name='lof',
+    bit=4,
+    section=Lof,
+    detect=_MEASURED.detect,
+    threshold=_threshold,
+    dials=lambda _: [each('lof.min_pts', NEIGHBOURS)],
+    neighbours=lambda parameters: neighbours(parameters.lof),
+    tiled=_MEASURED,
+    colour='#d55e00',
+    rejects='lies in a place much less dense than its neighbours do (local outlier factor, or '
+    'LOF2)',
+    source='Breunig 2000, Sotoodeh 2006, Pirotti 2018',
+)

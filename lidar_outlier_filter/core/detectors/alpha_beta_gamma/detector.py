@@ -84,6 +84,35 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     lines : their lines and segments
     parameters : see :class:`~lidar_outlier_filter.parameters.detectors.AlphaBetaGamma`
 
+    Returns
+    -------
+    Outcome
+        In the order of the points.
+
+    References
+    ----------
+    .. [1] Leslar, Wang and Hu (2010): A comparison of two new methods of outlier detection for
+       mobile terrestrial lidar data. ISPRS Commission I, ICWG VI.
+    .. [2] Leslar, Wang and Hu (2011): Comprehensive utilization of temporal and spatial domain
+       outlier detection methods for mobile terrestrial LiDAR data. Remote Sensing 3(8), 1724-1742.
+       https://doi.org/10.3390/rs3081724
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as smoother
+    >>> from lidar_outlier_filter.core.points import Points
+    >>> from lidar_outlier_filter.core.scan_lines import find_lines
+    >>> from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> t = np.arange(900) * 50_000  # nanoseconds
+    >>> points = Points(xyz, t, x.astype(np.int64), np.ones(900, np.bool_))
+    >>> outcome = smoother.detect(points, find_lines(points, gap_factor=1.5), AlphaBetaGamma())
+    >>> np.flatnonzero(outcome.rejected).tolist(), outcome.passes
+    ([77], 2)
+
     """
     before, after = parameters.before, parameters.after
     series = _series(points, lines, max(before, after))

@@ -93,6 +93,23 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
         In that order, statistic ÷ (``evidence.threshold`` · the sensor's threshold); NaN for points
         that have fewer than 20 others.
 
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors.evidence import detector as evidence
+    >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    >>> from lidar_outlier_filter.core.points import Points
+    >>> from lidar_outlier_filter.parameters.filter import FilterParameters
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> t = np.arange(900) * 50_000  # nanoseconds
+    >>> points = Points(xyz, t, x.astype(np.int64), np.ones(900, np.bool_))
+    >>> near = Neighbourhood(xyz, evidence.neighbours())
+    >>> score = evidence.detect(near, points, FilterParameters())
+    >>> np.flatnonzero(score > 1).tolist()
+    [77]
+
     """
     score = np.full(len(points), np.nan)
     if len(points) <= K:

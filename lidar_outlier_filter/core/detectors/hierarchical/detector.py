@@ -64,7 +64,7 @@ LEAST_SPREAD = 1e-3  # of the median
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ClusterOutcome:
     """What the two phases say of N points.
 
     Attributes
@@ -85,7 +85,7 @@ class Outcome:
     cluster: Ints
 
 
-def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> Outcome:
+def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOutcome:
     """Test to how large a cluster every point belongs.
 
     Parameters
@@ -94,15 +94,39 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> Outcome:
     parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Hierarchical`
     threads : at most so many, 0 for all cores; the outcome does not depend on it
 
+    Returns
+    -------
+    Outcome
+        In the order in which the points were given.
+
     Raises
     ------
     FilterError
         If a coordinate is not finite, or so large that its square is not.
 
+    References
+    ----------
+    .. [1] Sotoodeh (2007): Hierarchical clustered outlier detection in laser scanner point clouds.
+       ISPRS Commission V/3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+    >>> from lidar_outlier_filter.parameters.detectors import Hierarchical
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> outcome = hierarchical.detect(xyz, Hierarchical())
+    >>> np.flatnonzero(outcome.score > 1).tolist(), int(outcome.phase[77])
+    ([77], 1)
+
     """
     count, least = len(xyz), parameters.min_cluster
     if count < max(least, 1):
-        return Outcome(np.full(count, np.nan), np.zeros(count, np.uint8), np.zeros(count, np.int64))
+        return ClusterOutcome(
+            np.full(count, np.nan), np.zeros(count, np.uint8), np.zeros(count, np.int64)
+        )
     neighbourhood = Neighbourhood(xyz, 1, threads)
     tree = spanning_tree(neighbourhood, threads)
     longest = limit(tree.length[tree.length > 0], parameters.global_confidence)
@@ -118,7 +142,7 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> Outcome:
     phase = np.zeros(count, np.uint8)
     cluster[neighbourhood.order] = final[fine]
     phase[neighbourhood.order] = np.where(size[rough] < least, 1, 2 * (final[fine] < least))
-    return Outcome(least / cluster, phase, cluster)
+    return ClusterOutcome(least / cluster, phase, cluster)
 
 
 def limit(length: Floats, confidence: float) -> float:

@@ -59,6 +59,28 @@ def detect(
     FilterError
         A variance that is not finite and positive (definite).
 
+    References
+    ----------
+    .. [1] Leslar, Wang and Hu (2010): A comparison of two new methods of outlier detection for
+       mobile terrestrial lidar data. ISPRS Commission I, ICWG VI.
+    .. [2] Leslar, Wang and Hu (2011): Comprehensive utilization of temporal and spatial domain
+       outlier detection methods for mobile terrestrial LiDAR data. Remote Sensing 3(8), 1724-1742.
+       https://doi.org/10.3390/rs3081724
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+    >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    >>> from lidar_outlier_filter.parameters.detectors import Quadric
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> parameters = Quadric()
+    >>> score = quadric.detect(Neighbourhood(xyz, quadric.neighbours(parameters)), parameters)
+    >>> np.flatnonzero(score > 1).tolist()
+    [77]
+
     """
     components = _components(variance, len(neighbourhood))
     score = np.full(len(neighbourhood), np.nan)

@@ -60,7 +60,7 @@ class Rules(NamedTuple):
     robust: bool
 
 
-class Surface(NamedTuple):
+class FittedSurface(NamedTuple):
     """A surface that has grown; the test of all points under it is in the window.
 
     Attributes
@@ -98,7 +98,7 @@ class Growth(NamedTuple):
     freedom: int
 
 
-NONE = Surface(0, 0, 0.0)
+NONE = FittedSurface(0, 0, 0.0)
 
 
 @kernel
@@ -153,7 +153,7 @@ def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, 
 
 
 @kernel
-def describe(window: Window, n: int, size: int) -> Surface:
+def describe(window: Window, n: int, size: int) -> FittedSurface:
     """Describe the surface that was fitted last, by the points kept."""
     squares, count = 0.0, 0
     for i in range(n):
@@ -161,7 +161,7 @@ def describe(window: Window, n: int, size: int) -> Surface:
             count += 1
             if window.slope[i] > 0:
                 squares += (window.residual[i] / window.slope[i]) ** 2
-    return Surface(size, count, np.sqrt(squares / max(count - (size - 1), 1)))
+    return FittedSurface(size, count, np.sqrt(squares / max(count - (size - 1), 1)))
 
 
 @kernel

@@ -37,9 +37,9 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
 )
 from lidar_outlier_filter.core.detectors.quadric.statistics import (
     NONE,
+    FittedSurface,
     Growth,
     Rules,
-    Surface,
     describe,
     is_bent,
     is_better,
@@ -228,7 +228,7 @@ def _drop_worse_half(window: Window, begin: int, end: int) -> None:
 
 
 @kernel
-def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> Surface:
+def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a surface from the kept points, and raise its model as far as that pays."""
     if not rules.robust:
         for i in range(n):
@@ -254,7 +254,9 @@ def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> Surface:
 
 
 @kernel
-def _rise(window: Window, n: int, paraboloid: Surface, rules: Rules, growth: Growth) -> Surface:
+def _rise(
+    window: Window, n: int, paraboloid: FittedSurface, rules: Rules, growth: Growth
+) -> FittedSurface:
     """Raise a paraboloid to a quadric if that pays and is not ambiguous."""
     if not rules.robust or paraboloid.deviation <= growth.floor:
         return paraboloid
@@ -270,7 +272,7 @@ def _rise(window: Window, n: int, paraboloid: Surface, rules: Rules, growth: Gro
 
 
 @kernel
-def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> Surface:
+def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a quadric from the algebraic start, in the rows' frame; none if it is ambiguous."""
     if start_algebraic(window, n) > GAP:
         quadric = _settle(window, n, SIZES[2], rules, growth)
@@ -280,7 +282,7 @@ def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> Surfa
 
 
 @kernel
-def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growth) -> Surface:
+def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow one more surface: freely, or if it runs over what lies beside it, held tight.
 
     It is none if it explains too little, or is not as exact as the first: a volume, that is.
@@ -296,7 +298,7 @@ def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growt
 
 
 @kernel
-def _settle(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> Surface:
+def _settle(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Fit and test until no point leaves or comes back; none if the model cannot be had."""
     kept, following = window.kept, window.next
     for number in range(PASSES):

@@ -1,0 +1,127 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``replay``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.terminal import (
+    DONE,
+    INCOMPLETE,
+    add_parameter_options,
+    progress_bar,
+    read_parameters,
+    say,
+    stopping,
+)
+
+if TYPE_CHECKING:
+    import argparse
+
+    from rich.table import Table
+
+    from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.recordings.replay import ReplayReport
+
+
+def add_replay(commands: Commands) -> None:
+    """Add the command ``replay``."""
+    parser = commands.add_parser(
+        'replay',
+        help='filter the clouds of a recording',
+        description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
+        'TOPIC/outliers. Exit status: 0 all done; 1 refused, nothing is written; 3 written, but '
+        'some clouds were refused and have no answer.',
+    )
+    parser.add_argument(
+        'recording', type=Path, metavar='RECORDING', help='bag folder, .mcap, .db3 or ROS 1 .bag'
+    )
+    parser.add_argument(
+        '--output', type=Path, metavar='DIR', help='new folder; default: RECORDING_cleaned'
+    )
+    parser.add_argument(
+        '--topic',
+        action='append',
+        default=[],
+        dest='topics',
+        metavar='T',
+        help='filter this topic only; may be repeated; default: all PointCloud2 topics',
+    )
+    add_parameter_options(parser)
+    parser.add_argument(
+        '--drop-input',
+        action='store_true',
+        help='leave the clouds that are filtered out of the copy',
+    )
+    parser.set_defaults(run=_replay)
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.recordings.replay import replay
+
+    with stopping() as leave_if_asked, progress_bar(options.recording.name) as show:
+
+        def progress(done: int, total: int) -> None:
+            leave_if_asked()
+            show(done, total)
+
+        report = replay(
+            options.recording,
+            options.output or _default_output(options.recording),
+            options.topics,
+            read_parameters(options.params, options.settings),
+            drop_input=options.drop_input,
+            progress=progress,
+            inform=say,
+        )
+    _show(report)
+    return DONE if report.is_complete else INCOMPLETE
+
+
+def _default_output(recording: Path) -> Path:
+    """Name the output after the recording, beside it."""
+    path = recording.resolve()
+    name = path.name if path.is_dir() else path.stem
+    return path.with_name(f'{name}_cleaned')
+
+
+def _show(report: ReplayReport) -> None:
+    """Print the table of a replay, and to stderr what is missing in its output."""
+    from rich.console import Console
+
+    console = Console()
+    console.print(_table(report))
+    console.print(f'written to {report.output}', markup=False, highlight=False, soft_wrap=True)
+    for topic in report.topics:
+        if topic.refused:
+            reasons = ', '.join(f'{what} ({count})' for what, count in topic.refusals.items())
+            clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
+            say(f'{clouds} were refused and have no answer, for: {reasons}')
+    if report.unread:
+        say(f'{report.unread} messages that the recording counts were not found in it')
+
+
+def _table(report: ReplayReport) -> Table:
+    """Make the table of a replay, a column for each topic."""
+    from rich.table import Table
+
+    table = Table('topic', *(topic.topic for topic in report.topics))
+    for column in table.columns[1:]:
+        column.justify, column.overflow = 'right', 'fold'
+    for name in ('messages', 'refused', 'points', 'rejected', 'untested', 'invalid'):
+        table.add_row(name, *(f'{getattr(topic, name):,}' for topic in report.topics))
+    for name in report.topics[0].rejected_by if report.topics else ():
+        for text, counts in (
+            ('rejected by', [topic.rejected_by for topic in report.topics]),
+            ('undecided by', [topic.undecided_by for topic in report.topics]),
+        ):
+            table.add_row(f'{text} {name}', *(f'{count[name]:,}' for count in counts))
+    speed = (topic.points / report.elapsed for topic in report.topics)
+    table.add_row('points per second', *(f'{value:,.0f}' for value in speed))
+    faster = f'{report.recorded / report.elapsed:.1f}'
+    table.add_row('× real time', *(faster for _ in report.topics))
+    return table

@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The default detector as one of the chain."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.core.detectors.declaration import Detector
+from lidar_outlier_filter.core.detectors.dials import Threshold, plain
+from lidar_outlier_filter.core.detectors.evidence.detector import detect, neighbours
+from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.parameters.detectors import Evidence
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.seen import Seen
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
+    return Scores(detect(seen.neighbourhood, seen.points, parameters))
+
+
+def _threshold(_parameters: FilterParameters) -> Threshold:
+    # A part of a sum of logarithms: even steps.
+    return plain('evidence.threshold', (round(0.02 * n, 2) for n in range(5, 151)))
+
+
+# Without dials: its weights are those of a regression.
+DETECTOR = Detector(
+    name='evidence',
+    bit=64,
+    section=Evidence,
+    detect=_detect,
+    threshold=_threshold,
+    neighbours=lambda _: neighbours(),
+    needs_lines=True,
+    colour='#000000',
+    rejects='eight witnesses together condemn, each with its weight: distances against what '
+    'sensor, line and neighbours lead to expect, prediction along the line, distance from the '
+    'local surface, neighbours on other lines; again without the rejected, and by how many of the '
+    'neighbours those were; and slanted groups in the air',
+    source='this project',
+)

@@ -1,0 +1,46 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The quadric surfaces as a detector of the chain."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.core.detectors.declaration import Detector, Tiled
+from lidar_outlier_filter.core.detectors.dials import Dial, each, significance
+from lidar_outlier_filter.core.detectors.quadric.detector import detect, neighbours
+from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.parameters.detectors import Quadric
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.seen import Seen
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
+    sigma = seen.points.sigma
+    variance = None if sigma is None else sigma**2
+    return Scores(detect(seen.neighbourhood, parameters.quadric, variance))
+
+
+def _dials(parameters: FilterParameters) -> list[Dial]:
+    surfaces = each('quadric.surfaces', (1, 3))
+    if parameters.quadric.window == 'patch':
+        return [each('quadric.k', (15, 20, 30, 50)), surfaces]
+    return [each('quadric.section', (32, 64, 128, 256)), surfaces]
+
+
+DETECTOR = Detector(
+    name='quadric',
+    bit=2,
+    section=Quadric,
+    detect=_detect,
+    threshold=lambda _: significance('quadric.significance'),
+    dials=_dials,
+    neighbours=lambda parameters: neighbours(parameters.quadric),
+    tiled=Tiled.WITH_HALO,
+    colour='#cc79a7',
+    rejects='lies on none of the planes, paraboloids or quadrics through its neighbourhood: '
+    '`window: section` tests all points of a section at once, `patch` each in its own patch',
+    source='Leslar 2010, (18) to (31)',
+)

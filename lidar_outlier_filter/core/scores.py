@@ -1,0 +1,35 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a detector finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What a detector finds of N points, in the order in which it sees them.
+
+    Attributes
+    ----------
+    score : (N,) float64
+        Statistic ÷ critical value: a point is rejected where it is greater than 1. NaN where the
+        detector cannot decide.
+    extra : (N,) uint16, optional
+        Bits beside that of the detector, which say more of a rejected point and have no vote.
+    passes : int
+        How often the detector looked at the points, where it counts that.
+
+    """
+
+    score: Floats
+    extra: NDArray[np.uint16] | None = None
+    passes: int = 0

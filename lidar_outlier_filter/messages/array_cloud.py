@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A structured array as a PointCloud2, and back again, so that both go the same way."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.messages.cloud import AXES, DATATYPES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Rows = NDArray[np.void]
+
+ATTRIBUTES = ('header', 'height', 'width', 'fields', 'is_bigendian', 'point_step', 'row_step')
+A_CLOUD = 'a structured array with the fields x, y and z, or a PointCloud2'
+DIMENSIONS = (1, 2)
+
+
+@dataclass
+class ArrayCloud:
+    """The points of a structured array, with the attributes of a PointCloud2.
+
+    Its ``fields`` are those of a type that PointCloud2 knows. The others, and the padding, are kept
+    as bytes of the point. ``header.stamp`` is None where nobody gave one.
+    """
+
+    header: Any
+    height: int
+    width: int
+    fields: list[Any]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: Any  # (height · row_step,) uint8
+    dtype: np.dtype[np.void]  # of the array that was given
+    is_dense: bool = False
+
+    @property
+    def rows(self) -> Rows:
+        """The points as a structured array: (N,), or (height, width) where there are more rows.
+
+        The dtype is the given one, and the two fields of the scores behind it where they were
+        added.
+        """
+        rows = np.asarray(self.data).view(self._layout())
+        return rows.reshape(self.height, self.width) if self.height > 1 else rows
+
+    def _layout(self) -> np.dtype[np.void]:
+        """Add the fields that the array did not have."""
+        if self.point_step == self.dtype.itemsize:
+            return self.dtype
+        names = self.dtype.names or ()
+        kinds: Any = self.dtype.fields
+        order = '>' if self.is_bigendian else '<'
+        types = {number: name for name, number in DATATYPES.items()}
+        added = [item for item in self.fields if item.name not in names]
+        layout: Any = {
+            'names': [*names, *(item.name for item in added)],
+            'formats': [
+                *(kinds[name][0] for name in names),
+                *(order + types[item.datatype] for item in added),
+            ],
+            'offsets': [*(kinds[name][1] for name in names), *(item.offset for item in added)],
+            'itemsize': self.point_step,
+        }
+        return np.dtype(layout)  # type: ignore[no-any-return]
+
+
+def as_message(cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
+    """Give a cloud the attributes of a PointCloud2, if it has not got them.
+
+    Parameters
+    ----------
+    cloud : structured array of shape (N,) or (height, width), or anything like a PointCloud2
+        An array is not copied where its points lie together in memory.
+    stamp : int, optional
+        Time that the times of an array count from, nanoseconds. A PointCloud2 has its own.
+
+    Raises
+    ------
+    CloudError
+        If it is neither, or an array that cannot be read.
+
+    """
+    if not isinstance(cloud, np.ndarray):
+        if not all(hasattr(cloud, name) for name in (*ATTRIBUTES, 'data')):
+            raise CloudError('a cloud', A_CLOUD, f'{type(cloud).__name__}')
+        if stamp is not None:
+            raise CloudError('the stamp', 'that of the message, for a PointCloud2', stamp)
+        return cloud
+    _refuse(cloud)
+    if stamp is not None and not isinstance(stamp, int | np.integer):
+        raise CloudError('the stamp', 'a whole number of nanoseconds', repr(stamp))
+    table = np.asarray(cloud)[np.newaxis] if cloud.ndim == 1 else np.asarray(cloud)
+    # As plain bytes: a copy of a structured array would lose its padding.
+    plain = table.view(np.dtype((np.void, cloud.dtype.itemsize)))
+    fields, is_bigendian = _fields(cloud.dtype)
+    sec, nanosec = divmod(0 if stamp is None else int(stamp), SECOND)
+    time = None if stamp is None else SimpleNamespace(sec=sec, nanosec=nanosec)
+    height, width = table.shape
+    return ArrayCloud(
+        header=SimpleNamespace(stamp=time, frame_id=''),
+        height=height,
+        width=width,
+        fields=fields,
+        is_bigendian=is_bigendian,
+        point_step=cloud.dtype.itemsize,
+        row_step=cloud.dtype.itemsize * width,
+        data=np.ascontiguousarray(plain).reshape(-1).view(np.uint8),
+        dtype=cloud.dtype,
+    )
+
+
+def as_given(cloud: Any) -> Any:
+    """Turn an answer to :func:`as_message` into what was given: arrays become arrays again."""
+    return cloud.rows if isinstance(cloud, ArrayCloud) else cloud
+
+
+def _refuse(cloud: NDArray[Any]) -> None:
+    """Refuse arrays that are no clouds."""
+    names = cloud.dtype.names
+    if names is None:
+        raise CloudError('a cloud', A_CLOUD, f'an array of {cloud.dtype}, {cloud.shape}')
+    if isinstance(cloud, np.ma.MaskedArray):
+        raise CloudError('a cloud', 'without a mask', 'a masked array')
+    if cloud.ndim not in DIMENSIONS:
+        raise CloudError('the shape of a cloud', '(N,) or (height, width)', cloud.shape)
+    if cloud.dtype.hasobject:
+        raise CloudError('the fields', 'without Python objects', str(cloud.dtype))
+    for axis in AXES:
+        if axis not in names:
+            raise CloudError('the fields', 'with x, y and z', ', '.join(names) or 'none')
+        kind = cloud.dtype[axis]
+        if kind.str[1:] not in DATATYPES:
+            raise CloudError(f'field {axis!r}', 'a single number of at most 64 bits', str(kind))
+
+
+def _fields(dtype: np.dtype[np.void]) -> tuple[list[Any], bool]:
+    """Describe the fields that PointCloud2 has types for, and tell their byte order."""
+    described: list[Any] = []
+    orders: dict[bool, str] = {}  # a field of each
+    columns: Any = dtype.fields
+    for name in dtype.names or ():
+        kind, offset = columns[name][:2]
+        base, shape = kind.subdtype or (kind, ())
+        datatype, count = DATATYPES.get(base.str[1:]), math.prod(shape)
+        if datatype is None or count == 0 or not name:
+            continue
+        described.append(SimpleNamespace(name=name, offset=offset, datatype=datatype, count=count))
+        if base.itemsize > 1:
+            orders.setdefault(base.str[0] == '>', name)
+    if len(orders) > 1:
+        got = ' and '.join(map(repr, orders.values()))
+        raise CloudError('the byte order of the fields', 'the same for all', f'two, of {got}')
+    return described, next(iter(orders), False)

@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the sensor was when, by tf2; and which source of poses the parameters ask for."""
+
+from __future__ import annotations
+
+import importlib
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rclpy.time import Duration, Time
+
+from lidar_outlier_filter.core.points import SECOND, Points
+from lidar_outlier_filter.core.poses import Cover, Mounting, Track
+from lidar_outlier_filter.errors import ParameterError, PoseError
+from lidar_outlier_filter.ros.tf_links import Links
+from lidar_outlier_filter.stream.motion import Odometry
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.stream.motion import PoseSource
+
+STEP = SECOND // 100  # between two looks into tf: vehicles turn slowly
+
+
+class Tf:
+    """tf2: the transform from the frame of the cloud to one that stands still.
+
+    It is looked up every 10 ms and interpolated between, because one look takes 10 µs and a cloud
+    has as many times as points. tf2 interpolates over any gap, so gaps are looked for here.
+    """
+
+    def __init__(self, node: Node, parameters: FilterParameters) -> None:
+        """Listen to /tf and /tf_static.
+
+        Raises
+        ------
+        ParameterError
+            If tf2_ros is not installed.
+
+        """
+        try:
+            tf2_ros = importlib.import_module('tf2_ros')
+        except ImportError as err:
+            must_be = "'none' or 'odometry' where tf2_ros is not installed"
+            raise ParameterError('motion.source', must_be, "'tf'") from err
+        self.topic = ''
+        self._fixed = parameters.motion.fixed_frame
+        self.refusals: Counter[str] = Counter()
+        self._time: Any = lambda t: Time(nanoseconds=t)
+        self._jump, self._gap = parameters.time_jump, parameters.motion.max_gap
+        self._buffer: Any = tf2_ros.Buffer(cache_time=Duration(seconds=60), node=node)
+        Track.compile()
+        self._unknown: Any = tf2_ros.TransformException
+        self._links = Links(self._buffer, parameters.time_jump)
+        self._listener = tf2_ros.TransformListener(self._links, node)
+
+    def take(self, msg: Any) -> None:
+        """Do nothing: tf2 has its own subscriptions."""
+
+    def cover(self, first: int, last: int, frame: str) -> Cover:
+        """Tell whether tf knows ``frame`` from ``first`` to ``last``."""
+        if first <= 0:
+            return Cover.NEVER  # to tf2 0 is the latest time, and one before it an error
+        if not self._buffer.can_transform(self._fixed, frame, self._time(last)):
+            return Cover.NOT_YET
+        if not self._buffer.can_transform(self._fixed, frame, self._time(first)):
+            return Cover.NEVER
+        longest = round(self._gap * SECOND)
+        has_gap = self._links.has_gap(self._fixed, frame, first, last, longest)
+        return Cover.NEVER if has_gap else Cover.YES
+
+    def move(self, points: Points, frame: str) -> Points | None:
+        """Move points from ``frame`` to the one that stands still."""
+        known = points.t[points.valid]
+        if not len(known):
+            return points
+        first, last = int(known.min()), int(known.max())
+        track = Track(self._gap, self._jump)
+        for t in np.unique(np.append(np.arange(first, last, STEP), last)).tolist():
+            try:
+                found = self._buffer.lookup_transform(self._fixed, frame, self._time(t))
+                p, q = found.transform.translation, found.transform.rotation
+                track.add(t, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
+            except self._unknown:
+                return None
+            except PoseError as err:
+                self.refusals[err.what] += 1
+                return None
+        self._links.caught_up()
+        return track.move(points, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+
+    def begin_anew(self) -> None:
+        """Forget the transforms of before; those that hold for ever stay."""
+        self._links.begin_anew()
+
+
+def make_motion(node: Node, parameters: FilterParameters) -> PoseSource | None:
+    """Make what ``motion.source`` asks for; None for 'none'.
+
+    Raises
+    ------
+    ParameterError
+        If it is not to be had here.
+
+    """
+    if parameters.motion.source == 'none':
+        return None
+    return Odometry(parameters) if parameters.motion.source == 'odometry' else Tf(node, parameters)

@@ -1,0 +1,40 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names of topics and types: which ROS 2 allows, and how the answers to a topic are named."""
+
+from __future__ import annotations
+
+import re
+
+from lidar_outlier_filter.errors import RecordingError
+
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+ODOMETRY = 'nav_msgs/msg/Odometry'
+CLEANED, OUTLIERS = '/cleaned', '/outliers'  # behind the name of the topic
+# Words of letters, digits and single underscores, between slashes; no word begins with a digit.
+_NAME = re.compile(r'(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
+
+
+def answers(topic: str) -> tuple[str, str]:
+    """Name the topics of the cleaned and of the outlier clouds of ``topic``."""
+    return topic + CLEANED, topic + OUTLIERS
+
+
+def resolve(name: str, node: str = '/outlier_filter_node') -> str:
+    """Name a topic as ROS expands it for a node without a namespace."""
+    if name.startswith('~'):
+        return node + name.removeprefix('~')
+    return name if name.startswith('/') else f'/{name}'
+
+
+def check_name(what: str, name: str) -> None:
+    """Refuse the name of a topic that ROS 2 does not allow.
+
+    Raises
+    ------
+    RecordingError
+        If it does not. ``what`` names the topic in the sentence.
+
+    """
+    if not _NAME.fullmatch(name) or '__' in name:
+        raise RecordingError(what, 'a name that ROS 2 allows', name)

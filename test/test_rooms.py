@@ -1,0 +1,179 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The house: which room may use which, and what from outside. ``pytest -rP`` prints the graph."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = 'lidar_outlier_filter'
+# From the ground up: a room may use those before it, and nothing behind it.
+FLOORS = (
+    ('errors',),
+    ('parameters',),
+    ('core',),
+    ('messages',),
+    ('stream',),
+    ('recordings', 'files', 'ros'),
+    ('simulation',),
+    ('evaluation',),
+    ('tuning',),
+    ('results',),
+    ('cli',),
+)
+ROOMS = tuple(room for floor in FLOORS for room in floor)
+# What each room may import from outside, beside the standard library.
+MESSAGES = ('diagnostic_msgs', 'nav_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs')
+OUTSIDE = {
+    'errors': (),
+    'parameters': ('numpy', 'yaml'),
+    'core': ('filterpy', 'numba', 'numpy', 'scipy'),
+    'messages': ('numpy',),
+    'stream': ('numpy',),
+    'recordings': ('numpy', 'rosbags', 'yaml'),
+    'files': ('laspy', 'lzf', 'numpy', 'pyarrow'),
+    'ros': ('numpy', 'rclpy', *MESSAGES),
+    'simulation': ('numpy', 'rich', 'rosbags', 'scipy'),
+    'evaluation': ('PIL', 'matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),
+    'tuning': ('numpy', 'rosbags', 'rich', 'scipy', 'yaml'),
+    'results': ('PIL', 'matplotlib', 'numpy', 'open3d', 'rich', 'rosbags', 'scipy', 'sklearn'),
+    'cli': ('numpy', 'rich', 'yaml'),
+}
+
+
+class Module:
+    """A file of the package and what it imports."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the file."""
+        self.name = '.'.join(path.relative_to(ROOT).with_suffix('').parts).removesuffix('.__init__')
+        self.tree = ast.parse(path.read_text('utf-8'))
+
+    @property
+    def room(self) -> str:
+        """The folder below the package, or the file in it; empty for the package itself."""
+        return self.name.split('.')[1] if '.' in self.name else ''
+
+    def imports(self) -> Iterator[str]:
+        """Name what is imported anywhere in the file, for types only too."""
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Import):
+                yield from (alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f'{self.name} imports by dots'
+                yield from (f'{node.module}.{alias.name}' for alias in node.names)
+
+
+@cache
+def modules() -> dict[str, Module]:
+    """All modules of the package by name."""
+    found = [Module(path) for path in sorted((ROOT / PACKAGE).rglob('*.py'))]
+    return {module.name: module for module in found}
+
+
+def used(module: Module) -> set[str]:
+    """Name the modules of the package that one imports."""
+    names = set()
+    for name in module.imports():
+        while name and name not in modules():
+            name = name.rpartition('.')[0]  # noqa: PLW2901  a name of a module is within a module
+        names.add(name)
+    return names - {'', module.name}
+
+
+def test_every_module_has_a_room() -> None:
+    """Only the door and the errors lie at the entrance."""
+    assert {module.room for module in modules().values()} - {''} == set(ROOMS)
+
+
+def test_rooms_use_only_those_below_them() -> None:
+    """Imports go one way, those for types too; the table of them is printed."""
+    table: dict[str, set[str]] = defaultdict(set)
+    wrong = []
+    for module in modules().values():
+        for name in used(module):
+            below = modules()[name].room
+            if not (module.room and below) or below == module.room:
+                continue
+            table[module.room].add(below)
+            floor = next(i for i, rooms in enumerate(FLOORS) if module.room in rooms)
+            if not any(below in rooms for rooms in FLOORS[:floor]):
+                wrong.append(f'{module.name} uses {name}')
+    for room in ROOMS:
+        print(  # noqa: T201  asked for with -rP
+            f'{room:12} uses {", ".join(sorted(table[room], key=ROOMS.index)) or "nothing"}'
+        )
+    assert not wrong
+
+
+def test_no_circle() -> None:
+    """No module reaches itself by what it imports."""
+    graph = {name: used(module) - {PACKAGE} for name, module in modules().items()}
+    circles = []
+    for name in graph:
+        reached: set[str] = set()
+        pending = [name]
+        while pending:
+            for other in graph[pending.pop()] - reached:
+                reached.add(other)
+                pending.append(other)
+        if name in reached:
+            circles.append(name)
+    assert not circles
+
+
+@pytest.mark.parametrize('room', ROOMS)
+def test_from_outside(room: str) -> None:
+    """A room imports the standard library and what is listed for it, no more."""
+    allowed = {PACKAGE, *OUTSIDE[room], *sys.stdlib_module_names}
+    wrong = [
+        f'{module.name} imports {name}'
+        for module in modules().values()
+        if module.room == room
+        for name in module.imports()
+        if name.split('.')[0] not in allowed
+    ]
+    assert not wrong
+
+
+def test_only_the_command_line_knows_arguments() -> None:
+    """Other rooms know no argparse."""
+    names = [m.name for m in modules().values() if 'argparse' in {*m.imports()} and m.room != 'cli']
+    assert not names
+
+
+def definitions(module: Module) -> list[ast.stmt]:
+    """List the statements at the top of a module."""
+    return module.tree.body
+
+
+def test_no_class_name_twice() -> None:
+    """A name of a class means one thing."""
+    found = defaultdict(list)
+    for module in modules().values():
+        for node in definitions(module):
+            if isinstance(node, ast.ClassDef):
+                found[node.name].append(module.name)
+    assert not {name: where for name, where in found.items() if len(where) > 1}
+
+
+def test_nothing_is_left_to_others() -> None:
+    """No method only raises NotImplementedError."""
+    wrong = [
+        module.name
+        for module in modules().values()
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.Name) and node.id == 'NotImplementedError'
+    ]
+    assert not wrong
