@@ -25,6 +25,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.points import concatenate
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
@@ -44,7 +45,6 @@ BAGS = ROOT.parent / 'shared' / 'data' / 'bags'
 SMALL = ('vlp16_mrpt_mcap', 'vlp32_nebula.bag', 'os0_32.bag')
 LARGE = ('hdl32_mrpt_mcap', 'os1_128_db3', 'hesai_xt32_nebula_mcap', 'cloudini_lidar_link_mcap')
 PRESETS = ('sotoodeh-hod', 'pirotti-fcd', 'leslar-b', 'leslar-c', 'street-16', 'street-32')
-DETECTORS = ('alpha_beta_gamma', 'quadric', 'lof', 'sor', 'hierarchical', 'elevation', 'evidence')
 CHAINS: dict[str, dict[str, object]] = {
     **{name: {'chain': (name,)} for name in DETECTORS},
     'paper smoother': {'chain': ('alpha_beta_gamma',), 'alpha_beta_gamma.sides': 'both'},

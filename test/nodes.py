@@ -161,7 +161,8 @@ class Sensor:
     def wait_for_filter(self, node: OutlierFilterNode | Channel) -> None:
         """Serve until the topics of both sides are connected, all three."""
         self._ros.wait(self._matched)
-        publishers = (node.cleaned_publisher, node.outliers_publisher)
+        channel = node.channels[0] if isinstance(node, OutlierFilterNode) else node
+        publishers = (channel.publisher.cleaned, channel.publisher.outliers)
         while not all(publisher.get_subscription_count() for publisher in publishers):
             self._ros.executor.spin_once(0.05)
 
@@ -180,7 +181,7 @@ def wait_for_thread(node: OutlierFilterNode) -> None:
     """Wait until the threads of a node that is started have done all they were given."""
     for channel in node.channels:
         done = threading.Event()
-        channel._inbox.order(done.set, in_turn=True)
+        channel.worker.inbox.order(done.set, in_turn=True)
         assert done.wait(PATIENCE)
 
 
@@ -192,7 +193,7 @@ def hold_up(node: OutlierFilterNode) -> threading.Event:
         begun.set()
         assert go_on.wait(PATIENCE)
 
-    node.channels[0]._inbox.order(wait)
+    node.channels[0].worker.inbox.order(wait)
     assert begun.wait(PATIENCE)
     return go_on
 

@@ -242,6 +242,25 @@ def test_nothing_is_compiled_later() -> None:
     assert done.returncode == 0
 
 
+@pytest.mark.parametrize(
+    ('score', 'is_rejected'),
+    [
+        (1.0, False),
+        (np.nextafter(1.0, 2.0), True),
+        (1 + 1e-12, True),
+        (1e300, True),
+        (-1e300, False),
+    ],
+)
+def test_scores_beside_one(score: float, is_rejected: bool) -> None:  # noqa: FBT001  a parameter
+    """Rounding to float32 makes no rejected point look kept, and no kept point rejected."""
+    verdict = Verdict.untested(1)
+    verdict.add(BITS['sor'], np.array([0]), np.array([score]))
+    verdict.settle(1)
+    assert bool(verdict.score[0] > 1) == bool(verdict.rejected[0]) == is_rejected
+    assert (verdict.detectors[0] == BITS['sor']) == is_rejected
+
+
 @pytest.mark.parametrize('name', [*QUICK, slow('quadric')])
 def test_whatever_a_cloud_may_hold(name: str) -> None:
     """Nothing that is let in makes a detector raise or warn, however odd it is."""

@@ -127,7 +127,7 @@ def test_what_is_disabled_is_said(ros: Ros, sweeps: list[PointCloud2]) -> None:
         return 'disabled: clouds pass unfiltered' in found.message
 
     assert ros.diagnosis(is_disabled).level == WARN
-    node.channels[0]._receive(sweeps[0])
+    node.channels[0].receiver.take(sweeps[0])
     assert ros.diagnosis(lambda found: found['messages'] == 1)['unfiltered for disabled'] == 1
     ros.call(SetBool, 'enable', SetBool.Request(data=True))
     assert ros.diagnosis(lambda found: not is_disabled(found)).level == OK
@@ -177,7 +177,7 @@ def test_the_cleaned_cloud_is_the_same(ros: Ros, sweeps: list[PointCloud2]) -> N
     while not node.cleaned_publisher.get_subscription_count():
         ros.executor.spin_once(0.05)
     for msg in sweeps:
-        node.channels[0]._receive(msg)
+        node.channels[0].receiver.take(msg)
     wait_for_thread(node)
     node.finish()
     while len(cleaned) < len(sweeps):

@@ -13,7 +13,7 @@ from live import PATIENCE
 from nodes import Ros, broken, hold_up, line
 from test_overload import answers, send, start
 
-from lidar_outlier_filter.ros import channel as channel_module
+from lidar_outlier_filter.ros import receiver as receiver_module
 from lidar_outlier_filter.ros.cdr import read_cloud
 
 if TYPE_CHECKING:
@@ -42,14 +42,14 @@ def test_large_clouds_at_the_end(ros: Ros) -> None:
 def test_the_end_waits_for_who_receives(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
     """The thread that filters has time to end before the last clouds are read, and does not."""
     node, sensor = start(ros, load__clouds=1)
-    thread = node.channels[0]._thread
+    thread = node.channels[0].worker._thread
     assert thread is not None
 
     def read_slowly(data: bytes) -> PointCloud2:
         thread.join(0.05)
         return read_cloud(data)
 
-    monkeypatch.setattr(channel_module, 'read_cloud', read_slowly)
+    monkeypatch.setattr(receiver_module, 'read_cloud', read_slowly)
     for number in range(5):
         sensor.publish(line(0.01 * number), expected=10**9)
     sensor.publish(broken(), expected=10**9)
@@ -63,22 +63,22 @@ def test_the_end_while_the_filter_looks_around(ros: Ros, *, in_turn: bool) -> No
     """What comes when it has just found nothing, and the end behind it, are still done."""
     node, sensor = start(ros)
     channel = node.channels[0]
-    thread, advance = channel._thread, channel._filter.advance
+    thread, advance = channel.worker._thread, channel._filter.advance
     assert thread is not None
     done: list[bool] = []
 
     def end_meanwhile() -> list[Answer]:
         channel._filter.advance = advance  # type: ignore[method-assign]
-        channel._inbox.order(lambda: done.append(True), in_turn=in_turn)
-        channel._inbox.close([channel._received(line(0.0))])
+        channel.worker.inbox.order(lambda: done.append(True), in_turn=in_turn)
+        channel.worker.inbox.close([channel.receiver._noted(line(0.0))])
         return advance()
 
     channel._filter.advance = end_meanwhile  # type: ignore[method-assign]
-    channel._inbox.wake()
+    channel.worker.inbox.wake()
     thread.join(PATIENCE)
     assert done == [True]
     assert node.waiting == 1
-    assert channel._inbox.clouds == 0
+    assert channel.worker.inbox.clouds == 0
     node.finish()
     assert answers(ros, sensor, 1) == [(0, 1)]
 
@@ -92,7 +92,7 @@ def test_commands_at_the_end_are_done_in_their_turn(ros: Ros) -> None:
     channel.enable(on=False)
     send(ros, node, sensor, 2, first=3)
     channel.enable(on=True)
-    channel.hurry()
+    channel.worker.hurry()
     for number in (5, 6):  # not served any more
         sensor.publish(line(0.01 * number), expected=10**9)
     sensor._publisher.wait_for_all_acked()
@@ -107,7 +107,7 @@ def test_after_the_end_clouds_are_dropped_and_counted(ros: Ros) -> None:
     """Whoever still receives one: nobody would filter it."""
     node, _ = start(ros)
     node.finish()
-    node.channels[0]._receive(line(0.0))
+    node.channels[0].receiver.take(line(0.0))
     assert (node.waiting, node.channels[0].health._dropped) == (0, 1)
 
 
@@ -115,13 +115,13 @@ def test_stopped_with_clouds_in_wait(ros: Ros) -> None:
     """Nobody would hear of them: what waits is let go, and the thread ends."""
     node, sensor = start(ros)
     channel = node.channels[0]
-    thread = channel._thread
+    thread = channel.worker._thread
     assert thread is not None
     go_on = hold_up(node)
     send(ros, node, sensor, 3)
     stopping = threading.Thread(target=channel.stop)
     stopping.start()
-    while not channel._inbox.closed:
+    while not channel.worker.inbox.closed:
         ros.executor.spin_once(0.01)
     send(ros, node, sensor, 1)
     go_on.set()

@@ -13,9 +13,10 @@ from naive import evidence as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core.detectors.evidence import detector as evidence
-from lidar_outlier_filter.core.detectors.evidence import groups
+from lidar_outlier_filter.core.detectors.evidence import groups, lines
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.scan_lines import find_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -90,6 +91,21 @@ def test_against_loops(seed: int, sensor: str) -> None:
             naively(some, evidence__sensor=sensor),
             rtol=1e-7,
         )
+
+
+def test_uneven_times_against_loops() -> None:
+    """Steps and predictions are those of the twin where shots do not follow each other evenly."""
+    dice = np.random.default_rng(6)
+    t = np.cumsum(dice.integers(800, 1200, 120)) + 10_000 * (np.arange(120) // 50)
+    points = points_of(dice.normal(size=(120, 3)), t, np.arange(120) // 60)
+    found = find_lines(points, 1.5)
+    step, along = np.empty(120), np.empty(120)
+    wanted = np.ones(120, np.bool_)
+    lines.follow(0, 120, wanted, points.xyz, points.t, found.before, found.after, step, along)
+    columns = (points.xyz, points.t, points.line, points.range)
+    scan = naive.Scan(*(column.tolist() for column in columns))
+    expected = naive.follow(scan, naive.segments(scan, 1.5))
+    assert_allclose((step, along), expected, rtol=1e-12)
 
 
 def arm(seed: int, *, beside: bool = False) -> tuple[Points, Bools]:

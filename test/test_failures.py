@@ -276,7 +276,7 @@ def test_live_they_pass_by_the_policy(ros: Ros) -> None:
     for begin, policy in ((0.0, 'drop_oldest'), (0.1, 'pass_through'), (0.2, 'shed')):
         assert ros.set(load__policy=policy) == ['']
         for msg in (far(begin), line(begin + 0.01)):
-            channel._receive(msg)
+            channel.receiver.take(msg)
         wait_for_thread(node)
     assert node.statistics.refusals == {'the judging of a block': 2}
     assert node.statistics.passed == {'failure': 1}

@@ -283,6 +283,26 @@ def test_lines_by_angle(tmp_path: Path) -> None:
     assert groups(found.points.line) == [0, 0, 0, 1, 1, 1, 2, 2]
 
 
+@pytest.mark.parametrize('sense', [1, -1])
+def test_lines_by_angle_over_open_ground(tmp_path: Path, sense: int) -> None:
+    """Lines that span little of the angle are not joined, where others span all of it."""
+    spans = [(-90, 91), (-20, 21), (-20, 21), (-90, 91), (0, 21), (-20, 1), (-90, 91)]
+    angle = np.concatenate([np.arange(*span) for span in spans]) * sense
+    turn = np.repeat(np.arange(len(spans)), [high - low for low, high in spans])
+    path = las(tmp_path, gps_time=np.arange(len(angle)) / 100, scan_angle=angle * 166)
+    assert groups(loaded(path).points.line) == turn.tolist()
+
+
+def test_a_swinging_mirror_has_no_sense(tmp_path: Path) -> None:
+    """Steps back of a mirror that swings begin no line, though points are sparse."""
+    rng = np.random.default_rng(2)
+    swing = np.tile([*range(-90, 90), *range(90, -90, -1)], 6)
+    kept = np.flatnonzero(rng.random(len(swing)) < 0.2)
+    assert np.abs(np.diff(swing[kept])).max() > 15
+    path = las(tmp_path, gps_time=kept / 100, scan_angle=swing[kept] * 166)
+    assert loaded(path).lines == ''
+
+
 def test_a_named_angle_decides_alone(tmp_path: Path) -> None:
     """The scan angle may be told to decide."""
     angle = np.array([-3000, 0, 3000, -3000, 0, 3000, -2900, 100])
@@ -323,6 +343,10 @@ def test_real_files(recordings: Path) -> None:
     assert found.lines == 'gps_time (s) and scan_direction_flag'
     first = found.points.line[found.points.line % 5 == 1]
     assert 500 < len(np.unique(first)) < 800
+    # Two flight lines, each a strip of 2° of what the mirror sees: of 325 sweeps, up to 6 returns.
+    found = loaded(recordings / 'clouds' / 'sample_lareunion_epsg2975.laz')
+    assert found.lines == 'gps_time (s) and scan_angle'
+    assert 1200 < len(np.unique(found.points.line)) < 1400
     found = loaded(recordings / 'clouds' / 'actual_scan_20240820_cloud.pcd')
     assert found.lines == 'time (s) and ring'
     assert len(np.unique(found.points.line)) > 16

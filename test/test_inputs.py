@@ -63,11 +63,11 @@ def test_the_end_of_one_is_not_that_of_the_others(ros: Ros) -> None:
     """Where the thread of one has failed, the others answer what they have received."""
     node = ros.filter(parameters=BOTH)
     node.start()
-    node.channels[0]._inbox.order(lambda: 1 / 0)
-    thread = node.channels[0]._thread
+    node.channels[0].worker.inbox.order(lambda: 1 / 0)
+    thread = node.channels[0].worker._thread
     assert thread is not None
     thread.join(PATIENCE)
-    node.channels[1]._receive(line(0.0))
+    node.channels[1].receiver.take(line(0.0))
     with pytest.raises(ZeroDivisionError):
         node.finish()
     assert node.channels[1].statistics.messages == 1
@@ -79,13 +79,13 @@ def test_all_are_closed_before_one_is_waited_for(ros: Ros) -> None:
     node.start()
     first, second = node.channels
     closed: list[bool] = []
-    join = first._join
+    join = first.worker.join
 
     def look_and_join() -> None:
-        closed.append(second._inbox.closed)
+        closed.append(second.worker.inbox.closed)
         join()
 
-    first._join = look_and_join  # type: ignore[method-assign]
+    first.worker.join = look_and_join  # type: ignore[method-assign]
     node.finish()
     assert closed[0]
 
@@ -96,10 +96,10 @@ def test_parameters_and_services_are_for_all(ros: Ros, sweeps: list[PointCloud2]
     node.start()
     assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
     for channel in node.channels:
-        channel._receive(sweeps[0])
+        channel.receiver.take(sweeps[0])
     ros.call(SetBool, 'enable', SetBool.Request(data=False))
     for channel in node.channels:
-        channel._receive(sweeps[1])
+        channel.receiver.take(sweeps[1])
     node.finish()
     for channel in node.channels:
         assert channel.statistics.outliers == 0
@@ -110,7 +110,7 @@ def test_each_is_told_of(ros: Ros) -> None:
     """A status, and a row of the table, for each."""
     node = ros.filter(parameters=BOTH)
     node.start()
-    node.channels[1]._receive(line(0.0))
+    node.channels[1].receiver.take(line(0.0))
 
     def is_known(table: Float64MultiArray) -> bool:
         return table.data[len(PLOTTED)] > 0  # type: ignore[no-any-return]

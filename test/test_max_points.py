@@ -116,6 +116,26 @@ def test_missing_returns_need_no_room_where_nothing_waits() -> None:
     assert made.held == 8
 
 
+def test_room_is_not_made_at_the_cost_of_what_may_be_late() -> None:
+    """A point within the lateness is taken, though one was refused meanwhile."""
+    made, census = stream(max_points=10, lateness=0.02)
+    first, late = BLOCK + 1000, BLOCK + 2000
+    assert is_taken(made, [first] * 4)
+    assert not is_taken(made, [3 * BLOCK] * 7)
+    assert is_taken(made, [late] * 2)
+    made.flush()
+    assert census.blocks == [[first] * 4 + [late] * 2]
+
+
+def test_a_refused_cloud_of_the_far_future() -> None:
+    """The clouds behind it are those of a clock that was set back, as if it had been taken."""
+    made, _ = stream(max_points=10)
+    assert is_taken(made, [0] * 8)
+    assert not is_taken(made, [100 * SECOND] * 11)
+    assert is_taken(made, [BLOCK] * 8)
+    assert made.resets == 1
+
+
 def test_a_cloud_that_is_too_large_by_itself() -> None:
     """It is refused, and so is one that sets the clock back; the next one is served."""
     made, census = stream(max_points=10, time_jump=0.5)

@@ -157,8 +157,8 @@ def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
         while node.statistics.refused + node.waiting == served:
             ros.executor.spin_once(0.05)
         wait_for_thread(node)
-        assert channel._due is not None
-        return channel._due
+        assert channel.worker._due is not None
+        return channel.worker._due
 
     first = deadline_after(line(0.0))
     left = (first - channel._clock.now()) / SECOND

@@ -105,7 +105,7 @@ def test_what_has_waited_too_long_is_dropped(ros: Ros) -> None:
     with held_up(node):
         send(ros, node, sensor, 20)
         clock = node.channels[0]._clock
-        oldest = node.channels[0]._inbox._items[18].at  # type: ignore[union-attr]
+        oldest = node.channels[0].worker.inbox._items[18].at  # type: ignore[union-attr]
         while clock.now() - oldest < 0.4e9:
             ros.executor.spin_once(0.05)
     node.finish()
@@ -173,8 +173,8 @@ def test_the_policy_can_be_set(ros: Ros) -> None:
 def test_the_end_of_the_thread_is_heard_of(ros: Ros) -> None:
     """An error that nobody foresaw ends the process, not the filtering alone."""
     node, sensor = start(ros)
-    node.channels[0]._inbox.order(lambda: 1 / 0)
-    thread = node.channels[0]._thread
+    node.channels[0].worker.inbox.order(lambda: 1 / 0)
+    thread = node.channels[0].worker._thread
     assert thread is not None
     thread.join(PATIENCE)
     sensor.publish(line(0), expected=1)

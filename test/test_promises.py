@@ -610,6 +610,20 @@ def test_change() -> None:
     assert expected < found < plain
 
 
+def test_most_passes_since_the_start() -> None:
+    """What a block has needed is remembered, though the new parameters need less."""
+    clean = make()
+    clean.push(cloud(drive(21)))
+    clean.flush()
+    most = clean.statistics.passes
+    assert most > 1
+    clean.change(clean.parameters.changed({'alpha_beta_gamma.sigma': 100.0}))
+    clean.push(cloud(drive(21)))
+    clean.flush()
+    assert 0 < clean._stream.chain.passes < most
+    assert clean.statistics.passes == most
+
+
 def test_change_of_form() -> None:
     """Clouds that could not be answered in the new form wait in the old one, or are refused."""
     clean = make()

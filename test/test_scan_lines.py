@@ -244,6 +244,17 @@ def test_angles_against_loops(seed: int) -> None:
     assert counted(angle, cuts) == counted(angle) == expected
 
 
+def test_counter_that_begins_anew() -> None:
+    """What was before makes no difference to the lines that follow."""
+    counter, (angle, _) = LineCounter(), mirror(1000, 50)
+    expected = counted(-angle)
+    last = counter.by_angle(angle, np.ones(1000, np.bool_))[-1]
+    counter.begin_anew()
+    lines = counter.by_angle(-angle, np.ones(1000, np.bool_))
+    assert lines[0] >= last
+    assert (lines - lines[0]).tolist() == expected
+
+
 def test_angle_that_is_not_finite() -> None:
     """A point whose angle is not finite is in the line it stands in, and hides no turn."""
     angle, turn = mirror(300, 30)

@@ -12,7 +12,8 @@ import pytest
 from labelled import POINT, write
 from sklearn import metrics
 
-from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -109,6 +110,16 @@ def test_points_that_are_not_seen(tmp_path: Path) -> None:
     np.testing.assert_array_equal(told.rejected[seen], alone.rejected)
     # They make a difference.
     assert (data.judge(DEFAULTS).score[seen] != told.score[seen]).any()
+
+
+def test_an_error_of_a_detector_is_no_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tuner ends with it: points that were not judged are not good."""
+    data = from_recording(write(tmp_path / 'bag', {'/lidar': drive()}), DEFAULTS, CAUSES)
+    monkeypatch.setattr(sor, 'detect', None)
+    with pytest.raises(JudgingError, match=r'^the judging of a block must be free of errors'):
+        data.judge(DEFAULTS.changed({'chain': ('sor',)}))
 
 
 def test_ignored_labels_are_neither(tmp_path: Path) -> None:

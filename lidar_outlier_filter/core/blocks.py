@@ -159,8 +159,7 @@ class Stream:
         self._refuse_late(message, anew=set_back)
         self._refuse_too_many(message, anew=set_back)
         # A clock that was set back: what was before has nothing to do with what comes.
-        finished = self.flush() if set_back else []
-        self.resets += set_back
+        finished = self.reset() if set_back else []
         if len(where):
             self._seen.append(message)
         self._waiting.append(message)
@@ -179,26 +178,26 @@ class Stream:
         return self._finished()
 
     def make_room(self, first: int, last: int) -> None:
-        """Judge and forget what a message of these times, nanoseconds, completes from outside."""
+        """Let time go on, as a message of these times would: nanoseconds; it may be refused yet.
+
+        What it completes, and has no part in, is judged and forgotten.
+        """
+        self._newest = max(self._newest, last)
         if not self._by_message:
-            newest = max(self._newest, last)
-            self._close(min(first, newest - self._lateness))
+            self._close(min(first, self._newest - self._lateness))
         elif first < END:
             self._forget(first - self._halo)
-
-    def go_on(self, t: int) -> None:
-        """Let time go on, nanoseconds, to that of a cloud that was refused."""
-        self._newest = max(self._newest, t)
-        if self._by_message:
-            self._forget(self._newest - self._halo)
-        else:
-            self._close(self._newest - self._lateness)
 
     def flush(self) -> list[tuple[Any, Verdict]]:
         """Judge all that is pending with what is there, and begin anew."""
         finished = self.hurry()
         self._clear()
         return finished
+
+    def reset(self) -> list[tuple[Any, Verdict]]:
+        """Do as :meth:`flush`, because a clock was set back; count it."""
+        self.resets += 1
+        return self.flush()
 
     def hurry(self) -> list[tuple[Any, Verdict]]:
         """Judge all that is pending with what is there, and go on: what comes sees it as halo."""
@@ -225,8 +224,6 @@ class Stream:
                 self.make_room(message.first, message.last)
             total = self._total_with(message)
         if total > self._most:
-            if not anew:
-                self.go_on(message.last)
             raise CloudError(
                 'the number of points held', f'at most max_points = {self._most}', total
             )

@@ -151,6 +151,10 @@ class LineCounter:
     def __init__(self) -> None:
         """Begin before the first line."""
         self._line = 0
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget the angles so far: what comes has nothing to do with them."""
         self._turn = (np.nan, np.nan, 0.0)
 
     def next_line(self, count: int) -> NDArray[np.int64]:

@@ -22,6 +22,7 @@ ANGLES = ('scan_angle', 'scan_angle_rank')
 SOURCES = ('point_source_id', 'scanner_channel')
 MIRROR = (EDGE, DIRECTION, *ANGLES)
 COLUMNS = (*MIRROR, RETURN, *SOURCES)
+NOISE = 12  # a smaller part of the span of the angle may be noise
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ def find(t: Ints, columns: Columns, angle: str = '') -> ScanLines | None:
     angle : str
         The column with the scan angle in any unit; it decides alone. Empty: a line ends, if any
         point is at an edge of the flight line, behind those; else, if the mirror turns, where the
-        scan direction changes; else where the angle steps back by more than half of its span.
+        scan direction changes; else where the angle of a source steps by more than half of its
+        span, or, if it mostly steps one way, back by more than a twelfth of it.
 
     """
     sources = [columns[name] for name in SOURCES if name in columns]
@@ -65,13 +67,23 @@ def find(t: Ints, columns: Columns, angle: str = '') -> ScanLines | None:
     for name in (angle,) if angle else MIRROR:
         if name not in columns:
             continue
-        values = columns[name][order]
-        begins = _behind_edges(values, t) if name == EDGE else _changes(values, name)
-        begins &= ~source_begins
+        begins = _begins(columns[name][order], name, t, source_begins) & ~source_begins
         if begins.any():
             numbers = np.cumsum(begins | source_begins, dtype=np.int64)
             return ScanLines(_by_return(numbers, order, columns), name)
     return None
+
+
+def _begins(
+    values: NDArray[Any], name: str, t: Ints, source_begins: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Tell where a line begins by a column, whose values are in order."""
+    if name == EDGE:
+        return _behind_edges(values, t)
+    if name == DIRECTION:
+        return np.append([False], values[1:] != values[:-1])[: len(values)]
+    parts = np.split(values.astype(np.float64), np.flatnonzero(source_begins))
+    return np.concatenate([_turns(part) for part in parts if len(part)] or [source_begins])
 
 
 def _behind_edges(edge: NDArray[Any], t: Ints) -> NDArray[np.bool_]:
@@ -85,14 +97,16 @@ def _behind_edges(edge: NDArray[Any], t: Ints) -> NDArray[np.bool_]:
     return begins
 
 
-def _changes(values: NDArray[Any], name: str) -> NDArray[np.bool_]:
-    """Tell where a line begins: where the direction changes, or the angle begins anew."""
-    begins = np.zeros(len(values), np.bool_)
-    if name == DIRECTION:
-        begins[1:] = values[1:] != values[:-1]
-    elif len(values):
-        angle = values.astype(np.float64)
-        begins[1:] = np.abs(np.diff(angle)) > (angle.max() - angle.min()) / 2
+def _turns(angle: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell where the angle begins anew, of the points of one source, in order."""
+    begins = np.zeros(len(angle), np.bool_)
+    step, span = np.diff(angle), angle.max() - angle.min()
+    begins[1:] = np.abs(step) > span / 2
+    small = step[np.abs(step) <= span / NOISE]
+    net = small.sum()
+    if abs(net) > np.abs(small).sum() / 2:
+        # The mirror turns one way: it does not swing.
+        begins[1:] |= np.sign(net) * step < -span / NOISE
     return begins
 
 

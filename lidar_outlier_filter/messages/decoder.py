@@ -130,6 +130,10 @@ class Decoder:
         """Forget the scan lines that the last cloud began: it was refused after all."""
         self._counter = self._before
 
+    def begin_anew(self) -> None:
+        """Forget the scan angles so far: what comes has nothing to do with them."""
+        self._counter.begin_anew()
+
     def _refuse_scores(self, msg: Any) -> None:
         """Refuse a cloud that has the scores already, where they are to be added."""
         names = [item.name for item in msg.fields]

@@ -226,7 +226,7 @@ class _Stream:
         try:
             msg = self._types.deserialize_cdr(data, ODOMETRY)
         except SerdeError:
-            self._motion.refusals['the CDR bytes'] += 1
+            self._motion.refuse('the CDR bytes')
             return
         self._motion.take(msg)
         self._write(self._filter.advance())

@@ -28,7 +28,6 @@ from lidar_outlier_filter.stream.topics import answers
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from nav_msgs.msg import Odometry
     from rclpy.context import Context
     from rclpy.executors import Executor
     from rclpy.publisher import Publisher
@@ -68,8 +67,7 @@ def _refuse_topic(what: str, name: str) -> None:
 class OutlierFilterNode(TunableNode):
     """Filters the clouds of one topic, or of several, each as a stream of its own.
 
-    Made, it has its parameters, its compiled kernels and its publishers. ``start`` subscribes; a
-    replay does not start it but calls ``process`` itself.
+    Made, it has its parameters, its compiled kernels and its publishers. ``start`` subscribes.
     """
 
     def __init__(
@@ -116,12 +114,12 @@ class OutlierFilterNode(TunableNode):
     @property
     def cleaned_publisher(self) -> Publisher:
         """Where the cleaned clouds go."""
-        return self.channels[0].cleaned_publisher
+        return self.channels[0].publisher.cleaned
 
     @property
     def outliers_publisher(self) -> Publisher:
         """Where the outlier clouds go."""
-        return self.channels[0].outliers_publisher
+        return self.channels[0].publisher.outliers
 
     def start(self) -> None:
         """Subscribe, watch over ``max_delay``, and offer the services."""
@@ -137,13 +135,6 @@ class OutlierFilterNode(TunableNode):
         A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
         """
         return self.channels[0].process(msg, tag)
-
-    def take_pose(self, msg: Odometry) -> list[Answer]:
-        """Take the next odometry; return the answers that are finished by it, the oldest first.
-
-        For a node that is not started, under ``motion.source: odometry``.
-        """
-        return self.channels[0].take_pose(msg)
 
     def flush(self) -> list[Answer]:
         """Answer all that is pending, and begin anew."""

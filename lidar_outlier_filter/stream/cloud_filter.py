@@ -22,7 +22,7 @@ from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
-from lidar_outlier_filter.parameters.given import gather
+from lidar_outlier_filter.stream.given_parameters import gather
 from lidar_outlier_filter.stream.moving import MovingStream
 
 if TYPE_CHECKING:
@@ -203,6 +203,7 @@ class CloudFilter:
         self._decoder.compile()
         self._stream.chain.compile()
         self._chain, self._short = self._stream.chain, _short(self._stream.chain)
+        self._sheds = False
 
     @property
     def parameters(self) -> FilterParameters:
@@ -243,10 +244,11 @@ class CloudFilter:
 
         """
         msg = self._as_message(msg, stamp)
+        self.statistics.shed += self._sheds
         try:
             points = self._decoder.decode(msg)
             task = _Task(msg, tag, self._parameters, _valid(points))
-            finished = self._entrance.push(points, task)
+            finished = self._push(points, task)
         except CloudError as err:
             self._decoder.undo()
             self.statistics.refusals[err.what] += 1
@@ -266,7 +268,7 @@ class CloudFilter:
         try:
             view = self._decoder.view(msg)
             task = _Task(msg, tag, self._parameters, 0, reason)
-            finished = self._entrance.push(missing(0 if view is None else view.size), task)
+            finished = self._push(missing(0 if view is None else view.size), task)
         except CloudError as err:
             self.statistics.refusals[err.what] += 1
             raise
@@ -274,12 +276,12 @@ class CloudFilter:
 
     def flush(self) -> list[Answer]:
         """Answer all that is pending, and begin anew: the end of a recording."""
+        self._decoder.begin_anew()
         return self._answers(self._entrance.flush())
 
     def reset(self) -> list[Answer]:
         """Answer all that is pending, and begin anew: the clock was set back. It is counted."""
-        self._stream.resets += 1
-        return self.flush()
+        return self._answers(self._entrance.reset())
 
     def hurry(self) -> list[Answer]:
         """Answer all that is pending with what is there, and go on: they waited too long."""
@@ -301,6 +303,7 @@ class CloudFilter:
 
     def shed(self, *, on: bool) -> None:
         """Judge the blocks to come along the line only, or by the whole chain again."""
+        self._sheds = on and self._short is not None
         self._stream.chain = self._short if on and self._short is not None else self._chain
 
     def change(self, parameters: FilterParameters) -> None:
@@ -333,6 +336,11 @@ class CloudFilter:
         """Count and tell of a cloud that was refused elsewhere on its way."""
         self.statistics.refusals[err.what] += 1
         self.refuse(err)
+
+    def _push(self, points: Points, task: _Task) -> list[tuple[Any, Verdict]]:
+        if self._moving is None:
+            return self._stream.push(points, task)
+        return self._moving.push(points, task, str(task.msg.header.frame_id))
 
     def _failed(self, err: JudgingError) -> None:
         """Count a block that a detector raised an error in."""

@@ -61,7 +61,11 @@ class Odometry:
         try:
             self._track.add(stamp.sec * SECOND + stamp.nanosec, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
         except PoseError as err:
-            self.refusals[err.what] += 1
+            self.refuse(err.what)
+
+    def refuse(self, what: str) -> None:
+        """Count a pose that was refused, by what was wrong."""
+        self.refusals[what] += 1
 
     def cover(self, first: int, last: int, _frame: str) -> Cover:
         """Tell whether there is odometry from ``first`` to ``last``."""

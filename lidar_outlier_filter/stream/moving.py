@@ -31,6 +31,7 @@ class _WaitingCloud:
 
     points: Points
     tag: Any
+    frame: str
     first: int
     last: int
 
@@ -77,8 +78,10 @@ class MovingStream:
         """Let messages wait for their poses no longer than this."""
         self._patience = round(seconds * SECOND)
 
-    def push(self, points: Points, tag: Any) -> Finished:
+    def push(self, points: Points, tag: Any, frame: str) -> Finished:
         """Take the points of the next message; return the messages that are finished by it.
+
+        ``frame`` is that of its coordinates.
 
         Raises
         ------
@@ -94,10 +97,7 @@ class MovingStream:
         if last < self._newest - self._jump and len(t):
             self._refuse_too_many(len(points))
             # A clock that was set back: the poses of before will not come any more.
-            finished = self._let_go_all() + self._stream.flush()
-            self._motion.begin_anew()
-            self._stream.resets += 1
-            self._newest = last
+            finished = self.reset()
         self._newest = max(self._newest, last)
         finished += self.advance()
         if not self._queue and self._stream.held + len(points) > self._most:
@@ -106,10 +106,8 @@ class MovingStream:
             self._refuse_too_many(self._held + self._stream.held + len(points))
         except CloudError:
             self._answered = finished
-            if not self._queue:
-                self._stream.go_on(last)
             raise
-        self._queue.append(_WaitingCloud(points, tag, first, last))
+        self._queue.append(_WaitingCloud(points, tag, frame, first, last))
         self._held += len(points)
         return finished + self.advance()
 
@@ -125,7 +123,7 @@ class MovingStream:
             head = self._queue[0]
             cover = Cover.YES
             if head.first <= head.last:
-                cover = self._motion.cover(head.first, head.last, _frame(head.tag))
+                cover = self._motion.cover(head.first, head.last, head.frame)
             if cover is Cover.NOT_YET and head.last >= self._newest - self._patience:
                 break
             finished += self._let_go(moved=cover is Cover.YES)
@@ -145,10 +143,18 @@ class MovingStream:
 
     def flush(self) -> Finished:
         """Answer all that is pending with what is there, and begin anew."""
+        return self._end() + self._stream.flush()
+
+    def reset(self) -> Finished:
+        """Do as :meth:`flush`, because a clock was set back; count it."""
+        return self._end() + self._stream.reset()
+
+    def _end(self) -> Finished:
+        """Let go of all that waits, and forget the poses."""
         finished = self._let_go_all()
         self._newest = BEGINNING
         self._motion.begin_anew()
-        return finished + self._stream.flush()
+        return finished
 
     def _take_answered(self) -> Finished:
         answered, self._answered = self._answered, []
@@ -164,18 +170,12 @@ class MovingStream:
         """Let the first message go on."""
         message = self._queue.popleft()
         self._held -= len(message.points)
-        own = _frame(message.tag)
-        points = self._motion.move(message.points, own) if moved else None
+        points = self._motion.move(message.points, message.frame) if moved else None
         self.unmoved += points is None
         try:
             if points is None:
-                return self._stream.push(message.points, message.tag, f'own: {own}')
+                return self._stream.push(message.points, message.tag, f'own: {message.frame}')
             return self._stream.push(points, message.tag)
         except CloudError as err:
             self._refuse(err)
             return []
-
-
-def _frame(tag: Any) -> str:
-    """Return the frame of the cloud that a tag belongs to."""
-    return str(tag.msg.header.frame_id)

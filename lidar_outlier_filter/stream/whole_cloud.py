@@ -14,7 +14,7 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
 from lidar_outlier_filter.messages.decoder import Decoder, to_nanoseconds
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.parameters.given import gather
+from lidar_outlier_filter.stream.given_parameters import gather
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -96,7 +96,6 @@ class RecordedClouds:
         motion = Odometry(parameters) if parameters.motion.source == 'odometry' else None
         stream = _Recorder(parameters, motion if self._with_eyes else None)
         moving = None if motion is None else MovingStream(stream, motion, parameters, str)
-        entrance = moving or stream
         for kind, message in self._messages():
             if kind == ODOMETRY and motion is not None and moving is not None:
                 motion.take(message)
@@ -104,12 +103,17 @@ class RecordedClouds:
             if kind == CLOUD:
                 self.count += 1
                 try:
-                    points = decoder.decode(_readable(message))
-                    entrance.push(points, TakenCloud(message, self.count - 1, points))
+                    msg = _readable(message)
+                    points = decoder.decode(msg)
+                    taken = TakenCloud(msg, self.count - 1, points)
+                    if moving is None:
+                        stream.push(points, taken)
+                    else:
+                        moving.push(points, taken, str(msg.header.frame_id))
                 except CloudError:
                     decoder.undo()
             yield from stream.taken()
-        entrance.flush()
+        (moving or stream).flush()
         yield from stream.taken()
         self.unmoved = 0 if moving is None else moving.unmoved
 

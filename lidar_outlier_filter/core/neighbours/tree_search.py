@@ -83,6 +83,24 @@ class Room(NamedTuple):
     gaps: Floats
 
 
+class Lists(NamedTuple):
+    """The lists of neighbours that are written, and what sorts them.
+
+    Attributes
+    ----------
+    order : (N,) int64
+        The index, as given, of each point in tree order.
+    index : (N, k) int32
+    tied : (N,) bool
+        Whether another point, not in the list, is exactly as far as the k-th.
+
+    """
+
+    order: Ints
+    index: Index  # type: ignore[assignment]  # nobody misses that of tuples
+    tied: Bools
+
+
 @kernel
 def height(tree: Tree) -> int:
     """Count the levels of a tree."""
@@ -155,7 +173,7 @@ def search(
 ) -> None:
     """Write the rows of ``index`` and ``tied`` for all wanted points in the leaves ``these``."""
     k = index.shape[1]
-    room = make_room(k, levels)
+    room, lists = make_room(k, levels), Lists(order, index, tied)
     queries = np.empty(LEAF, np.int64)
     reach = guess = 0.0
     for leaf in these:
@@ -163,9 +181,7 @@ def search(
         for begin in range(tree.first[leaf], tree.last[leaf], LEAF):
             count = _pick(wanted, begin, min(begin + LEAF, tree.last[leaf]), queries)
             if count > 0:
-                reach, guess = _batch(
-                    xyz, order, tree, leaf, queries, count, reach, guess, room, index, tied
-                )
+                reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, room, lists)
 
 
 @kernel
@@ -181,7 +197,6 @@ def _pick(wanted: Bools, begin: int, end: int, queries: Ints) -> int:
 @kernel
 def _batch(
     xyz: Floats,
-    order: Ints,
     tree: Tree,
     leaf: int,
     queries: Ints,
@@ -189,11 +204,10 @@ def _batch(
     reach: float,
     guess: float,
     room: Room,
-    index: Index,
-    tied: Bools,
+    lists: Lists,
 ) -> tuple[float, float]:
     """Search points of one leaf; return what to guess for the next: its reach, and a distance."""
-    k = index.shape[1]
+    k = lists.index.shape[1]
     total, done = 0.0, count
     for _ in range(ROUNDS):
         box = _around(xyz, queries, count)
@@ -208,22 +222,21 @@ def _batch(
             continue
         shift = own - tree.first[leaf]
         count, reach, guess, found = _round(
-            xyz, order, queries, count, near, shift, reach, guess, room, index, tied
+            xyz, queries, count, near, shift, reach, guess, room, lists
         )
         total += found
         if count == 0:
             return REACH * total / done, guess
     # Too many or too few points around: the box is too large, or the guess was a bad one.
     for i in range(count):
-        few = _alone(xyz, order, tree, queries[i], k, room)
-        _write(order, queries[i], few, room, index, tied)
+        few = _alone(xyz, lists.order, tree, queries[i], k, room)
+        _write(queries[i], few, room, lists)
     return 0.0, guess
 
 
 @kernel
 def _round(
     xyz: Floats,
-    order: Ints,
     queries: Ints,
     count: int,
     near: int,
@@ -231,16 +244,16 @@ def _round(
     reach: float,
     guess: float,
     room: Room,
-    index: Index,
-    tied: Bools,
+    lists: Lists,
 ) -> tuple[int, float, float, float]:
     """Search points among all candidates within reach; point q is candidate q + shift, if any.
 
     Those that find too few are gathered at the begin of ``queries``. Returns how many they are, the
     reach that they need, the distance guessed for the next point, and the sum of those found.
     """
+    # Once, because every time that an array is taken from a tuple its references are counted.
+    order, index, tied = lists
     k, size = index.shape[1], padded(near)
-    # Once, because every time that an array is taken from the tuple its references are counted.
     x, y, z, place, distance, few, few_place, best, best_place, _, _ = room
     left, further, total = 0, 0.0, 0.0
     for i in range(count):
@@ -390,8 +403,9 @@ def _shorten(order: Ints, count: int, k: int, room: Room) -> tuple[int, float]:
 
 
 @kernel
-def _write(order: Ints, q: int, few: int, room: Room, index: Index, tied: Bools) -> None:
+def _write(q: int, few: int, room: Room, lists: Lists) -> None:
     """Write the row of a point: the first k of its few candidates."""
+    order, index, tied = lists
     k, best, place = index.shape[1], room.best, room.best_place
     sort(order, room.few, room.few_place, few, best, place)
     for i in range(k):

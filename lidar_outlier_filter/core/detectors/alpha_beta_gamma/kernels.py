@@ -10,7 +10,7 @@ other follows the links of one point at a time, past ends of segments and reject
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -62,6 +62,29 @@ class Series:
         return self.columns[which, self.pad : self.pad + len(self)]
 
 
+class Windows(NamedTuple):
+    """The windows of the points, and what is predicted from them.
+
+    Attributes
+    ----------
+    before, after : int
+        Points in front of the tested one, and behind it.
+    fewest : int
+        With fewer points in a window there is no prediction.
+    order : int
+        2 with acceleration, 1 without.
+    either : bool
+        Whether each side of a point is a window of its own, beside the centred one.
+
+    """
+
+    before: int
+    after: int
+    fewest: int
+    order: int
+    either: bool
+
+
 def empty_series(pad: int, before: NDArray[np.int64], after: NDArray[np.int64]) -> Series:
     """Make room for points with these links, in whole tiles, and one tile of zeros behind them."""
     tiles = -(-len(before) // TILE)
@@ -82,21 +105,26 @@ def residuals(
     """
     result = np.empty((3, 3, len(which)))
     before, after = series.before, series.after
-    window = parameters.before, parameters.after, parameters.min_window, parameters.order
-    either = parameters.sides == 'either'
+    windows = Windows(
+        parameters.before,
+        parameters.after,
+        parameters.min_window,
+        parameters.order,
+        parameters.sides == 'either',
+    )
     reaches = {BEFORE: parameters.before, AFTER: parameters.after}
     reaches[CENTRED] = sum(reaches.values())
     for side, reach in reaches.items():
-        if reach < parameters.min_window or not (either or side == CENTRED):
+        if reach < windows.fewest or not (windows.either or side == CENTRED):
             result[side] = np.nan
     if len(which) == len(series):
         # All of them: nothing is rejected yet, and segments are without holes.
-        _in_tiles(series.columns, series.pad, *window, either, result)
+        _in_tiles(series.columns, series.pad, windows, result)
         which = places = _near_ends(before, after, parameters.before, parameters.after)
     else:
         places = np.arange(len(which))
     view = series.row(slice(None))
-    _one_by_one(view, before, after, which, places, *window, either, result)
+    _one_by_one(view, before, after, which, places, windows, result)
     return result
 
 
@@ -121,17 +149,14 @@ def _near_ends(
 def _in_tiles(
     columns: NDArray[np.float64],
     pad: int,
-    reach_before: int,
-    reach_after: int,
-    fewest: int,
-    order: int,
-    either: bool,
+    windows: Windows,
     result: NDArray[np.float64],
 ) -> None:
     """Predict every point as if segments had no ends.
 
     The caller does those near an end again. Loops over a tile are of a length known when compiled.
     """
+    reach_before, reach_after, fewest, order, either = windows
     nowhere = columns.shape[1] - TILE
     weight = columns[WEIGHT]
     sums = np.empty((SUMS + 6) * TILE)
@@ -270,14 +295,11 @@ def _one_by_one(
     after: NDArray[np.int64],
     which: NDArray[np.int64],
     places: NDArray[np.int64],
-    reach_before: int,
-    reach_after: int,
-    fewest: int,
-    order: int,
-    either: bool,
+    windows: Windows,
     result: NDArray[np.float64],
 ) -> None:
     """Predict the points ``which`` and write them at ``places``."""
+    reach_before, reach_after, fewest, order, either = windows
     for m in range(len(which)):
         k, place = which[m], places[m]
         weight = columns[WEIGHT, k]

@@ -1,0 +1,250 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The thread that filters the clouds of one topic, in order, and publishes the answers."""
+
+from __future__ import annotations
+
+import threading
+from functools import partial
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from sensor_msgs.msg import PointCloud2
+
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.ros.clocks import DelayClock
+    from lidar_outlier_filter.ros.health import Health
+    from lidar_outlier_filter.ros.publisher import AnswerPublisher
+    from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
+
+
+class Worker:
+    """Takes clouds from its inbox, does with each what the load allows, and publishes in order.
+
+    Without a thread, before ``start``, commands are done at once.
+    """
+
+    def __init__(
+        self,
+        filter_: CloudFilter,
+        publisher: AnswerPublisher,
+        clock: DelayClock,
+        health: Health,
+        parameters: FilterParameters,
+    ) -> None:
+        """Begin with an empty inbox."""
+        self.inbox = Inbox(parameters.load)
+        self.clock = clock
+        self.enabled = True
+        self._filter = filter_
+        self._publisher = publisher
+        self._health = health
+        self._parameters = parameters
+        self._overload = Overload()
+        self._due: int | None = None  # when the cloud that waits longest must be answered, ns
+        self._set_back_at = -(2**62)  # when the sensor's or the node's clock was, steady ns
+        self._failure: BaseException | None = None
+        self._thread: threading.Thread | None = None
+
+    # For all threads --------------------------------------------------------------------------
+
+    @property
+    def treatment(self) -> Treatment:
+        """What was done with the last cloud."""
+        return self._overload.treatment
+
+    def start(self, name: str) -> None:
+        """Filter in a thread of its own."""
+        self._filter.pass_failed = self._parameters.load.policy == 'pass_through'
+        self.clock.watch(self._went_on, self._went_back, self._clock_changed)
+        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
+        self._thread.start()
+
+    def join(self) -> None:
+        """Wait until all that the closed inbox held is filtered."""
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+            self.clock.stop()
+
+    def raise_failure(self) -> None:
+        """Raise what has ended the thread."""
+        if self._failure is not None:
+            raise self._failure
+
+    def change(self, parameters: FilterParameters) -> None:
+        """Filter by other parameters from the next block on."""
+
+        def apply() -> None:
+            self._filter.change(parameters)
+            self._filter.pass_failed = parameters.load.policy == 'pass_through'
+            self._parameters = parameters
+
+        self.inbox.load = parameters.load
+        self._do(apply)
+
+    def enable(self, *, on: bool) -> None:
+        """Filter the clouds that come from now on, or let them pass as they are."""
+
+        def apply() -> None:
+            if self.enabled and not on:
+                # What would complete their blocks is not looked at any more.
+                self._publish(self._filter.hurry())
+            self.enabled = on
+
+        self._do(apply, in_turn=True)
+
+    def hurry(self) -> None:
+        """Answer all that waits with what is there."""
+        self._do(lambda: self._publish(self._filter.hurry()))
+
+    def refuse(self, err: CloudError) -> None:
+        """Count a cloud that could not even be read."""
+        self._do(partial(self._filter.refused, err))
+
+    def _do(self, command: Callable[[], object], *, in_turn: bool = False) -> None:
+        """Do something to the filter between two clouds: at once, where there is no thread."""
+        if self._thread is None:
+            command()
+        else:
+            self.inbox.order(command, in_turn=in_turn)
+
+    # In the executor's thread, by the clock ---------------------------------------------------
+
+    def _went_on(self) -> None:
+        """Wake the thread where a cloud has waited long enough."""
+        due = self._due
+        if due is not None and self.clock.now() >= due:
+            self.inbox.wake()
+
+    def _went_back(self) -> None:
+        """Begin anew after the clouds of before."""
+        self.inbox.received_now(self.clock.now())
+        self.inbox.order(self._begin_anew, in_turn=True)
+
+    def _clock_changed(self) -> None:
+        """Answer what waits by a clock that is none any more."""
+        self.inbox.received_now(self.clock.now())
+        self.hurry()
+
+    # In the thread that filters ---------------------------------------------------------------
+
+    def _work(self) -> None:
+        try:
+            while self._step():
+                self._health.counted(self._filter.statistics)
+        except BaseException as err:  # noqa: BLE001  raised in the executor's thread
+            self._failure = err
+
+    def _step(self) -> bool:
+        """Do what comes next; return whether there will be more."""
+        left = self._time_left()
+        if left is not None and left <= 0 and not self.inbox.closed:
+            # Poses may have come while a block was being judged.
+            self._publish(self._filter.advance() or self._filter.hurry_oldest())
+            return True
+        job = self.inbox.take(None if self.clock.is_simulated else left)
+        if isinstance(job, Received):
+            self._take(job)
+        elif job is not None:
+            job()
+        else:
+            self._publish(self._filter.advance())
+            # Something may have come meanwhile, and the end behind it.
+            return not self.inbox.done
+        return True
+
+    def _time_left(self) -> float | None:
+        """Return how long the oldest cloud may still wait: seconds; None where none waits."""
+        received = self._filter.oldest
+        if received is None:
+            self._due = None
+            return None
+        max_delay = self._parameters.max_delay
+        patience = max_delay - self._overload.lead(max_delay)
+        # Noted before the clock is read: should it go on meanwhile, we are woken.
+        self._due = received.at + round(patience * SECOND)
+        return (self._due - self.clock.now()) / SECOND
+
+    def _take(self, received: Received) -> None:
+        """Do with a cloud what the load allows."""
+        began = perf_counter()
+        treatment = self._treat(received)
+        if treatment is Treatment.DROP:
+            self._health.dropped()
+        elif treatment is Treatment.PASS and self.enabled:
+            # Nothing completes the blocks of those before it for now.
+            self._publish(self._filter.hurry())
+            self._publish(self._process(received.msg, received, 'overload'))
+        else:
+            self._filter.shed(on=treatment is Treatment.SHED)
+            resets = self._filter.statistics.resets
+            self._publish(self.process(received.msg, received))
+            if self._filter.statistics.resets > resets:
+                self._set_back_at = self.clock.steady_now()
+        seconds = perf_counter() - began
+        self._overload.took(seconds)
+        self._health.spent(seconds)
+
+    def _treat(self, received: Received) -> Treatment:
+        if self.inbox.closed:
+            return Treatment.FILTER
+        age = (self.clock.now() - received.at) / SECOND
+        load, max_delay = self.inbox.load, self._parameters.max_delay
+        treatment = self._overload.decide(load.policy, self.inbox.fill, age, max_delay)
+        if treatment is Treatment.SHED and not self._filter.can_shed:
+            return Treatment.PASS
+        return treatment
+
+    def _begin_anew(self) -> None:
+        """Begin anew after the clock went back, unless the clouds have shown that already."""
+        since = (self.clock.steady_now() - self._set_back_at) / SECOND
+        if since > self._parameters.time_jump:
+            self._publish(self._filter.reset())
+            self._set_back_at = self.clock.steady_now()
+
+    def _publish(self, answers: Iterable[Answer]) -> None:
+        for answer in answers:
+            if not self._publisher.publish(answer):
+                return
+            if isinstance(answer.tag, Received):
+                self._note(answer.tag)
+
+    def _note(self, received: Received) -> None:
+        stamp = received.msg.header.stamp
+        age = self.clock.ros_now() - stamp.sec * SECOND - stamp.nanosec
+        self._health.answered((self.clock.now() - received.at) / SECOND, age / SECOND)
+
+    # In any one thread ------------------------------------------------------------------------
+
+    def process(self, msg: PointCloud2, tag: object = None) -> list[Answer]:
+        """Filter the next cloud; return the answers that are finished by it, the oldest first.
+
+        A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
+        """
+        return self._process(msg, tag, '' if self.enabled else 'disabled')
+
+    def finish(self) -> None:
+        """Filter and publish what is left, once the inbox is closed."""
+        self.join()
+        self.raise_failure()
+        self._publish(self._filter.flush())
+        self._publisher.wait()
+
+    def _process(self, msg: PointCloud2, tag: object, passed: str) -> list[Answer]:
+        if self._thread is not None:
+            self._filter.wanted = self._publisher.wanted
+        try:
+            if passed:
+                return self._filter.pass_by(msg, passed, tag)
+            return self._filter.push(msg, tag)
+        except CloudError as err:
+            self._filter.refuse(err)
+            return self._filter.advance()
