@@ -8,17 +8,20 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+import rclpy
 from clouds import SECOND, STAMP
 from nodes import Ros, Sensor, line, wait_for_thread
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+
+from lidar_outlier_filter.clocks import DelayClock
 
 if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from lidar_outlier_filter.ros.node import OutlierFilterNode
 
-# Chain that tells the outlier of 10 ms of a line that is alone.
+# Chain that says the outlier of 10 ms of a line that is alone.
 SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
 
 
@@ -39,7 +42,7 @@ class Player:
         self.sent = 0
 
     def tell(self, seconds: float) -> None:
-        """Tell the time, after the beginning, and serve until the node has it."""
+        """Return the time, after the beginning, and serve until the node has it."""
         now = STAMP + round(seconds * SECOND)
         msg = Clock()
         msg.clock.sec, msg.clock.nanosec = divmod(now, SECOND)
@@ -62,7 +65,7 @@ class Player:
         return self.node.statistics.messages
 
     def stop_the_clock(self) -> None:
-        """End the program that tells the time."""
+        """End the program that says the time."""
         self.ros.client.destroy_publisher(self._clock)
 
 
@@ -98,7 +101,7 @@ def test_delay_and_age_of_a_cloud(ros: Ros) -> None:
 
 
 def test_without_simulated_time_real_time_counts(ros: Ros) -> None:
-    """Whatever somebody tells on /clock."""
+    """Whatever somebody says on /clock."""
     player = Player(ros, '-p', 'max_delay:=0.3', simulated=False)
     player.send(0.0)
     while not player.answered():
@@ -133,6 +136,32 @@ def test_clouds_that_come_before_the_clock_goes_back(ros: Ros) -> None:
     assert (player.answered(), player.node.statistics.resets) == (1, 1)
     player.send(0.2)
     assert player.answered() == 3
+
+
+def test_the_clock_alone_goes_back(ros: Ros) -> None:
+    """What waits is answered before a cloud shows it, and the stream begins anew."""
+    player = Player(ros, '-p', 'max_delay:=60.0')
+    player.tell(10.0)
+    player.send(10.0)
+    assert player.answered() == 0
+    player.tell(0.0)
+    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+
+
+def test_a_clock_that_goes_back_twice_at_once(ros: Ros) -> None:
+    """Within time_jump of real time that is one new beginning."""
+    player = Player(ros)
+    clock = player.node.channels[0]._clock
+    now = clock.steady_now()
+    clock.steady_now = lambda: now  # type: ignore[method-assign]
+    for resets, seconds in ((0, 10.0), (1, 0.0), (1, 10.0), (1, 0.0)):
+        player.tell(seconds)
+        assert player.answered() == 0
+        assert player.node.statistics.resets == resets
+    now += 60 * SECOND
+    player.tell(-1.0)
+    player.answered()
+    assert player.node.statistics.resets == 2
 
 
 def test_a_jump_ahead(ros: Ros) -> None:
@@ -173,3 +202,71 @@ def test_another_clock(ros: Ros, *, simulated: bool) -> None:
     assert player.node.channels[0]._clock.is_simulated != simulated
     player.send(0.3)
     assert player.answered() == 1
+
+
+class Watched:
+    """A clock without a filter, and what it has called back."""
+
+    def __init__(self, ros: Ros, *, simulated: bool) -> None:
+        self.ros = ros
+        given = [Parameter('use_sim_time', value=simulated)]
+        self.node = rclpy.create_node('watched', context=ros.context, parameter_overrides=given)
+        ros.executor.add_node(self.node)
+        self.publisher: Publisher = ros.client.create_publisher(Clock, '/clock', 10)
+        self.clock = DelayClock(self.node)
+        self.calls: list[str] = []
+        add = self.calls.append
+        self.clock.watch(lambda: add('on'), lambda: add('back'), lambda: add('changed'))
+
+    def tell(self, now: int) -> None:
+        """Tell the time, nanoseconds, and serve until the node has it."""
+        while not self.publisher.get_subscription_count():
+            self.ros.executor.spin_once(0.05)
+        msg = Clock()
+        msg.clock.sec, msg.clock.nanosec = divmod(now, SECOND)
+        self.publisher.publish(msg)
+        while self.clock.ros_now() != now:
+            self.ros.executor.spin_once(0.05)
+
+    def take_calls(self) -> list[str]:
+        """Return what was called back since this was asked last."""
+        calls, self.calls[:] = list(self.calls), []
+        return calls
+
+
+def test_each_change_of_the_clock_is_told(ros: Ros) -> None:
+    """By a nanosecond and by an hour, forth and back; the first time is another clock."""
+    watched = Watched(ros, simulated=True)
+    watched.take_calls()
+    found = []
+    for now in (5 * SECOND, 5 * SECOND + 1, 5 * SECOND, 3605 * SECOND, 5 * SECOND):
+        watched.tell(now)
+        found.append(watched.take_calls())
+    assert found == [['changed'], ['on'], ['back'], ['on'], ['back']]
+    for simulated in (False, True):
+        watched.node.set_parameters([Parameter('use_sim_time', value=simulated)])
+        assert watched.take_calls() == ['changed']
+    watched.clock.stop()
+    watched.tell(9 * SECOND)
+    assert watched.take_calls() == []
+    watched.node.destroy_node()
+
+
+def test_which_clock_counts(ros: Ros) -> None:
+    """The one of /clock under use_sim_time, while somebody tells it; else one that nobody sets."""
+    watched = Watched(ros, simulated=False)
+    clock = watched.clock
+    steady = [clock.steady_now(), clock.now(), clock.steady_now()]
+    assert steady == sorted(steady)
+    assert abs(clock.ros_now() - time.time_ns()) < 100 * SECOND
+    ros.client.destroy_publisher(watched.publisher)
+    while watched.node.count_publishers('/clock'):
+        ros.executor.spin_once(0.05)
+    stopped = [clock.has_stopped]
+    watched.node.set_parameters([Parameter('use_sim_time', value=True)])
+    stopped.append(clock.has_stopped)
+    watched.publisher = ros.client.create_publisher(Clock, '/clock', 10)
+    watched.tell(7 * SECOND)
+    assert (clock.now(), clock.ros_now()) == (7 * SECOND, 7 * SECOND)
+    assert [*stopped, clock.has_stopped] == [False, True, False]
+    watched.node.destroy_node()

@@ -67,7 +67,7 @@ def test_live_equals_replay(
 ) -> None:
     """One process publishes, one filters, one collects: the very bytes that a direct call gives.
 
-    The filter is told to go as soon as it has received the last cloud. What it has not served, and
+    The filter is said to go as soon as it has received the last cloud. What it has not served, and
     what waits for more to come, is judged and published before it exits with status 0.
     """
     env = environment()
@@ -135,7 +135,7 @@ def test_large_clouds_arrive_best_effort(recordings: Path, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) -> None:
-    """Without the profile large clouds are lost; the node hears of it, and names the profile."""
+    """Without the profile large clouds are lost; the node learns of it, and names the profile."""
     env = environment()
     del env['FASTRTPS_DEFAULT_PROFILES_FILE']
     names = ('vlp16_mrpt_mcap', 'os1_128_db3', 'vlp16_mrpt_mcap')  # 0.4 MB, 6 MB, 0.4 MB
@@ -147,7 +147,7 @@ def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) ->
     ):
         next_status(diagnosing)
         lost = '0'
-        # A loss is heard of by the next cloud that arrives: again, should the last one be lost too.
+        # The next cloud that arrives shows a loss: again, should the last one be lost too.
         while lost == '0':
             publishing.tell('go')
             publishing.wait_for('published')

@@ -138,14 +138,14 @@ def test_the_error_is_told(error: Exception) -> None:
     made.push(points_at([5]))
     ((_, verdict),) = made.flush()
     assert isinstance(verdict, Failed)
-    told = verdict.error
-    sentence = str(told)
+    result = verdict.error
+    sentence = str(result)
     assert sentence.startswith('the judging of a block must be free of errors, got ')
     assert type(error).__name__ in sentence
     assert '\n' not in sentence
-    assert told.place.startswith(__file__)
-    assert told.trace.startswith('Traceback')
-    assert [told.__traceback__, told.__cause__, told.__context__] == [None] * 3
+    assert result.place.startswith(__file__)
+    assert result.trace.startswith('Traceback')
+    assert [result.__traceback__, result.__cause__, result.__context__] == [None] * 3
 
 
 def test_nothing_is_kept_of_a_block_that_failed() -> None:
@@ -191,7 +191,7 @@ def far(begin: float) -> Any:
 
 @pytest.mark.usefixtures('broken_sor')
 def test_clouds_of_the_block_are_refused() -> None:
-    """Counted by the reason, told of once for each, the place of the error once."""
+    """Counted by the reason, said of once for each, the place of the error once."""
     clean = CloudFilter(FilterParameters().changed(SHORT))
     refused: list[str] = []
     failed: list[JudgingError] = []
