@@ -16,26 +16,28 @@ MOVING = {'motion.source': 'odometry', 'motion.topic': 'odom'}
 
 
 def test_quality_of_service(ros: Ros) -> None:
-    """Best effort in, as any sensor can be heard then; reliable out; and how much is kept."""
+    """Best effort in, as any sensor can be received then; reliable out; and how much is kept."""
     node = ros.filter(parameters=MOVING)
     node.start()
-    heard = {item.topic_name: item.qos_profile for item in node.subscriptions}
+    received = {item.topic_name: item.qos_profile for item in node.subscriptions}
     for name, depth in (('/points', 50), ('/odom', 1000)):
-        assert heard[name].reliability is ReliabilityPolicy.BEST_EFFORT
-        assert heard[name].depth == depth
+        assert received[name].reliability is ReliabilityPolicy.BEST_EFFORT
+        assert received[name].depth == depth
     for publisher in (node.cleaned_publisher, node.outliers_publisher):
         assert publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
         assert publisher.qos_profile.depth == 10
 
 
-def test_losses_are_counted_as_the_middleware_tells_them(ros: Ros) -> None:
-    """Those since it told of some before, not those of all time again."""
+def test_losses_are_counted_as_the_middleware_counts_them(ros: Ros) -> None:
+    """Those since it reported some before, not those of all time again."""
     node = ros.filter()
     node.start()
     channel = node.channels[0]
-    subscription = channel._subscription
+    subscription = channel.receiver._clouds
     assert subscription is not None
-    (handler,) = (item for item in subscription.event_handlers if item.callback == channel._lost)
+    (handler,) = (
+        item for item in subscription.event_handlers if item.callback == channel.receiver._lost
+    )
     for total, change in ((3, 3), (5, 2)):
         handler.callback(SimpleNamespace(total_count=total, total_count_change=change))
     assert channel.health._lost == 5
