@@ -94,7 +94,7 @@ class Ros:
         assert client.wait_for_service(PATIENCE)
         return self.wait(client.call_async(request))
 
-    def compute(self, kind: Any, topic: str, wanted: Callable[[Any], bool]) -> Any:
+    def wait_for_message(self, kind: Any, topic: str, wanted: Callable[[Any], bool]) -> Any:
         """Serve until a message comes that is wanted, and return it; those before it are gone."""
         if topic not in self._heard:
             received = self._heard[topic] = deque()
@@ -116,7 +116,7 @@ class Ros:
         def is_wanted(msg: DiagnosticArray) -> bool:
             return wanted(Diagnosis(msg.status[0]))
 
-        return Diagnosis(self.compute(DiagnosticArray, '/diagnostics', is_wanted).status[0])
+        return Diagnosis(self.wait_for_message(DiagnosticArray, '/diagnostics', is_wanted).status[0])
 
     def close(self) -> None:
         """End all."""

@@ -45,7 +45,7 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
         return found['messages'] == found['refused'] == 4
 
     found = ros.diagnosis(is_all)
-    result = ros.compute(DiagnosticArray, '/diagnostics', bool)
+    result = ros.wait_for_message(DiagnosticArray, '/diagnostics', bool)
     age = node.get_clock().now() - Time.from_msg(result.header.stamp)
     assert 0 <= age.nanoseconds < PATIENCE * SECOND
     assert found.name == 'front/outlier_filter_node: /front/points'
@@ -105,7 +105,7 @@ def test_statistics_are_a_table(ros: Ros, sweeps: list[PointCloud2]) -> None:
     sensor.wait_for_filter(node)
     sensor.publish(sweeps[0], expected=1)
     topic = '/outlier_filter_node/statistics'
-    table = ros.compute(Float64MultiArray, topic, lambda table: table.data[0] > 0)
+    table = ros.wait_for_message(Float64MultiArray, topic, lambda table: table.data[0] > 0)
     rows, columns = table.layout.dim
     assert (rows.label, rows.size, rows.stride) == ('points', 1, len(PLOTTED))
     assert (columns.size, columns.stride) == (len(PLOTTED), len(PLOTTED))

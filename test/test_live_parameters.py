@@ -87,11 +87,26 @@ def test_home(
     assert (tmp_path / expected).is_file()
 
 
-def test_what_is_fixed_cannot_be_set_at_all(ros: Ros) -> None:
-    """Not even to what it is: ROS calls it read-only."""
+def test_all_that_a_node_has_can_be_loaded_into_it(ros: Ros) -> None:
+    """One by one, as by ``ros2 param load``, or together: also what is read-only, as it is."""
+    node = ros.filter('-p', 'halo:=0.02')
+    node.start()
+    names = [str(name) for name in node.list_parameters([], 0).names]
+    loaded = {name.replace('.', '__'): node.get_parameter(name).value for name in names}
+    assert {'inputs', 'qos_overrides__/points__subscription__depth'} < set(loaded)
+    before = values(node)
+    assert set(ros.set(**loaded)) == {''}
+    assert ros.set_together(**loaded) == ''
+    assert values(node) == before
+
+
+def test_numbers_may_be_text(ros: Ros) -> None:
+    """So ros2cli hands over what YAML 1.1 takes for no number; other text is refused."""
     node = ros.filter()
-    (reason,) = ros.set(block=node.filter_parameters.block)
-    assert reason.startswith('block must be 0.1 as at the start (read-only), got 0.1')
+    assert ros.set(quadric__significance='1e-06', sor__k='12') == ['', '']
+    assert (node.filter_parameters.quadric.significance, node.filter_parameters.sor.k) == (1e-6, 12)
+    (reason,) = ros.set(sor__k='12.5')
+    assert reason == "sor.k must be a whole number, got '12.5'"
 
 
 def test_a_place_that_cannot_be_written(ros: Ros, tmp_path: Path) -> None:
@@ -114,11 +129,11 @@ def test_reset_puts_parameters_back(ros: Ros) -> None:
     assert ros.set_together(gap_factor=2.0, **changes) == ''
     result: Future = Future()
 
-    def compute(event: ParameterEvent) -> None:
+    def note(event: ParameterEvent) -> None:
         if event.node == '/outlier_filter_node':
             result.set_result({item.name for item in event.changed_parameters})
 
-    ros.client.create_subscription(ParameterEvent, '/parameter_events', compute, 10)
+    ros.client.create_subscription(ParameterEvent, '/parameter_events', note, 10)
     while not node.count_subscribers('/parameter_events'):
         ros.executor.spin_once(0.05)
     answer = ros.call(Trigger, 'reset', Trigger.Request())

@@ -120,14 +120,24 @@ def test_what_makes_no_sense_is_refused(ros: Ros, name: str, value: object, sent
     assert values(node) == before
 
 
+def other_than(value: object) -> object:
+    """Return another value of the same type."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value + 1
+    return f'{value}x' if isinstance(value, str) else [*value, 'another']  # type: ignore[misc]
+
+
 def test_fixed_parameters_are_read_only(ros: Ros) -> None:
-    """What shapes the stream is set at the start only."""
+    """What shapes the stream is set at the start only; what is as it is may be given again."""
     node = ros.filter()
     before = values(node)
     for item in describe():
         if item.fixed:
-            (reason,) = ros.set(**{item.name: item.default})
+            (reason,) = ros.set(**{item.name: other_than(item.default)})
             assert 'read-only' in reason
+            assert ros.set(**{item.name: item.default}) == ['']
     assert values(node) == before
 
 

@@ -107,7 +107,7 @@ def test_environment_is_made_once(project: Project) -> None:
     project.make()
     asked = project.asked()
     assert asked[0] == f'-m venv {project.root}/.venv'
-    assert asked[-1].endswith(f'--editable {project.root}[ros,audit,test,lint]')
+    assert asked[-1].endswith(f'--editable {project.root}[ros,audit,docs,test,lint]')
     assert all('constraints.txt' in line for line in asked[1:])
     assert project.make('echo', 'said') == 'said\n'
     assert project.asked() == []
@@ -174,7 +174,7 @@ def test_sourced_jazzy_is_used(project: Project) -> None:
     seen = project.make('env', ROS_DISTRO='jazzy', HAS_RCLPY='1', PYTHONPATH='/opt/ros')
     asked = project.asked()
     assert asked[0] == f'-m venv --system-site-packages {project.root}/.venv'
-    assert asked[-1].endswith(f'--editable {project.root}[audit,test,lint]')
+    assert asked[-1].endswith(f'--editable {project.root}[audit,docs,test,lint]')
     assert not any('constraints.txt' in line for line in asked)
     assert 'PYTHONPATH=/opt/ros\n' in seen
 
@@ -186,7 +186,7 @@ def test_unfit_ros_is_left_alone(project: Project, distribution: str) -> None:
         'scripts/environment', 'env', ROS_DISTRO=distribution, PYTHONPATH='/opt/ros'
     )
     assert f'({distribution}) is left alone' in answer.stderr
-    assert project.asked()[-1].endswith('[ros,audit,test,lint]')
+    assert project.asked()[-1].endswith('[ros,audit,docs,test,lint]')
     assert not {'ROS_DISTRO', 'PYTHONPATH'} & {
         line.partition('=')[0] for line in answer.stdout.splitlines()
     }
@@ -208,15 +208,16 @@ def report(**counts: int) -> str:
 @pytest.mark.parametrize(
     ('status', 'written', 'wrong', 'closing'),
     [
-        ('0', report(), 'nothing', '7 passed, 0 failed'),
-        ('0', report(skipped=1), 'nothing', '6 passed, 0 failed, 1 skipped'),
-        ('1', report(failures=1, errors=1), 'nothing', '5 passed, 2 failed'),
-        ('0', report(), 'ruff check', '6 passed, 1 failed'),
-        ('0', report(), 'ruff format', '6 passed, 1 failed'),
-        ('0', report(), 'mypy', '6 passed, 1 failed'),
-        ('2', report(), 'nothing', '7 passed, 1 failed'),
-        ('5', report(tests=0), 'nothing', '3 passed, 1 failed'),
-        ('3', '', 'nothing', '3 passed, 1 failed'),
+        ('0', report(), 'nothing', '9 passed, 0 failed'),
+        ('0', report(skipped=1), 'nothing', '8 passed, 0 failed, 1 skipped'),
+        ('1', report(failures=1, errors=1), 'nothing', '7 passed, 2 failed'),
+        ('0', report(), 'ruff check', '8 passed, 1 failed'),
+        ('0', report(), 'ruff format', '8 passed, 1 failed'),
+        ('0', report(), 'mypy', '8 passed, 1 failed'),
+        ('0', report(), 'sphinx-build -W', '7 passed, 2 failed'),
+        ('2', report(), 'nothing', '9 passed, 1 failed'),
+        ('5', report(tests=0), 'nothing', '5 passed, 1 failed'),
+        ('3', '', 'nothing', '5 passed, 1 failed'),
     ],
     ids=[
         'all is well',

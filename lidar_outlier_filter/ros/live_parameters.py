@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+from array import array
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,9 +55,23 @@ class TunableNode(Node):  # type: ignore[misc]
         return self._parameters_now
 
     def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
-        """Set all or none; refuse in our own words, before rclpy does in words without units."""
-        result = self._check_parameters(parameter_list)
-        return super().set_parameters_atomically(parameter_list) if result.successful else result
+        """Set all or none; refuse in our own words, before rclpy does in words without units.
+
+        A read-only parameter may be given with the value that it has, as in a file of all
+        parameters. A number may be text, as ros2cli hands over '1e-06'.
+        """
+        given = [_as_declared(item) for item in parameter_list]
+        given = [item for item in given if not self._is_read_only_as_it_is(item)]
+        result = self._check_parameters(given)
+        if not result.successful or not given:
+            return result
+        return super().set_parameters_atomically(given)
+
+    def _is_read_only_as_it_is(self, item: RosParameter) -> bool:
+        """Return whether a parameter cannot be changed, and would not be."""
+        if not self.has_parameter(item.name) or not self.describe_parameter(item.name).read_only:
+            return False
+        return bool(_plain(self.get_parameter(item.name).value) == _plain(item.value))
 
     def _watch_parameters(self, apply: Callable[[FilterParameters], object]) -> None:
         """Check what is set from now on, and hand what passes to ``apply``."""
@@ -157,6 +172,26 @@ def _write_whole(path: Path, text: str) -> None:
 
 def _to_ros(value: object) -> object:
     return list(value) if isinstance(value, tuple) else value
+
+
+def _plain(value: object) -> object:
+    """Return arrays of every kind as lists."""
+    return list(value) if isinstance(value, tuple | list | array) else value
+
+
+def _as_declared(item: RosParameter) -> RosParameter:
+    """Read a number from text where a number is declared; leave anything else as it is."""
+    default = {one.name: one.default for one in describe()}.get(item.name)
+    if item.type_ is not RosParameter.Type.STRING or isinstance(default, bool):
+        return item
+    try:
+        if isinstance(default, float):
+            return RosParameter(item.name, value=float(item.value))
+        if isinstance(default, int):
+            return RosParameter(item.name, value=int(item.value))
+    except ValueError:
+        return item
+    return item
 
 
 def _with_floats(parameters: list[RosParameter]) -> list[RosParameter]:
