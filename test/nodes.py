@@ -116,7 +116,9 @@ class Ros:
         def is_wanted(msg: DiagnosticArray) -> bool:
             return wanted(Diagnosis(msg.status[0]))
 
-        return Diagnosis(self.wait_for_message(DiagnosticArray, '/diagnostics', is_wanted).status[0])
+        return Diagnosis(
+            self.wait_for_message(DiagnosticArray, '/diagnostics', is_wanted).status[0]
+        )
 
     def close(self) -> None:
         """End all."""

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 import pytest
 import rclpy
 from clouds import SECOND, STAMP
-from nodes import Ros, Sensor, line, wait_for_thread
+from live import PATIENCE
+from nodes import Ros, Sensor, hold_up, line, wait_for_thread
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
+from lidar_outlier_filter.ros.backlog import Received
 from lidar_outlier_filter.ros.clocks import DelayClock
 
 if TYPE_CHECKING:
@@ -42,14 +44,18 @@ class Player:
         self.sent = 0
 
     def set(self, seconds: float) -> None:
-        """Return the time, after the beginning, and serve until the node has it."""
+        """Publish a time, after the beginning; serve until the node and its thread have it."""
+        self.set_node(seconds)
+        wait_for_thread(self.node)
+
+    def set_node(self, seconds: float) -> None:
+        """Publish a time, and serve until the node has it."""
         now = STAMP + round(seconds * SECOND)
         msg = Clock()
         msg.clock.sec, msg.clock.nanosec = divmod(now, SECOND)
         self._clock.publish(msg)
         while self.node.get_clock().now().nanoseconds != now:
             self.ros.executor.spin_once(0.05)
-        wait_for_thread(self.node)
 
     def send(self, seconds: float) -> None:
         """Send 10 ms of a line, and serve until the node has filtered or keeps it."""
@@ -148,6 +154,45 @@ def test_the_clock_alone_goes_back(ros: Ros) -> None:
     assert (player.answered(), player.node.statistics.resets) == (1, 1)
 
 
+def test_clouds_that_wait_while_the_clock_goes_back(ros: Ros) -> None:
+    """The new beginning comes in its turn among them, and they were received by the new clock."""
+    player = Player(ros, '-p', 'max_delay:=60.0')
+    inbox = player.node.channels[0].worker.inbox
+    player.set(10.0)
+    go_on = hold_up(player.node)
+    for seconds in (10.0, 0.0):
+        player.set_node(seconds)
+        player.sensor.publish(line(seconds), expected=10**9)
+        clouds = inbox.clouds
+        while inbox.clouds == clouds:
+            ros.executor.spin_once(0.05)
+    received = [item.at - STAMP for item in inbox._items if isinstance(item, Received)]
+    assert received == [0, 0]
+    go_on.set()
+    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+
+
+def test_the_thread_is_woken_when_a_cloud_has_waited_enough(ros: Ros) -> None:
+    """By the clock alone, and not before."""
+    player = Player(ros, '-p', 'max_delay:=10.0')
+    inbox = player.node.channels[0].worker.inbox
+    player.set(0.0)
+    player.send(0.0)
+    woken: list[int] = []
+    wake = inbox.wake
+
+    def note() -> None:
+        woken.append(player.node.get_clock().now().nanoseconds - STAMP)
+        wake()
+
+    inbox.wake = note  # type: ignore[method-assign]
+    for seconds in (1.0, 4.0, 9.5):
+        player.set_node(seconds)
+    while not player.node.statistics.messages:
+        ros.executor.spin_once(0.05)
+    assert woken == [9_500_000_000]
+
+
 def test_a_clock_that_goes_back_twice_at_once(ros: Ros) -> None:
     """Within time_jump of real time that is one new beginning."""
     player = Player(ros)
@@ -202,6 +247,25 @@ def test_another_clock(ros: Ros, *, simulated: bool) -> None:
     assert player.node.channels[0]._clock.is_simulated != simulated
     player.send(0.3)
     assert player.answered() == 1
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_clouds_that_wait_while_the_clock_changes(ros: Ros, *, simulated: bool) -> None:
+    """They were received when it was changed, by the new one."""
+    player = Player(ros, '-p', 'max_delay:=60.0', simulated=simulated)
+    if simulated:
+        player.set(0.0)
+    channel = player.node.channels[0]
+    go_on = hold_up(player.node)
+    player.sensor.publish(line(0.0), expected=10**9)
+    while not channel.worker.inbox.clouds:
+        ros.executor.spin_once(0.05)
+    item = channel.worker.inbox._items[0]
+    assert isinstance(item, Received)
+    player.node.set_parameters([Parameter('use_sim_time', value=not simulated)])
+    assert 0 <= channel._clock.now() - item.at < PATIENCE * SECOND
+    go_on.set()
+    wait_for_thread(player.node)
 
 
 class Watched:

@@ -88,6 +88,20 @@ def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
     assert node.statistics.refused == 0
 
 
+def test_poses_wake_the_thread(ros: Ros) -> None:
+    """A cloud goes on when its last pose has come, though nothing else happens."""
+    drive = Drive(0.2)
+    node, sensor, publisher = start(ros, max_delay=60.0, blocks='message')
+    sensor.publish(drive.clouds(drive.own)[0], expected=1)
+    while not node.channels[0]._filter.waiting:
+        ros.executor.spin_once(0.05)
+    wait_for_thread(node)
+    for pose in drive.odometry():
+        publisher.publish(pose)
+    sensor.wait_for_answers()
+    assert node.statistics.unmoved == 0
+
+
 def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
     """They are used, though the cloud has waited by then for as long as it may."""
     drive = Drive(0.2)

@@ -11,6 +11,9 @@ import pytest
 from live import PATIENCE
 from nodes import Ros, Sensor, hold_up, line, wait_for_thread
 
+from lidar_outlier_filter.ros.backlog import FORGET, Treatment
+from lidar_outlier_filter.ros.health import PLOTTED
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -85,6 +88,43 @@ def test_a_burst_is_received(ros: Ros) -> None:
         sensor.publish(line(0.01 * number), expected=10**9)
     node.finish()
     assert answers(ros, sensor, 40) == [(number, 1) for number in range(40)]
+
+
+def test_what_waits_is_reported(ros: Ros) -> None:
+    """Clouds and bytes to be filtered, clouds without an answer, who publishes, what is done."""
+    node, sensor = start(ros, block=0.1)
+    channel = node.channels[0]
+    send(ros, node, sensor, 1)
+    wait_for_thread(node)
+    with held_up(node):
+        send(ros, node, sensor, 3, first=1)
+        plotted = dict(zip(PLOTTED, channel.look(2.0).plotted, strict=True))
+        organised = line(0.04)
+        organised.height, organised.width, organised.row_step = 4, 25, organised.row_step // 4
+        channel.receiver.take(organised)
+        points = channel.health._tally.points
+    assert points == 100
+    assert plotted['clouds_per_second'] == 2
+    assert plotted['points_per_second'] == 200
+    assert plotted['backlog_clouds'] == 3
+    assert plotted['backlog_megabytes'] == pytest.approx(3e-6 * len(line(0.0).data))
+    assert plotted['waiting_clouds'] == 1
+    channel.worker._overload.treatment = Treatment.SHED
+    channel.look(3.0)
+    message = channel.look(3.0).message
+    assert 'no cloud for 3 s, publishers: 1 (' in message
+    assert 'too much to filter: clouds are filtered by the smoother alone' in message
+
+
+def test_the_time_that_clouds_take_is_known(ros: Ros) -> None:
+    """To the diagnostics, and to what is kept for the verdict."""
+    node, sensor = start(ros)
+    send(ros, node, sensor, 3)
+    wait_for_thread(node)
+    channel = node.channels[0]
+    spent = channel.health._tally.spent
+    assert len(spent) == 3
+    assert channel.worker._overload._longest >= FORGET**2 * max(spent) > 0
 
 
 def test_drop_oldest(ros: Ros) -> None:
