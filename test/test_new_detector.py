@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import runpy
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,7 +43,6 @@ from lidar_outlier_filter.tuning.dials import searches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from nodes import Ros
     from numpy.typing import NDArray
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
+ROOT = Path(__file__).parents[1]
+EXAMPLE = ROOT / 'doc' / 'examples' / 'new_detector.py'
 BIT = 128
 EXTRA = SECOND_PHASE
 
@@ -276,6 +279,34 @@ def test_names_are_one_detectors_own(name: str) -> None:
         pass
     assert DETECTORS['lof'].bit == 4
     assert BIT not in BITS.values()
+
+
+# The example of CONTRIBUTING -------------------------------------------------------------------
+
+
+def test_the_example(tmp_path: Path) -> None:
+    """It registers itself, and cleans a file as its formula says."""
+    points = scattered()
+    path = tmp_path / 'cloud.csv'
+    np.savetxt(path, points.xyz, '%.17g', ',', header='x,y,z', comments='')
+    runpy.run_path(str(EXAMPLE))
+    try:
+        assert DETECTORS['lonely'].bit == BIT
+        assert main(['clean', str(path), '--chain', 'lonely', '--set', 'lonely.limit=1.0']) == 0
+    finally:
+        unregister('lonely')
+    outlier, bits = columns(tmp_path / 'cloud_cleaned.csv', 'outlier', 'outlier_detectors')
+    assert outlier.tolist() == naive(points.xyz, 1.0)
+    assert set(bits.tolist()) == {0, BIT}
+
+
+def test_contributing_quotes_the_example() -> None:
+    """CONTRIBUTING shows the example as it is, and names every field of a declaration."""
+    text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    code = EXAMPLE.read_text(encoding='utf-8').split('\n', 2)[2]
+    assert f'```python\n{code}```\n' in text
+    for item in fields(Detector):
+        assert f'| `{item.name}` |' in text
 
 
 # What the package declares -------------------------------------------------------------------

@@ -271,9 +271,8 @@ def _named(view: NDArray[np.void], name: str, parameter: str, kinds: str) -> NDA
     """Return the column that a parameter names, or refuse the cloud."""
     names = view.dtype.names or ()
     if name not in names:
-        raise CloudError(
-            f'the fields, with {parameter} {name!r},', f'with {name!r}', ', '.join(names)
-        )
+        must_be = 'one of the fields ' + ', '.join(names)
+        raise CloudError(f'{parameter} {name!r}', must_be, 'none of them')
     if view.dtype[name].kind not in kinds:
         must_be = 'a single number' if 'f' in kinds else 'a single whole number'
         raise CloudError(f'field {name!r}', must_be, str(view.dtype[name]))
