@@ -2,10 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scan pattern of spinning sensors: the neighbours, features and trees are those of loops."""
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 import pytest
 from naive import scan_pattern as naive
 from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.evidence import pattern_features
 from lidar_outlier_filter.core.detectors.evidence.pattern import judge
@@ -13,16 +18,27 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATUR
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern, arctangent, find_pattern
 from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 RATE = -2 * np.pi / 1e8  # rad/ns: ten turns a second, clockwise
 
 
-def sweep(
-    seed: int, lost: float, turns: float = 1.0, *, columns: int = 90, staggered: bool = False
+RINGS = (-20.0, -14.0, -9.0, -6.0, -3.0, 0.0, 4.0, 9.0)  # degrees
+
+
+def sweep(  # noqa: PLR0913
+    seed: int,
+    lost: float,
+    turns: float = 1.0,
+    *,
+    columns: int = 90,
+    staggered: bool = False,
+    elevations: Sequence[float] = RINGS,
 ) -> Points:
-    """Return a room seen by eight rings, some of whose returns are lost or anywhere."""
+    """Return a room seen by some rings, some of whose returns are lost or anywhere."""
     rng = np.random.default_rng(seed)
-    rings, step = 8, round(1e8 / columns)
+    rings, step = len(elevations), round(1e8 / columns)
     columns = round(columns * turns)
     shot = np.arange(columns * rings)
     ring, column = shot % rings, shot // rings
@@ -31,7 +47,7 @@ def sweep(
     t = column * step + uneven + (0 if staggered else ring * 1000)
     offset = 0.03 * (ring % 4) if staggered else 0.0
     azimuth = 2.0 + RATE * t + offset
-    up = np.radians(np.array([-20, -14, -9, -6, -3, 0, 4, 9.0]))[ring]
+    up = np.radians(np.array(elevations))[ring]
     far = np.minimum(
         8.0 / np.maximum(np.abs(np.cos(azimuth)), 1e-9),
         5.0 / np.maximum(np.abs(np.sin(azimuth)), 1e-9),
@@ -130,6 +146,53 @@ def test_no_pattern() -> None:
     rng = np.random.default_rng(1)
     wild = Points(rng.standard_normal((len(points), 3)), points.t, points.line, points.valid)
     assert find_pattern(wild) is None
+
+
+# Degrees: of data sheets.
+HALVES = [*np.linspace(-24.33, -8.83, 32), *np.linspace(-8.33, 2.0, 32)]  # HDL-64E
+CROWDED = [  # VLP-32C
+    *(-25, -15.64, -11.31, -8.84, -7.25, -6.15, -5.33, -4.67),
+    *np.linspace(-4, 5 / 3, 18),
+    *(2.33, 3.33, 4.67, 7, 10.33, 15),
+]
+
+
+@pytest.mark.parametrize(
+    ('elevations', 'even'),
+    [
+        (np.linspace(-15, 15, 16), True),
+        (np.delete(np.linspace(-30.67, 10.67, 32), [4, 20]), True),  # two without returns
+        (HALVES, True),
+        (CROWDED, False),
+        (np.geomspace(1, 25, 16), False),
+        ([0.0], True),
+    ],
+)
+def test_rings_unevenly_spaced_are_no_pattern(elevations: Sequence[float], *, even: bool) -> None:
+    """A ring that is missing does not matter, nor do two halves; rings crowded together do."""
+    for seed, lost in ((7, 0.0), (8, 0.4)):
+        points = sweep(seed, lost, elevations=elevations)
+        assert (find_pattern(points, spins=True) is not None) == even
+
+
+@pytest.mark.parametrize(
+    ('name', 'even'),
+    [('vlp32_nebula_db3', False), ('vlp16_mrpt_mcap', True), ('hdl32_mrpt_mcap', True)],
+)
+def test_rings_of_recordings(recordings: Path, name: str, *, even: bool) -> None:
+    """Clouds of a VLP-32C have no pattern, those of sensors with even rings do."""
+    decoder = Decoder(FilterParameters())
+    with AnyReader(
+        [recordings / 'bags' / name], default_typestore=get_typestore(Stores.ROS2_JAZZY)
+    ) as reader:
+        clouds = [
+            decoder.decode(reader.deserialize(data, connection.msgtype))
+            for connection, _, data in reader.messages()
+            if connection.msgtype.endswith('PointCloud2')
+        ]
+    found = [find_pattern(points.take(points.valid)) is not None for points in clouds]
+    assert found
+    assert all(flag == even for flag in found)
 
 
 def test_arctangent() -> None:

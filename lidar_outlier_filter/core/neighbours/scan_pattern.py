@@ -30,6 +30,10 @@ BESIDE = 4  # rings beside each: two below and two above
 LAG = 8  # returns of a ring, to measure how fast the head turns
 SAMPLES = 64  # returns of a ring that tell its elevation, its step and how fast the head turns
 FEWEST = 2 * LAG  # returns of a ring that tell how fast the head turns
+# Spacings of rings ÷ their median: these are even, and so are those of two halves as 2 to 3. A ring
+# without returns makes one that is not. Of a VLP-32C 55 % are even, of a Pandar64 76 %, of scanners
+# with evenly spaced rings 93 % and more.
+EVEN_FROM, EVEN_TO, EVEN = 0.5, 1.75, 0.8
 STEADY = 0.9  # share of the steps along rings that go the way the head turns: less is no pattern
 LINES_AT_ONCE, AT_ONCE = 4, 1 << 14  # lines, and points, that a thread takes
 INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
@@ -98,7 +102,8 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
     -------
     Pattern or None
         None where the points have no such pattern: lines are measured one after the other, rings
-        are too short, or their azimuths do not go steadily one way.
+        are too short, or their azimuths do not go steadily one way. None, too, where rings are
+        unevenly spaced in elevation: what is measured across them says little there.
 
     """
     if len(points) < FEWEST:
@@ -139,6 +144,9 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
     elevation, step = np.empty(lines), np.empty(lines)
     _typical(up, phase, first, elevation, step)
     rank = np.argsort(elevation, kind='stable')
+    between = _spacings(elevation[rank])
+    if not _is_even(between):
+        return None
     sizes = np.diff(first)[rank]
     begins = PAD + np.concatenate([[0], np.cumsum(sizes + PAD)])[:-1]
     count = len(points) + (lines + 1) * PAD
@@ -152,7 +160,7 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
         np.ones(count, np.float32),
         np.full(count, NOWHERE, np.float32),
         (step * np.sqrt(1.0 - elevation**2))[rank].astype(np.float32),
-        _gaps(elevation[rank]),
+        _gaps(between),
     )
     pool.run(
         lambda i, j: _place(xyz, distance, origin, phase, order, first, rank, i, j, placed),
@@ -169,11 +177,25 @@ def _is_interleaved(t: Ints, first: Ints) -> bool:
     return bool((ends - begins).sum() > INTERLEAVED * (ends.max() - begins.min()))
 
 
-def _gaps(sine: Floats) -> Singles:
-    """Return the angles to the nearer ring, of sines of elevations in ascending order."""
-    if len(sine) < 2:  # noqa: PLR2004  no ring beside it
-        return np.full(len(sine), 1.0, np.float32)
-    between = np.diff(sine) / np.sqrt(1.0 - ((sine[1:] + sine[:-1]) / 2.0) ** 2)
+def _spacings(sine: Floats) -> Floats:
+    """Return the angles between rings, of sines of elevations in ascending order, rad."""
+    spacings: Floats = np.diff(sine) / np.sqrt(1.0 - ((sine[1:] + sine[:-1]) / 2.0) ** 2)
+    return spacings
+
+
+def _is_even(between: Floats) -> bool:
+    """Tell whether most angles between rings are near their median."""
+    if len(between) == 0:
+        return True
+    middle = float(np.median(between))
+    even = (between >= EVEN_FROM * middle) & (between <= EVEN_TO * middle)
+    return bool(np.count_nonzero(even) >= EVEN * len(between))
+
+
+def _gaps(between: Floats) -> Singles:
+    """Return each ring's angle to the nearer one beside it, of the angles between rings."""
+    if len(between) == 0:
+        return np.full(1, 1.0, np.float32)
     nearer = np.minimum(np.append(between, np.inf), np.append(np.inf, between))
     gaps: Singles = np.maximum(nearer, LEAST_GAP).astype(np.float32)
     return gaps
