@@ -85,6 +85,8 @@ setup(
             'python-neo-lzf>=0.3.5',
             'scikit-learn>=1.4',
         ],
+        # The pages in doc/; as Ubuntu 24.04 packages them
+        'docs': ['myst-parser>=2.0', 'sphinx>=7.2', 'sphinx-rtd-theme>=2.0'],
         'lint': [
             'mypy>=1.13',
             'ruff>=0.12',

@@ -58,29 +58,29 @@ class Timing(NamedTuple):
 
 def street(count: int, seed: int = 1) -> Floats:
     """Simulate a street whose length grows with the number of points: road, facades, strays."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     length = count / DENSITY
     stray, half = int(STRAY * count), int(0.3 * count)
     road = count - stray - 2 * half
     parts = [
-        np.stack([_along(dice, length, road), dice.normal(0, 2.5, road), np.zeros(road)], axis=1)
+        np.stack([_along(rng, length, road), rng.normal(0, 2.5, road), np.zeros(road)], axis=1)
     ]
     for side in (-FACADE, FACADE):
-        x, z = _along(dice, length, half), HEIGHT * dice.random(half) ** 1.5
+        x, z = _along(rng, length, half), HEIGHT * rng.random(half) ** 1.5
         # Recessed windows, and a gap between two houses.
         recessed = ((x % 3.0) < 1.3) & ((z % 3.0) > 1.2)  # noqa: PLR2004  a facade's measures
         y = np.where(recessed, side * 1.02, side) + np.where((x % 40.0) < 4.0, side, 0.0)  # noqa: PLR2004
         parts.append(np.stack([x, y, z], axis=1))
     surface = np.concatenate(parts)
-    surface += dice.normal(0.0, NOISE, surface.shape)
+    surface += rng.normal(0.0, NOISE, surface.shape)
     low, high = (0.0, -HALF_WIDTH, 0.2), (length, HALF_WIDTH, HEIGHT)
-    cloud: Floats = np.concatenate([surface, dice.uniform(low, high, (stray, 3))])
+    cloud: Floats = np.concatenate([surface, rng.uniform(low, high, (stray, 3))])
     return cloud
 
 
-def _along(dice: np.random.Generator, length: float, count: int) -> Floats:
+def _along(rng: np.random.Generator, length: float, count: int) -> Floats:
     """Places along the street."""
-    places: Floats = dice.uniform(0.0, length, count)
+    places: Floats = rng.uniform(0.0, length, count)
     return places
 
 
@@ -170,7 +170,7 @@ def compare_hierarchical(cloud: Floats) -> None:
 
 
 def _by_triangulation(xyz: Floats, parameters: Hierarchical) -> Ints:
-    """Tell which phase rejects each point, by Delaunay triangulations; no two may coincide."""
+    """Return which phase rejects each point, by Delaunay triangulations; no two may coincide."""
     phase = np.zeros(len(xyz), np.int64)
     ends = _triangulate(xyz)
     length = np.linalg.norm(xyz[ends[:, 0]] - xyz[ends[:, 1]], axis=1)

@@ -137,7 +137,7 @@ class Seconds:
         typical = sorted(self.p95[WARM:until])[(until - WARM) // 2]
         growth = max(self.memory[WARM:]) - self.memory[WARM]
         well = [at for at, is_well in zip(self.at, self.well, strict=True) if at > end and is_well]
-        # A look tells of the second before it.
+        # A look says of the second before it.
         after = f'{max(well[0] - LOOK - end, 0.0):.1f} s' if well else 'never'
         return (
             f'delay of a second, p95: {typical:.0f} ms in the median, at most '
@@ -181,7 +181,7 @@ def measure(options: argparse.Namespace) -> int:
             for name, program in programs.items()
         }
         busy = {name: -_busy(process) for name, process in processes.items()}
-        sensor.tell('go')
+        sensor.send('go')
         begin = time.monotonic()
         while time.monotonic() < begin + options.seconds + REST + 1:
             status = next_status(listening)

@@ -59,7 +59,7 @@ class Soak:
 
     @property
     def hours(self) -> float:
-        """Tell how much sensor time has passed."""
+        """Return how much sensor time has passed."""
         return self.loops * self.period / SECOND / 3600
 
     def loop(self) -> None:

@@ -90,7 +90,7 @@ def dump(msg: Any) -> tuple[Any, ...]:
 
 
 def point_bytes(msg: Any) -> list[bytes]:
-    """Return the bytes of each point, row by row, by the sizes that the message tells."""
+    """Return the bytes of each point, row by row, by the sizes that the message says."""
     data = bytes(msg.data)
     starts = [
         row * msg.row_step + column * msg.point_step

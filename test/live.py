@@ -3,7 +3,7 @@
 """Live tests: what starts the processes, and those to publish, collect, count, diagnose.
 
     live.py publish QOS RECORDING TOPIC     all clouds of a recording, or several with : between,
-                                            when told to
+                                            when said to
     live.py collect QOS FOLDER TOPIC ...    every cloud to FOLDER/<last word of TOPIC>_<number>.cdr
     live.py count TOPIC                     say how many clouds came, when stdin is closed
     live.py diagnose                        every status of /diagnostics, as JSON
@@ -119,14 +119,14 @@ class Program:
         """Send it a signal."""
         self._process.send_signal(number)
 
-    def tell(self, line: str) -> None:
+    def send(self, line: str) -> None:
         """Write a line to its stdin."""
         assert self._process.stdin is not None
         self._process.stdin.write(line + '\n')
         self._process.stdin.flush()
 
     def close(self) -> None:
-        """Close its stdin, which tells the programs below to go."""
+        """Close its stdin, which says the programs below to go."""
         assert self._process.stdin is not None
         self._process.stdin.close()
 
@@ -158,7 +158,7 @@ class Program:
 def publisher(
     recording: Path | str, topic: str, env: Mapping[str, str], qos: str = 'reliable'
 ) -> Program:
-    """Start the program that publishes, when somebody listens, as often as it is told to go.
+    """Start the program that publishes, when somebody listens, as often as it is said to go.
 
     It says 'published', if reliable when all has arrived.
     """
@@ -173,7 +173,7 @@ def collector(
 
 
 def diagnoser(env: Mapping[str, str]) -> Program:
-    """Start the program that tells what is on /diagnostics."""
+    """Start the program that says what is on /diagnostics."""
     return Program(__file__, 'diagnose', env=env)
 
 
@@ -206,7 +206,7 @@ def _ros() -> Iterator[tuple[Node, SingleThreadedExecutor]]:
     rclpy.shutdown()
 
 
-def _tell(*words: object) -> None:
+def _say(*words: object) -> None:
     sys.stdout.write(' '.join(map(str, words)) + '\n')
     sys.stdout.flush()
 
@@ -222,7 +222,7 @@ def _publish(qos: QoSProfile, recordings: str, topic: str) -> None:
             for message in messages:
                 publisher.publish(message)
             arrived = publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
-            _tell('published' if arrived else 'lost', time.monotonic())
+            _say('published' if arrived else 'lost', time.monotonic())
 
 
 def _collect(qos: QoSProfile, folder: Path, topics: list[str]) -> None:
@@ -232,7 +232,7 @@ def _collect(qos: QoSProfile, folder: Path, topics: list[str]) -> None:
         if missing:
             missing.discard(topic)
             if not missing:
-                _tell('matched')
+                _say('matched')
 
     with _ros() as (node, executor):
         inboxes = [
@@ -265,7 +265,7 @@ class _Inbox:
         path = self._path.with_name(f'{self._path.name}_{self._count}.cdr')
         path.write_bytes(data)
         self._count += 1
-        _tell('received', path.name, time.monotonic())
+        _say('received', path.name, time.monotonic())
 
     def empty(self) -> None:
         """Store what has arrived and was not served."""
@@ -277,28 +277,28 @@ class _Inbox:
 def _count(topic: str) -> None:
     end, count = Future(), itertools.count()
     with _ros() as (node, executor):
-        events = SubscriptionEventCallbacks(matched=lambda _: _tell('matched'))
+        events = SubscriptionEventCallbacks(matched=lambda _: _say('matched'))
         listen = lambda _: next(count)  # noqa: E731
         node.create_subscription(
             PointCloud2, topic, listen, BEST_EFFORT, raw=True, event_callbacks=events
         )
         threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
         executor.spin_until_future_complete(end)
-        _tell('clouds', next(count))
+        _say('clouds', next(count))
 
 
 def _diagnose() -> None:
     end = Future()
 
-    def tell(msg: DiagnosticArray) -> None:
+    def note(msg: DiagnosticArray) -> None:
         for status in msg.status:
             found = {item.key: item.value for item in status.values}
             level = int.from_bytes(status.level, 'little')
             said = {'name': status.name, 'level': level, 'message': status.message}
-            _tell('status', json.dumps(said | {'values': found}))
+            _say('status', json.dumps(said | {'values': found}))
 
     with _ros() as (node, executor):
-        node.create_subscription(DiagnosticArray, '/diagnostics', tell, KEEP_ALL)
+        node.create_subscription(DiagnosticArray, '/diagnostics', note, KEEP_ALL)
         threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
         executor.spin_until_future_complete(end)
 

@@ -14,78 +14,78 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
-    Dice = np.random.Generator
+    Rng = np.random.Generator
 
 COUNT = 160
 UTM = np.array([389_512.25, 5_819_204.5, 34.125])
 
 
-def scattered(dice: Dice) -> Floats:
+def scattered(rng: Rng) -> Floats:
     """Scatter points evenly in all directions."""
-    return dice.normal(size=(COUNT, 3))
+    return rng.normal(size=(COUNT, 3))
 
 
-def sheet(dice: Dice) -> Floats:
+def sheet(rng: Rng) -> Floats:
     """Lay out a noisy plane with a few outliers above it, far from the origin."""
-    xyz: Floats = dice.uniform([0, 0, 0], [10, 10, 0], (COUNT, 3)) + UTM
-    xyz += dice.normal(0, 0.01, xyz.shape)
-    xyz[:5, 2] += dice.uniform(1, 4, 5)
+    xyz: Floats = rng.uniform([0, 0, 0], [10, 10, 0], (COUNT, 3)) + UTM
+    xyz += rng.normal(0, 0.01, xyz.shape)
+    xyz[:5, 2] += rng.uniform(1, 4, 5)
     return xyz
 
 
-def corner(dice: Dice) -> Floats:
+def corner(rng: Rng) -> Floats:
     """Let two walls of different density meet, and round all to float32."""
-    xyz = dice.uniform(0, 10, (COUNT, 3))
+    xyz = rng.uniform(0, 10, (COUNT, 3))
     xyz[: COUNT // 4, 0] = 0
     xyz[COUNT // 4 :, 1] = 0
     return xyz.astype(np.float32).astype(np.float64)
 
 
-def grid(dice: Dice) -> Floats:
+def grid(rng: Rng) -> Floats:
     """Take places of a grid, some of them twice: most points have ties."""
-    return dice.integers(0, 6, (COUNT, 3)).astype(np.float64)
+    return rng.integers(0, 6, (COUNT, 3)).astype(np.float64)
 
 
-def doubled(dice: Dice) -> Floats:
+def doubled(rng: Rng) -> Floats:
     """Return every point twice, as a sensor does whose last return is its strongest."""
-    return dice.permutation(np.repeat(scattered(dice)[: COUNT // 2], 2, axis=0))
+    return rng.permutation(np.repeat(scattered(rng)[: COUNT // 2], 2, axis=0))
 
 
-def stacks(dice: Dice) -> Floats:
+def stacks(rng: Rng) -> Floats:
     """Put many points on a few places among others, one place at zeros of both signs."""
-    xyz = grid(dice)
+    xyz = grid(rng)
     xyz[:70] = [0.0, 0.0, 0.0]
     xyz[20:30] = [-0.0, 0.0, -0.0]
     xyz[70:100] = xyz[70]
     xyz[100:130] = [0.0, 0.0, 0.001]
-    return dice.permutation(xyz)
+    return rng.permutation(xyz)
 
 
-def lone_stack(dice: Dice) -> Floats:
+def lone_stack(rng: Rng) -> Floats:
     """Put half of the points far off, all on one place."""
-    xyz = scattered(dice)
+    xyz = scattered(rng)
     xyz[: COUNT // 2] = 50.0
-    return dice.permutation(xyz)
+    return rng.permutation(xyz)
 
 
-def three_places(dice: Dice) -> Floats:
+def three_places(rng: Rng) -> Floats:
     """Leave fewer places than neighbours are asked for."""
-    xyz: Floats = dice.integers(0, 3, (COUNT, 1)) * np.array([1.0, 2.0, 4.0])
+    xyz: Floats = rng.integers(0, 3, (COUNT, 1)) * np.array([1.0, 2.0, 4.0])
     return xyz
 
 
-def line(dice: Dice) -> Floats:
+def line(rng: Rng) -> Floats:
     """Put points on a straight line, with ties and twins."""
-    xyz: Floats = dice.integers(0, 150, (COUNT, 1)) * np.array([0.25, 0.5, -1.0])
+    xyz: Floats = rng.integers(0, 150, (COUNT, 1)) * np.array([0.25, 0.5, -1.0])
     return xyz
 
 
-def one_place(dice: Dice) -> Floats:
+def one_place(rng: Rng) -> Floats:
     """Put all points on one place."""
-    return np.tile(dice.normal(size=3), (COUNT, 1))
+    return np.tile(rng.normal(size=3), (COUNT, 1))
 
 
-CLOUDS: tuple[Callable[[Dice], Floats], ...] = (
+CLOUDS: tuple[Callable[[Rng], Floats], ...] = (
     scattered,
     sheet,
     corner,
@@ -99,9 +99,9 @@ CLOUDS: tuple[Callable[[Dice], Floats], ...] = (
 )
 
 
-def rotation(dice: Dice) -> Floats:
+def rotation(rng: Rng) -> Floats:
     """Draw a rotation."""
-    q, r = np.linalg.qr(dice.normal(size=(3, 3)))
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     q *= np.sign(np.diag(r))
     q[:, 0] *= np.linalg.det(q)
     return q

@@ -42,7 +42,7 @@ class Diagnosis:
         self.values = {item.key: item.value for item in status.values}
 
     def __getitem__(self, key: str) -> float:
-        """Return a value that is a number; what is not told is 0."""
+        """Return a value that is a number; what is not said is 0."""
         return float(self.values.get(key, 0))
 
 
@@ -94,12 +94,12 @@ class Ros:
         assert client.wait_for_service(PATIENCE)
         return self.wait(client.call_async(request))
 
-    def hear(self, kind: Any, topic: str, wanted: Callable[[Any], bool]) -> Any:
+    def compute(self, kind: Any, topic: str, wanted: Callable[[Any], bool]) -> Any:
         """Serve until a message comes that is wanted, and return it; those before it are gone."""
         if topic not in self._heard:
-            heard = self._heard[topic] = deque()
+            received = self._heard[topic] = deque()
             # rclpy does not take a method of C.
-            listen = lambda msg: heard.append(msg)  # noqa: E731, PLW0108
+            listen = lambda msg: received.append(msg)  # noqa: E731, PLW0108
             self.client.create_subscription(kind, topic, listen, KEEP_ALL)
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
@@ -116,7 +116,7 @@ class Ros:
         def is_wanted(msg: DiagnosticArray) -> bool:
             return wanted(Diagnosis(msg.status[0]))
 
-        return Diagnosis(self.hear(DiagnosticArray, '/diagnostics', is_wanted).status[0])
+        return Diagnosis(self.compute(DiagnosticArray, '/diagnostics', is_wanted).status[0])
 
     def close(self) -> None:
         """End all."""

@@ -108,7 +108,7 @@ def copy(source: Path, target: Path) -> Path:
 
 
 def described(connections: list[Connection]) -> list[tuple[object, ...]]:
-    """Tell everything of the connections that does not depend on the file."""
+    """Return everything of the connections that does not depend on the file."""
     return [(c.topic, c.msgtype, c.msgdef, c.digest, c.msgcount, c.ext) for c in connections]
 
 
@@ -250,7 +250,7 @@ def test_ros1_type_with_two_definitions_is_refused(tmp_path: Path) -> None:
 
 
 def test_other_readers_find_index_and_names(tmp_path: Path) -> None:
-    """The mcap reader finds every message by index; no file tells of the hidden folder."""
+    """The mcap reader finds every message by index; no file says of the hidden folder."""
     target = copy(write_bag(tmp_path / 'source', StoragePlugin.SQLITE3), tmp_path / 'target')
     assert sorted(path.name for path in target.iterdir()) == ['metadata.yaml', 'target.mcap']
     assert not any(b'partial' in path.read_bytes() for path in target.iterdir())

@@ -29,7 +29,7 @@ LATE = 'the time of a cloud must be at or after what is judged already, got a po
 
 @dataclass
 class Census:
-    """Stands in for a chain: the score of a point tells which points were judged with it."""
+    """Stands in for a chain: the score of a point says which points were judged with it."""
 
     bit: int = 1
     blocks: list[list[int]] = field(default_factory=list)
@@ -320,7 +320,7 @@ def partial_scores(
 
 
 def test_hurry_in_the_middle_of_a_block() -> None:
-    """The second half of a block is judged with the first; what the first half was told stays."""
+    """The second half of a block is judged with the first; what the first half was said stays."""
     made, census = stream()
     made.push(points_at([1000, 2000]), 'first')
     ((_, first),) = made.hurry()
@@ -333,7 +333,7 @@ def test_hurry_in_the_middle_of_a_block() -> None:
 
 
 def test_hurry_closes_what_was_told() -> None:
-    """After a hurry a point that is older than those told is late; one of the same time is not."""
+    """After a hurry a point that is older than those said is late; one of the same time is not."""
     made, _ = stream()
     made.push(points_at([0, 10]))
     made.hurry()
@@ -430,7 +430,7 @@ def test_max_points_after_the_clock_was_set_back() -> None:
 
 
 def test_chain_replaced() -> None:
-    """From the next block on the new chain judges; what is told is told."""
+    """From the next block on the new chain judges; what is said is said."""
     made, _ = stream()
     made.push(points_at([5, BLOCK + HALO]), 'a')
     made.chain = cast('Chain', Census(bit=4))
@@ -494,7 +494,7 @@ def test_blocks_by_message_are_answered_at_once() -> None:
 
 
 def test_blocks_by_message_may_overlap() -> None:
-    """Sweeps that begin before the last one ended are no error; each point is told once."""
+    """Sweeps that begin before the last one ended are no error; each point is said once."""
     made, census = by_message()
     made.push(points_at([10_000_000, 19_000_000]), 'a')
     times = [18_000_000, 30_000_000, 20_000_000]

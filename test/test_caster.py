@@ -11,7 +11,7 @@ import pytest
 from naive import raycast as naive
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.caster import PANE, dice
+from lidar_outlier_filter.simulation.caster import PANE, uniform
 from lidar_outlier_filter.simulation.scene import Kind, Rays, Scene
 from lidar_outlier_filter.simulation.surfaces import (
     Ball,
@@ -123,8 +123,8 @@ def test_equal_to_naive(surface: Surface, twin: Naive, target: Vector, least: fl
 def test_dice_equal_to_naive() -> None:
     """Cells get the same numbers, negative ones too, and these are uniform."""
     cells = [(i, j, k) for i in (-7, 0, 3) for j in (-1, 2) for k in range(-50, 50)]
-    numbers = [dice(*cell, 2**31 - 1, 4) for cell in cells]
-    assert numbers == [naive.dice(*cell, 2**31 - 1, 4) for cell in cells]
+    numbers = [uniform(*cell, 2**31 - 1, 4) for cell in cells]
+    assert numbers == [naive.uniform(*cell, 2**31 - 1, 4) for cell in cells]
     assert np.mean(numbers) == pytest.approx(0.5, abs=4 * np.sqrt(1 / 12 / len(numbers)))
     assert len(set(numbers)) == len(numbers)
 

@@ -38,14 +38,14 @@ def parameters(*chain: str, **values: object) -> FilterParameters:
 
 def road(seed: int = 0, lines: int = 40, shots: int = 100) -> Points:
     """Make scan lines over a road with 1 % of the points up to two metres above it."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     xyz = np.empty((lines * shots, 3))
     xyz[:, 0] = np.repeat(np.arange(lines) * 0.05, shots)
     xyz[:, 1] = np.tile(np.linspace(-2.0, 2.0, shots), lines)
     xyz[:, 2] = -2.0
-    xyz += dice.normal(0, 0.005, xyz.shape)
-    stray = dice.random(len(xyz)) < 0.01
-    xyz[stray, 2] += dice.uniform(0.3, 2.0, np.count_nonzero(stray))
+    xyz += rng.normal(0, 0.005, xyz.shape)
+    stray = rng.random(len(xyz)) < 0.01
+    xyz[stray, 2] += rng.uniform(0.3, 2.0, np.count_nonzero(stray))
     t = np.arange(len(xyz)) * 10_000
     line = np.repeat(np.arange(lines), shots)
     return Points(xyz, t, line, np.ones(len(xyz), np.bool_))
@@ -140,7 +140,7 @@ def test_any_number_of_threads(chain: tuple[str, ...]) -> None:
 
 
 def test_bits_are_all_different() -> None:
-    """A recorded number tells the detectors."""
+    """A recorded number says the detectors."""
     assert [BITS[name] for name in EVERY] == [1, 2, 4, 8, 16, 32, 64]
     assert ALL & SECOND_PHASE == 0
 
@@ -148,7 +148,7 @@ def test_bits_are_all_different() -> None:
 @pytest.mark.parametrize('chain', [('hierarchical',), ('hierarchical', 'elevation')])
 @pytest.mark.parametrize('vote', [0, 1])
 def test_phases(chain: tuple[str, ...], vote: int) -> None:
-    """A bit and the score tell the phase that rejected a point, and the size of its cluster."""
+    """A bit and the score say the phase that rejected a point, and the size of its cluster."""
     points = road(7)
     # Points float in rows, which phase 1 leaves connected.
     near = np.arange(0, 400) % 2 == 0
@@ -156,13 +156,13 @@ def test_phases(chain: tuple[str, ...], vote: int) -> None:
     values = {'hierarchical.min_cluster': 30, 'hierarchical.global_confidence': 0.9999}
     verdict = judge(points, *chain, vote=vote, **values)
     settings = parameters('hierarchical', **values).hierarchical
-    told = hierarchical.detect(points.xyz, settings)
-    assert set(told.phase) == {0, 1, 2}
-    second = told.phase == 2
+    result = hierarchical.detect(points.xyz, settings)
+    assert set(result.phase) == {0, 1, 2}
+    second = result.phase == 2
     np.testing.assert_array_equal(verdict.detectors & SECOND_PHASE != 0, second)
     assert (verdict.detectors[second] & BITS['hierarchical'] != 0).all()
     if chain == ('hierarchical',):
-        np.testing.assert_array_equal(np.round(30 / verdict.score), told.cluster)
+        np.testing.assert_array_equal(np.round(30 / verdict.score), result.cluster)
 
 
 def test_the_second_phase_has_no_vote() -> None:

@@ -174,7 +174,7 @@ def test_as_many_as_pcl_keeps(folder: Path, settings: list[str], kept: int) -> N
 
 
 def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -> None:
-    """Files with time and lines get the default chain, the others sor, and are told of."""
+    """Files with time and lines get the default chain, the others sor, and are said of."""
     files = [folder / f'{SWEEP}.pcd', folder / 'autzen_trim.laz', folder / 'plane.laz']
     assert main(['clean', *map(str, files), '--output', str(folder)]) == 0
     logs = [
@@ -189,7 +189,7 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
     ]
     assert all(log['rejected'] > 0 for log in logs)
     printed = capsys.readouterr()
-    assert printed.err == f'{files[2]} has no column that tells its scan lines: chain sor\n'
+    assert printed.err == f'{files[2]} has no column that says its scan lines: chain sor\n'
     table = rows(printed.out)
     assert [row['by evidence'] == '' for row in table] == [False, False, True]
 
@@ -217,7 +217,7 @@ def test_the_smoother_is_refused_without_lines(folder: Path, capsys: Capture) ->
     before = names(folder)
     for name, lack in (
         ('source.ply', 'no column with the time of each point'),
-        ('plane.laz', 'no column that tells its scan lines'),
+        ('plane.laz', 'no column that says its scan lines'),
     ):
         path = folder / name
         assert main(['clean', str(path), '--chain', 'sor,alpha_beta_gamma']) == 1
@@ -254,7 +254,7 @@ def test_bus_track_in_a_database(tmp_path: Path) -> None:
 
 
 def test_a_database_is_marked_only(tmp_path: Path, capsys: Capture) -> None:
-    """Nothing is taken out of a database, and a wrong table is told of."""
+    """Nothing is taken out of a database, and a wrong table is called with."""
     path = tmp_path / 'two.db'
     with closing(sqlite3.connect(path)) as database, database:
         for name in 'ab':
@@ -330,7 +330,7 @@ def test_tiles_along_lines(folder: Path) -> None:
 
 
 def test_tiles_without_a_chain(folder: Path, capsys: Capture) -> None:
-    """The default chain needs all points at once: in tiles there is another, and it is told."""
+    """The default chain needs all points at once: in tiles there is another, and it is said."""
     paths = [folder / f'{SWEEP}.pcd', folder / 'plane.laz']
     assert main(['clean', *map(str, paths), '--tile', '5']) == 0
     logs = [

@@ -20,9 +20,9 @@ from lidar_outlier_filter.results.contestants import (
     FORM_A,
     KANG_60,
     OURS,
+    Judgement,
     Ours,
     Peer,
-    Told,
     ablations,
     peers,
 )
@@ -41,8 +41,8 @@ def record(name: str, counts: tuple[int, int, int, int], seed: int = 1, **more: 
 def test_all_is_counted() -> None:
     """A record holds what the contestant said of the sample."""
     (sample,) = simulated('sotoodeh-hod', 3)
-    height = Peer('by height', lambda xyz: Told(xyz[:, 2] > 1.0, xyz[:, 2]))
-    blind = Peer('blind', lambda xyz: Told(np.zeros(len(xyz), np.bool_), None))
+    height = Peer('by height', lambda xyz: Judgement(xyz[:, 2] > 1.0, xyz[:, 2]))
+    blind = Peer('blind', lambda xyz: Judgement(np.zeros(len(xyz), np.bool_), None))
     one, other = score(height, sample), score(blind, sample)
     high = sample.clouds[0][:, 2] > 1.0
     found = np.count_nonzero(high & sample.data.bad)
@@ -68,15 +68,15 @@ def test_each_sample_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return simulated('sotoodeh-hod', seed)
 
     monkeypatch.setattr(contest, 'simulated', make)
-    told: list[tuple[int, int, str]] = []
+    result: list[tuple[int, int, str]] = []
     everybody = [Ours('smoother', {'chain': ['alpha_beta_gamma']}), Ours('sor', {'chain': ['sor']})]
     records = compete(
         [('sotoodeh-hod', 1, everybody), ('sotoodeh-hod', 2, everybody)],
-        lambda *what: told.append(what),
+        lambda *what: result.append(what),
     )
     assert made == [('sotoodeh-hod', 1), ('sotoodeh-hod', 2)]
     assert [(one.contestant, one.seed) for one in records] == [('sor', 1), ('sor', 2)]
-    assert all(done <= total for done, total, _ in told)
+    assert all(done <= total for done, total, _ in result)
 
 
 def test_standings() -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.features import WITNESSES
+from lidar_outlier_filter.core.detectors.evidence.features import FEATURES
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.results import contestants
@@ -16,9 +16,9 @@ from lidar_outlier_filter.results.contestants import (
     DEFAULT,
     OURS,
     WEIGHTS,
+    Judgement,
     Ours,
     Peer,
-    Told,
     ablations,
     missing,
     peers,
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 def sample(count: int = 300, *, sweeps: int = 1, timed: bool = True, own: bool = False) -> Sample:
     """Make a bumpy plane with a few points above it, in so many sweeps."""
-    dice = np.random.default_rng(1)
-    xyz = dice.uniform(0.0, 5.0, (count, 3)) * (1, 1, 0.01)
+    rng = np.random.default_rng(1)
+    xyz = rng.uniform(0.0, 5.0, (count, 3)) * (1, 1, 0.01)
     bad = np.arange(count) % 50 == 0
     xyz[bad, 2] += 3.0
     t = np.arange(count) * 1000 * timed
@@ -61,23 +61,25 @@ def test_who_suits_what() -> None:
     assert Ours('', {'chain': ['sor']}, needs_origin=True).suits(sample(own=True))
     assert Ours('', {'chain': ['sor']}, only=('plane',)).suits(sample())
     assert not Ours('', {'chain': ['sor']}, only=('street',)).suits(sample())
-    assert Peer('', lambda xyz: Told(xyz[:, 0] > 0, None), 300).suits(sample())
-    assert not Peer('', lambda xyz: Told(xyz[:, 0] > 0, None), 299).suits(sample())
-    assert Peer('', lambda xyz: Told(xyz[:, 0] > 0, None), 299).suits(sample(sweeps=2, own=True))
+    assert Peer('', lambda xyz: Judgement(xyz[:, 0] > 0, None), 300).suits(sample())
+    assert not Peer('', lambda xyz: Judgement(xyz[:, 0] > 0, None), 299).suits(sample())
+    assert Peer('', lambda xyz: Judgement(xyz[:, 0] > 0, None), 299).suits(
+        sample(sweeps=2, own=True)
+    )
 
 
 def test_peers_see_sweeps_one_by_one() -> None:
     """In the sensor's frame a peer gets each sweep; in the map's, all together."""
     seen: list[int] = []
 
-    def judge(xyz: np.ndarray) -> Told:
+    def judge(xyz: np.ndarray) -> Judgement:
         seen.append(len(xyz))
-        return Told(np.zeros(len(xyz), np.bool_), xyz[:, 2])
+        return Judgement(np.zeros(len(xyz), np.bool_), xyz[:, 2])
 
-    told = Peer('', judge).judge(sample(sweeps=3, own=True))
+    result = Peer('', judge).judge(sample(sweeps=3, own=True))
     assert seen == [100, 100, 100]
-    assert told.score is not None
-    assert len(told.score) == len(told.rejected) == 300
+    assert result.score is not None
+    assert len(result.score) == len(result.rejected) == 300
     Peer('', judge).judge(sample(sweeps=3))
     assert seen[3:] == [300]
 
@@ -96,9 +98,9 @@ def test_scikit_learn_agrees() -> None:
 
 def test_open3d_says_what_it_keeps() -> None:
     """Its indices of kept points become what is rejected."""
-    told = contestants._without(4, [0, 2])
-    np.testing.assert_array_equal(told.rejected, [False, True, False, True])
-    assert told.score is None
+    result = contestants._without(4, [0, 2])
+    np.testing.assert_array_equal(result.rejected, [False, True, False, True])
+    assert result.score is None
 
 
 def test_what_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,9 +120,9 @@ def test_ablations() -> None:
 
 
 def test_ablations_of_evidence() -> None:
-    """Each witness is made silent, for either sensor, and everything else stays."""
+    """Each feature is made silent, for either sensor, and everything else stays."""
     parts = {one.name: one.parameters for one in ablations({'chain': ['evidence']})}
-    assert len(parts) == len(WITNESSES) + 2
+    assert len(parts) == len(FEATURES) + 2
     mute = parts['without `step`']
     whole = FilterParameters().changed({'chain': ['evidence']})
     assert mute == whole.changed({f'{kind}.step': 0.0 for kind in WEIGHTS})

@@ -22,7 +22,7 @@ KINDS = ('different', 'ties', 'untested', 'all equal', 'all untested', 'float32'
 
 
 def scores(kind: str, seed: int, count: int = 500) -> tuple[NDArray[np.bool_], Floats]:
-    """Make truth and scores that tell something, but not all."""
+    """Make truth and scores that say something, but not all."""
     rng = np.random.default_rng(seed)
     bad = rng.random(count) < 0.1
     bad[:2] = True, False

@@ -275,7 +275,7 @@ def test_missing_fields_refused() -> None:
 
 
 def test_no_time_can_be_refused() -> None:
-    """With points_per_second 0 a cloud without time is refused, and told what would serve."""
+    """With points_per_second 0 a cloud without time is refused, and said what would serve."""
     with pytest.raises(
         CloudError, match=r'the time field must be one of t, time, .* got the fields x'
     ):
@@ -462,7 +462,7 @@ def test_bad_stamps(kind: str, bad: float) -> None:
 
 @pytest.mark.parametrize('bad', [np.nan, np.inf, 1e308])
 def test_refused_cloud_decides_no_convention(bad: float) -> None:
-    """How clouds are read is found out from the first one that is taken, and told then."""
+    """How clouds are read is found out from the first one that is taken, and said then."""
     reader, informed, warned = decoder()
     rows = table(3, timestamp=('f8', bad))
     for _ in range(2):

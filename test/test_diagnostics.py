@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the node tells of itself, and what it does only where somebody listens."""
+"""What the node says of itself, and what it does only where somebody listens."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
         return found['messages'] == found['refused'] == 4
 
     found = ros.diagnosis(is_all)
-    told = ros.hear(DiagnosticArray, '/diagnostics', bool)
-    age = node.get_clock().now() - Time.from_msg(told.header.stamp)
+    result = ros.compute(DiagnosticArray, '/diagnostics', bool)
+    age = node.get_clock().now() - Time.from_msg(result.header.stamp)
     assert 0 <= age.nanoseconds < PATIENCE * SECOND
     assert found.name == 'front/outlier_filter_node: /front/points'
     assert found['points'] == counts.points == sum(msg.width for msg in sweeps)
@@ -67,11 +67,11 @@ def test_once_in_a_second(ros: Ros) -> None:
     """Of real time; silent, then a warning, then an error."""
     node = ros.filter('-p', 'health.silence_warn:=0.0', '-p', 'health.silence_error:=4.9')
     node.start()
-    heard = [(ros.diagnosis(), time.monotonic()) for _ in range(5)]
-    times = np.array([at for _, at in heard])
+    received = [(ros.diagnosis(), time.monotonic()) for _ in range(5)]
+    times = np.array([at for _, at in received])
     assert np.median(np.diff(times)) == pytest.approx(1.0, abs=0.2)
-    assert [found.level for found, _ in heard][-2:] == [WARN, ERROR]
-    assert heard[-2][0].message.startswith('no cloud for ')
+    assert [found.level for found, _ in received][-2:] == [WARN, ERROR]
+    assert received[-2][0].message.startswith('no cloud for ')
 
 
 def test_rates_are_of_the_time_since_the_last_look(ros: Ros) -> None:
@@ -105,7 +105,7 @@ def test_statistics_are_a_table(ros: Ros, sweeps: list[PointCloud2]) -> None:
     sensor.wait_for_filter(node)
     sensor.publish(sweeps[0], expected=1)
     topic = '/outlier_filter_node/statistics'
-    table = ros.hear(Float64MultiArray, topic, lambda table: table.data[0] > 0)
+    table = ros.compute(Float64MultiArray, topic, lambda table: table.data[0] > 0)
     rows, columns = table.layout.dim
     assert (rows.label, rows.size, rows.stride) == ('points', 1, len(PLOTTED))
     assert (columns.size, columns.stride) == (len(PLOTTED), len(PLOTTED))

@@ -52,12 +52,12 @@ FORMS: list[dict[str, object]] = [
 
 def street(count: int = 3000, seed: int = 5) -> Points:
     """Make a few scan lines of a road with outliers above it, at 5 to 25 m from the sensor."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     line = np.arange(count) // 300
     y = np.tile(np.linspace(-3, 3, 300), count // 300)
-    xyz = np.stack([10 + 0.1 * line, y, dice.normal(0, 0.01, count)], axis=1)
-    bad = dice.random(count) < 0.03
-    xyz[bad, 2] += dice.uniform(0.05, 2, np.count_nonzero(bad))
+    xyz = np.stack([10 + 0.1 * line, y, rng.normal(0, 0.01, count)], axis=1)
+    bad = rng.random(count) < 0.03
+    xyz[bad, 2] += rng.uniform(0.05, 2, np.count_nonzero(bad))
     t = np.arange(count) * 10_000
     return Points(xyz, t, line, np.ones(count, np.bool_))
 

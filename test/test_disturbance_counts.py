@@ -53,7 +53,7 @@ def test_merge() -> None:
     ],
 )
 def test_exactly(points: int, outliers: int, shots: list[int]) -> None:
-    """The first points stay; by lot as many of the good ones as told become outliers."""
+    """The first points stay; by lot as many of the good ones as said become outliers."""
     shot, cloud = choose.exactly(BLOCK, points, outliers)
     assert shot.tolist() == CLEAN.shot[:points].tolist()
     assert cloud['x'].tolist() == shot.tolist()
@@ -93,7 +93,7 @@ def test_about_refuses() -> None:
 
 
 def test_gather_stops_where_there_are_enough() -> None:
-    """A drive is cast until there are points enough, the share done told; too few are refused."""
+    """A drive is cast until there are points enough, the share done said; too few are refused."""
     drive = replace(demo_drive(), lines=100)
     done: list[float] = []
     some = choose.gather(drive, 15_000, done.append)

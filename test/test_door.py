@@ -47,7 +47,7 @@ def modules() -> list[tuple[str, str]]:
 
 
 def test_bits_are_described() -> None:
-    """The documentation tells the bit of every detector, in the order of the bits."""
+    """The documentation says the bit of every detector, in the order of the bits."""
     document = ' '.join((inspect.getdoc(detect_outliers) or '').split())
     assert ', '.join(f'{bit} {name}' for name, bit in BITS.items()) in document
 

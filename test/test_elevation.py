@@ -29,8 +29,8 @@ SIDES = ('both', 'low', 'high')
 
 def hills(seed: int, count: int = 300) -> Floats:
     """Gentle terrain with gross errors: near ones above and below, and far ones."""
-    dice = np.random.default_rng(seed)
-    xyz = dice.uniform(0, [40, 30, 0.1], (count, 3))
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform(0, [40, 30, 0.1], (count, 3))
     xyz[:, 2] += 2 * np.sin(xyz[:, 0] / 7) + 0.05 * xyz[:, 1]
     xyz[::61, 2] += 3.0
     xyz[7::83, 2] -= 2.5
@@ -173,8 +173,8 @@ def test_threads_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_sides() -> None:
     """A high and a low point on a plain: each side finds its own, the paper's formula the low."""
-    dice = np.random.default_rng(9)
-    xyz = dice.uniform(0, [30, 30, 0.02], (1000, 3))
+    rng = np.random.default_rng(9)
+    xyz = rng.uniform(0, [30, 30, 0.02], (1000, 3))
     xyz[100, 2], xyz[200, 2] = 3.0, -3.0
     found = {sides: np.flatnonzero(detect(xyz, Elevation(sides=sides)) > 1) for sides in SIDES}
     assert {sides: places.tolist() for sides, places in found.items()} == {
@@ -186,8 +186,8 @@ def test_sides() -> None:
 
 def test_the_histogram_keeps_gross_errors_from_hiding_others() -> None:
     """A bird 500 m up makes σ so large that a low point stays, unless it is set apart before."""
-    dice = np.random.default_rng(10)
-    xyz = dice.uniform(0, [30, 30, 0.02], (1000, 3))
+    rng = np.random.default_rng(10)
+    xyz = rng.uniform(0, [30, 30, 0.02], (1000, 3))
     xyz[100, 2], xyz[200, 2] = 500.0, -1.0
     assert np.flatnonzero(detect(xyz, Elevation(gap=0.0)) > 1).tolist() == [100]
     score = detect(xyz, Elevation())
@@ -211,8 +211,8 @@ def test_body() -> None:
 
 def test_roundings_on_a_floor_are_no_errors() -> None:
     """A plain whose elevations differ by less than the floor has no gross errors."""
-    dice = np.random.default_rng(11)
-    xyz = dice.uniform(0, [30, 30, 0], (1000, 3)) + np.array([0.0, 0.0, 0.1])
+    rng = np.random.default_rng(11)
+    xyz = rng.uniform(0, [30, 30, 0], (1000, 3)) + np.array([0.0, 0.0, 0.1])
     xyz[3, 2] += 0.001
     assert detect(xyz, Elevation()).max() < 1
     assert np.flatnonzero(detect(xyz, Elevation(sigma_floor=1e-6)) > 1).tolist() == [3]
@@ -238,10 +238,10 @@ def test_input_is_left_alone() -> None:
 
 def test_a_facade_seen_from_above() -> None:
     """Two hundred thousand points over one place, and others around, take no quadratic time."""
-    dice = np.random.default_rng(12)
+    rng = np.random.default_rng(12)
     column = np.zeros((200_000, 3))
-    column[:, 2] = dice.uniform(0, 10, len(column))
-    xyz = np.concatenate([column, dice.uniform(-20, [20, 20, 0.1], (5000, 3))])
+    column[:, 2] = rng.uniform(0, 10, len(column))
+    xyz = np.concatenate([column, rng.uniform(-20, [20, 20, 0.1], (5000, 3))])
     score = detect(xyz, Elevation())
     mean = column[:, 2].mean()
     assert np.argmax(score[:200_000]) == np.argmax(np.abs(column[:, 2] - mean))

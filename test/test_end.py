@@ -30,13 +30,26 @@ def test_large_clouds_at_the_end(ros: Ros) -> None:
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
     try:
-        for number in range(40):
+        for number in range(20):
             sensor.publish(line(0.01 * number, 20_000), expected=10**9)
         node.finish()
     finally:
         sys.setswitchinterval(before)
-    assert [number for number, _ in answers(ros, sensor, 40)] == list(range(40))
+    assert [number for number, _ in answers(ros, sensor, 20)] == list(range(20))
     assert node.waiting == node.channels[0].health._dropped == 0
+
+
+@pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through', 'shed'])
+def test_at_the_end_nothing_is_too_much(ros: Ros, policy: str) -> None:
+    """Whatever is done with too much else: all is filtered."""
+    node, sensor = start(ros, load__policy=policy)
+    for number in range(20):
+        sensor.publish(line(0.01 * number), expected=10**9)
+    assert sensor._publisher.wait_for_all_acked()
+    node.finish()
+    assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
+    assert node.statistics.passed == {}
+    assert node.statistics.shed == 0
 
 
 def test_the_end_waits_for_who_receives(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,7 +125,7 @@ def test_after_the_end_clouds_are_dropped_and_counted(ros: Ros) -> None:
 
 
 def test_stopped_with_clouds_in_wait(ros: Ros) -> None:
-    """Nobody would hear of them: what waits is let go, and the thread ends."""
+    """Nobody would learn of them: what waits is let go, and the thread ends."""
     node, sensor = start(ros)
     channel = node.channels[0]
     thread = channel.worker._thread

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The weighed witnesses are their naive twin, and do what they say."""
+"""The weighed features are their naive twin, and do what they say."""
 
 from __future__ import annotations
 
@@ -40,26 +40,26 @@ def detect(points: Points, threads: int = 0, **changed: Any) -> Floats:
 
 def road(seed: int, lines: int = 20, shots: int = 40, strays: float = 0.02) -> tuple[Points, Bools]:
     """Measure a road and a wall by lines of a profile scanner; strays hang above it."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     angle = np.tile(np.linspace(-0.9, 0.9, shots), lines)
     y = np.minimum(2.0 * np.tan(angle), 2.0)
     z = np.where(y < 2.0, 0.0, 2.0 - 2.0 / np.tan(np.maximum(angle, 0.1)))
     xyz = np.stack([np.repeat(np.arange(lines) * 0.06, shots), y, z], axis=1)
-    xyz += dice.normal(0, 0.004, xyz.shape)
-    stray = dice.random(len(xyz)) < strays
-    xyz[stray, 2] += dice.uniform(0.2, 1.5, np.count_nonzero(stray))
+    xyz += rng.normal(0, 0.004, xyz.shape)
+    stray = rng.random(len(xyz)) < strays
+    xyz[stray, 2] += rng.uniform(0.2, 1.5, np.count_nonzero(stray))
     t = np.repeat(np.arange(lines) * shots * 2, shots) + np.tile(np.arange(shots), lines)
     return points_of(xyz, t * 5000, np.repeat(np.arange(lines), shots)), stray
 
 
 def sweep(seed: int, rings: int = 32, columns: int = 600) -> tuple[Points, Bools]:
     """Measure the ground and a wall around by a spinning sensor, in snow."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     ring, column = np.tile(np.arange(rings), columns), np.repeat(np.arange(columns), rings)
     down, azimuth = 0.1 + 0.4 * ring / rings, column * (2 * np.pi / columns)
-    distance = np.minimum(1.8 / np.sin(down), 9.0 / np.cos(down)) + dice.normal(0, 0.02, len(ring))
-    snow = dice.random(len(ring)) < 0.03
-    distance[snow] *= dice.uniform(0.2, 0.8, np.count_nonzero(snow))
+    distance = np.minimum(1.8 / np.sin(down), 9.0 / np.cos(down)) + rng.normal(0, 0.02, len(ring))
+    snow = rng.random(len(ring)) < 0.03
+    distance[snow] *= rng.uniform(0.2, 0.8, np.count_nonzero(snow))
     flat = distance * np.cos(down)
     xyz = [flat * np.cos(azimuth), flat * np.sin(azimuth), -distance * np.sin(down)]
     return points_of(np.stack(xyz, axis=1), column * 50_000, ring), snow
@@ -83,9 +83,9 @@ def naively(points: Points, **changed: Any) -> list[float]:
 @pytest.mark.parametrize('seed', [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_against_loops(seed: int, sensor: str) -> None:
     """Scores are those of the twin, for lines in turn, interleaved, shuffled and with gaps."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     for points, _ in (road(seed, 14, 30), sweep(seed, 6, 60)):
-        some = points.take(dice.permutation(len(points))[: len(points) * 9 // 10])
+        some = points.take(rng.permutation(len(points))[: len(points) * 9 // 10])
         assert_allclose(
             detect(some, evidence__sensor=sensor),
             naively(some, evidence__sensor=sensor),
@@ -95,9 +95,9 @@ def test_against_loops(seed: int, sensor: str) -> None:
 
 def test_uneven_times_against_loops() -> None:
     """Steps and predictions are those of the twin where shots do not follow each other evenly."""
-    dice = np.random.default_rng(6)
-    t = np.cumsum(dice.integers(800, 1200, 120)) + 10_000 * (np.arange(120) // 50)
-    points = points_of(dice.normal(size=(120, 3)), t, np.arange(120) // 60)
+    rng = np.random.default_rng(6)
+    t = np.cumsum(rng.integers(800, 1200, 120)) + 10_000 * (np.arange(120) // 50)
+    points = points_of(rng.normal(size=(120, 3)), t, np.arange(120) // 60)
     found = find_lines(points, 1.5)
     step, along = np.empty(120), np.empty(120)
     wanted = np.ones(120, np.bool_)
@@ -111,7 +111,7 @@ def test_uneven_times_against_loops() -> None:
 def arm(seed: int, *, beside: bool = False) -> tuple[Points, Bools]:
     """Hang a slanted tube above a road, where lines cross it, or with its end beside a panel."""
     points, _ = road(seed, lines=24, strays=0.0)
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     place, count = np.arange(len(points)) % 40, len(points)
     slanted = (place >= 14) & (place < 17)
     along = points.line / 8 + (place - 14) * 0.03
@@ -121,7 +121,7 @@ def arm(seed: int, *, beside: bool = False) -> tuple[Points, Bools]:
     panel = beside & (place >= 20) & (place < 28) & (points.line >= 18)
     xyz[panel, 1], xyz[panel, 2] = 1.35, 2.5 + 0.05 * (place[panel] - 20)
     moved = slanted | panel
-    xyz[moved] += dice.normal(0, 0.004, (count, 3))[moved]
+    xyz[moved] += rng.normal(0, 0.004, (count, 3))[moved]
     return points_of(xyz, points.t, points.line), slanted
 
 
@@ -250,11 +250,11 @@ def test_moves_and_turns_do_not_matter() -> None:
 def test_company() -> None:
     """A dense cloud above the road is followed from its rim to its end, and that by its company."""
     points, _ = road(5, lines=30, shots=60, strays=0.0)
-    dice = np.random.default_rng(5)
+    rng = np.random.default_rng(5)
     cloud = (np.abs(np.arange(len(points)) % 60 - 25) < 10) & (np.abs(points.line - 15) < 10)
-    cloud &= dice.random(len(points)) < 0.35
+    cloud &= rng.random(len(points)) < 0.35
     xyz = points.xyz.copy()
-    xyz[cloud] += dice.normal((0, 0, 0.9), (0.2, 0.2, 0.25), (np.count_nonzero(cloud), 3))
+    xyz[cloud] += rng.normal((0, 0, 0.9), (0.2, 0.2, 0.25), (np.count_nonzero(cloud), 3))
     points = points_of(xyz, points.t, points.line)
     assert_array_equal(detect(points) > 1, cloud)
     assert (detect(points, evidence_profile__company=0.0)[cloud] > 1).mean() < 0.9

@@ -67,7 +67,7 @@ def test_live_equals_replay(
 ) -> None:
     """One process publishes, one filters, one collects: the very bytes that a direct call gives.
 
-    The filter is told to go as soon as it has received the last cloud. What it has not served, and
+    The filter is said to go as soon as it has received the last cloud. What it has not served, and
     what waits for more to come, is judged and published before it exits with status 0.
     """
     env = environment()
@@ -76,7 +76,7 @@ def test_live_equals_replay(
     with collector(tmp_path, topics, env) as collecting, filter_process(tmp_path, env) as node:
         collecting.wait_for('matched')
         with publisher(recording, TOPIC, env) as publishing:
-            publishing.tell('go')
+            publishing.send('go')
             publishing.wait_for('published')
             node.signal(number)
             assert node.wait() == 0
@@ -102,7 +102,7 @@ def test_a_publisher_that_dies_and_comes_back(recordings: Path, tmp_path: Path) 
         collecting.wait_for('matched')
         for name in names:
             with publisher(recordings / 'bags' / name, TOPIC, env) as publishing:
-                publishing.tell('go')
+                publishing.send('go')
                 publishing.wait_for('published')
                 publishing.signal(signal.SIGKILL)
         node.signal(signal.SIGTERM)
@@ -126,7 +126,7 @@ def test_large_clouds_arrive_best_effort(recordings: Path, tmp_path: Path) -> No
         publisher(recording, TOPIC, env, 'best_effort') as publishing,
     ):
         collecting.wait_for('matched')
-        publishing.tell('go')
+        publishing.send('go')
         for _ in clouds(recording):
             collecting.wait_for('received')
     received = [path.read_bytes() for path in sorted(tmp_path.glob('*.cdr'))]
@@ -135,7 +135,7 @@ def test_large_clouds_arrive_best_effort(recordings: Path, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) -> None:
-    """Without the profile large clouds are lost; the node hears of it, and names the profile."""
+    """Without the profile large clouds are lost; the node learns of it, and names the profile."""
     env = environment()
     del env['FASTRTPS_DEFAULT_PROFILES_FILE']
     names = ('vlp16_mrpt_mcap', 'os1_128_db3', 'vlp16_mrpt_mcap')  # 0.4 MB, 6 MB, 0.4 MB
@@ -147,9 +147,9 @@ def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) ->
     ):
         next_status(diagnosing)
         lost = '0'
-        # A loss is heard of by the next cloud that arrives: again, should the last one be lost too.
+        # The next cloud that arrives shows a loss: again, should the last one be lost too.
         while lost == '0':
-            publishing.tell('go')
+            publishing.send('go')
             publishing.wait_for('published')
             status = next_status(diagnosing)
             lost = status['values']['lost']

@@ -138,14 +138,14 @@ def test_the_error_is_told(error: Exception) -> None:
     made.push(points_at([5]))
     ((_, verdict),) = made.flush()
     assert isinstance(verdict, Failed)
-    told = verdict.error
-    sentence = str(told)
+    result = verdict.error
+    sentence = str(result)
     assert sentence.startswith('the judging of a block must be free of errors, got ')
     assert type(error).__name__ in sentence
     assert '\n' not in sentence
-    assert told.place.startswith(__file__)
-    assert told.trace.startswith('Traceback')
-    assert [told.__traceback__, told.__cause__, told.__context__] == [None] * 3
+    assert result.place.startswith(__file__)
+    assert result.trace.startswith('Traceback')
+    assert [result.__traceback__, result.__cause__, result.__context__] == [None] * 3
 
 
 def test_nothing_is_kept_of_a_block_that_failed() -> None:
@@ -171,14 +171,14 @@ def test_nothing_is_kept_of_a_block_that_failed() -> None:
 @pytest.fixture
 def broken_sor(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let ``sor`` raise an error where a point is far away."""
-    detect: Callable[..., Any] = sor.detect
+    measure: Callable[..., Any] = sor.measure
 
-    def detect_or_raise(neighbourhood: Any, *rest: Any) -> Any:
+    def measure_or_raise(neighbourhood: Any, *rest: Any) -> Any:
         if len(neighbourhood) and neighbourhood.xyz.max() > FAR:
             raise ValueError('an error of the test')
-        return detect(neighbourhood, *rest)
+        return measure(neighbourhood, *rest)
 
-    monkeypatch.setattr(sor, 'detect', detect_or_raise)
+    monkeypatch.setattr(sor, 'measure', measure_or_raise)
 
 
 def far(begin: float) -> Any:
@@ -191,7 +191,7 @@ def far(begin: float) -> Any:
 
 @pytest.mark.usefixtures('broken_sor')
 def test_clouds_of_the_block_are_refused() -> None:
-    """Counted by the reason, told of once for each, the place of the error once."""
+    """Counted by the reason, said of once for each, the place of the error once."""
     clean = CloudFilter(FilterParameters().changed(SHORT))
     refused: list[str] = []
     failed: list[JudgingError] = []
@@ -228,12 +228,12 @@ def test_an_error_at_a_change_of_parameters(monkeypatch: pytest.MonkeyPatch) -> 
     clean = CloudFilter(FilterParameters().changed(SHORT))
     failed: list[JudgingError] = []
     clean.fail = failed.append
-    detect = sor.detect
-    monkeypatch.setattr(sor, 'detect', None)
+    measure = sor.measure
+    monkeypatch.setattr(sor, 'measure', None)
     clean.change(clean.parameters.changed({'sor.k': 9}))
     assert clean.parameters.sor.k == 9
     assert len(failed) == clean.statistics.failures == 1
-    monkeypatch.setattr(sor, 'detect', detect)
+    monkeypatch.setattr(sor, 'measure', measure)
     clean.push(line(0))
     assert len(clean.flush()) == 1
 
@@ -263,7 +263,7 @@ def test_live(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     assert ros.diagnosis(lambda found: found.level < 2)['refused'] == 2
     node.finish()
     said = capfd.readouterr().err
-    assert said.count('Traceback') == said.count('in detect_or_raise') == 1
+    assert said.count('Traceback') == said.count('in measure_or_raise') == 1
     assert SENTENCE in said
 
 

@@ -290,7 +290,7 @@ def test_truncated(tmp_path: Path, form: str, share: float) -> None:
 
 @pytest.mark.parametrize(('form', 'left'), [('ascii', 11), ('binary', 7)])
 def test_too_few_points(tmp_path: Path, form: str, left: int) -> None:
-    """A file with fewer points than it says is told how many it has."""
+    """A file with fewer points than it says is called with how many it has."""
     path = make(tmp_path, form)
     data = path.read_bytes()
     end = data.rindex(b'\n', 0, -1) + 1 if form == 'ascii' else -5 * ROW.itemsize

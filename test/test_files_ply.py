@@ -179,7 +179,7 @@ def test_truncated(tmp_path: Path, form: str, length: int) -> None:
     """A file that ends too early is refused, in whichever part it does."""
     path = make(tmp_path, form)
     if form == 'ascii' and length == -1:
-        length = -9  # within a number nobody could tell
+        length = -9  # within a number nobody could say
     path.write_bytes(path.read_bytes()[:length])
     with pytest.raises(CloudError, match=r' must be '):
         columns(path)

@@ -71,7 +71,7 @@ def test_coordinates(tmp_path: Path, names: str, wanted: str, expected: str) -> 
     ],
 )
 def test_no_coordinates(tmp_path: Path, names: str, wanted: str, sentence: str) -> None:
-    """What cannot be coordinates is refused, and what there is is told."""
+    """What cannot be coordinates is refused, and what there is is said."""
     path = table(tmp_path, f'{names}\n1,2,3,4\n')
     with pytest.raises(CloudError) as caught:
         choose_coordinates(open_cloud(path), wanted.split(',') if wanted else ())
@@ -304,7 +304,7 @@ def test_a_swinging_mirror_has_no_sense(tmp_path: Path) -> None:
 
 
 def test_a_named_angle_decides_alone(tmp_path: Path) -> None:
-    """The scan angle may be told to decide."""
+    """The scan angle may be said to decide."""
     angle = np.array([-3000, 0, 3000, -3000, 0, 3000, -2900, 100])
     direction = np.arange(8) % 2
     path = las(tmp_path, gps_time=np.arange(8), scan_angle=angle, scan_direction_flag=direction)
@@ -326,13 +326,13 @@ def test_sources_and_returns_are_apart(tmp_path: Path) -> None:
 
 
 def test_no_scan_lines(tmp_path: Path) -> None:
-    """Where nothing tells of a mirror, or there is one line only, there are no scan lines."""
+    """Where nothing says of a mirror, or there is one line only, there are no scan lines."""
     source = np.arange(8) // 4
     path = las(tmp_path, gps_time=source, point_source_id=source, scan_direction_flag=source)
     assert loaded(path).lines == ''
     found = loaded(las(tmp_path, gps_time=np.arange(8), point_source_id=np.arange(8) // 4))
     assert found.lines == ''
-    assert found.lack == 'no column that tells its scan lines'
+    assert found.lack == 'no column that says its scan lines'
     assert found.points.line.tolist() == [0] * 8
     assert scan.find(np.empty(0, np.int64), {scan.EDGE: np.empty(0)}) is None
 
@@ -350,7 +350,7 @@ def test_real_files(recordings: Path) -> None:
     found = loaded(recordings / 'clouds' / 'actual_scan_20240820_cloud.pcd')
     assert found.lines == 'time (s) and ring'
     assert len(np.unique(found.points.line)) > 16
-    assert loaded(recordings / 'clouds' / 'plane.laz').lack == 'no column that tells its scan lines'
+    assert loaded(recordings / 'clouds' / 'plane.laz').lack == 'no column that says its scan lines'
 
 
 def test_first_null_in_a_later_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,26 +30,26 @@ LINE = np.stack([np.arange(60.0), np.zeros(60), np.zeros(60)], axis=1)
 
 def scene(seed: int, scale: float = 1.0) -> Floats:
     """Two surfaces of different density, two clusters of outliers, and single ones."""
-    dice = np.random.default_rng(seed)
-    ground = dice.uniform(0, [4, 4, 0.02], (110, 3))
-    wall = dice.uniform(0, [0.01, 2, 1.5], (70, 3)) + np.array([4.5, 1.0, 0.2])
-    near = dice.normal([1, 1, 0.8], 0.05, (6, 3))
-    far = dice.normal([9, 9, 3], 0.1, (7, 3))
-    single = dice.uniform(-6, 8, (12, 3))
+    rng = np.random.default_rng(seed)
+    ground = rng.uniform(0, [4, 4, 0.02], (110, 3))
+    wall = rng.uniform(0, [0.01, 2, 1.5], (70, 3)) + np.array([4.5, 1.0, 0.2])
+    near = rng.normal([1, 1, 0.8], 0.05, (6, 3))
+    far = rng.normal([9, 9, 3], 0.1, (7, 3))
+    single = rng.uniform(-6, 8, (12, 3))
     return scale * np.concatenate([ground, wall, near, far, single])
 
 
 def street(seed: int, count: int) -> Floats:
     """Make a road between two facades, 8 mm noise, and a few points in the air."""
-    dice = np.random.default_rng(seed)
-    x = dice.uniform(0, count / 500, count)
-    side = dice.integers(-1, 2, count)
-    across, up = dice.uniform(-3, 3, count), dice.uniform(0, 6, count)
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(0, count / 500, count)
+    side = rng.integers(-1, 2, count)
+    across, up = rng.uniform(-3, 3, count), rng.uniform(0, 6, count)
     wall = np.abs(side) * up
     cloud = np.stack([x, np.where(side == 0, across, 4.0 * side), wall], axis=1)
-    cloud += dice.normal(0, 0.008, cloud.shape)
+    cloud += rng.normal(0, 0.008, cloud.shape)
     air = np.arange(count) % 97 == 0
-    cloud[air] = dice.uniform([0, -4, 0.2], [count / 500, 4, 6], (np.count_nonzero(air), 3))
+    cloud[air] = rng.uniform([0, -4, 0.2], [count / 500, 4, 6], (np.count_nonzero(air), 3))
     return cloud
 
 
@@ -198,16 +198,16 @@ def test_points_on_the_ball_but_for_rounding(offset: float) -> None:
 
     Others crowd behind both ends of the diameter, so that it has a box of its own.
     """
-    dice = np.random.default_rng(8)
+    rng = np.random.default_rng(8)
     inside = 0
     for _ in range(200):
-        along, to_third = dice.normal(size=(2, 3))
+        along, to_third = rng.normal(size=(2, 3))
         along /= np.linalg.norm(along)
         to_third /= np.linalg.norm(to_third)
-        crowd = dice.uniform(-0.05, 0.05, (60, 3))
+        crowd = rng.uniform(-0.05, 0.05, (60, 3))
         crowd += np.where(np.arange(60) < 30, 1.2, -1.2)[:, None] * along
         ends = np.array([along, -along, to_third])
-        xyz = 0.7 * (np.concatenate([ends, crowd]) + dice.uniform(0, 5, 3)) + offset
+        xyz = 0.7 * (np.concatenate([ends, crowd]) + rng.uniform(0, 5, 3)) + offset
         (a, b, c), (d, e, f) = xyz[0] - xyz[2], xyz[1] - xyz[2]
         obtuse = bool((a * d + b * e) + c * f < 0)
         inside += obtuse
@@ -259,9 +259,9 @@ def test_spanning_tree_joins_everything() -> None:
 @pytest.mark.parametrize('seed', range(3))
 def test_permutation(seed: int) -> None:
     """In another order the points get the same outcome, bit for bit."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     xyz = np.concatenate([street(seed, 4000), np.round(street(seed, 1000), 1)])
-    order = dice.permutation(len(xyz))
+    order = rng.permutation(len(xyz))
     outcome = detect(xyz, settings(20))
     assert {0, 1} <= set(outcome.phase.tolist())
     assert_same(outcome, detect(xyz[order], settings(20)), order)
@@ -373,9 +373,9 @@ def test_limit() -> None:
     """Of 1, 1, 2, 4: median 1.5, variance 2; in any order the same, bit for bit."""
     lengths = np.array([4.0, 1.0, 2.0, 1.0])
     assert hierarchical.limit(lengths, 0.95) == pytest.approx(1.5 + 1.959964 * np.sqrt(2), rel=1e-6)
-    dice = np.random.default_rng(1)
-    many = dice.exponential(size=10_000)
-    assert hierarchical.limit(many, 0.9) == hierarchical.limit(dice.permutation(many), 0.9)
+    rng = np.random.default_rng(1)
+    many = rng.exponential(size=10_000)
+    assert hierarchical.limit(many, 0.9) == hierarchical.limit(rng.permutation(many), 0.9)
 
 
 @pytest.mark.parametrize('wrong', [np.nan, np.inf, -1e160])

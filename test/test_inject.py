@@ -18,10 +18,10 @@ SECOND = 1_000_000_000
 
 def road(clouds: int = 20, count: int = 2000, seed: int = 3) -> list[Points]:
     """Make clouds of a flat road, 0.1 s each, 1 m of driving."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     made = []
     for i in range(clouds):
-        xyz = dice.uniform((i, -10, 0), (i + 1, 10, 0.01), (count, 3))
+        xyz = rng.uniform((i, -10, 0), (i + 1, 10, 0.01), (count, 3))
         t = i * SECOND // 10 + np.arange(count) * (SECOND // 10 // count)
         line = np.arange(count) // 100
         made.append(Points(xyz, t, line, np.ones(count, np.bool_)))
@@ -151,9 +151,9 @@ def test_refusals() -> None:
         inject(road(1, 100), Injection(share=0.001))
     with pytest.raises(FilterError, match=r'enough for one outlier .*, got 0'):
         inject([], Injection())
-    dice = np.random.default_rng(1)
+    rng = np.random.default_rng(1)
     full = road(1, 5000)[0]
-    full.xyz[:] = dice.uniform(-30, 30, (5000, 3))
+    full.xyz[:] = rng.uniform(-30, 30, (5000, 3))
     full.xyz[0] = 0
     with pytest.raises(FilterError, match='with room 12 to 25 m away from all points, got none'):
         inject([full], Injection(share=0.01, distance=(12.0, 25.0)))

@@ -115,7 +115,7 @@ def test_each_is_told_of(ros: Ros) -> None:
     def is_known(table: Float64MultiArray) -> bool:
         return table.data[len(PLOTTED)] > 0  # type: ignore[no-any-return]
 
-    table = ros.hear(Float64MultiArray, '/outlier_filter_node/statistics', is_known)
+    table = ros.compute(Float64MultiArray, '/outlier_filter_node/statistics', is_known)
     rows, columns = table.layout.dim
     assert (rows.label, rows.size, rows.stride) == ('/left/points,right', 2, 2 * len(PLOTTED))
     assert (columns.size, columns.stride) == (len(PLOTTED), len(PLOTTED))

@@ -11,6 +11,6 @@ from lidar_outlier_filter.core.kernels import median
 @pytest.mark.parametrize('count', [*range(1, 34), 100, 101])
 def test_medians(count: int) -> None:
     """Of odd and even numbers of values, with and without ties, whatever stands behind them."""
-    dice = np.random.default_rng(count)
-    for values in (dice.normal(size=count), dice.integers(0, 4, count) / 3, np.full(count, -2.5)):
+    rng = np.random.default_rng(count)
+    for values in (rng.normal(size=count), rng.integers(0, 4, count) / 3, np.full(count, -2.5)):
         assert median(values.copy(), count) == np.median(values)

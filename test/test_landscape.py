@@ -48,14 +48,14 @@ def slow(land: Landscape, origin: Floats, direction: Floats) -> float:
 @pytest.mark.parametrize('is_built', [False, True])
 def test_rays_end_where_small_steps_do(*, is_built: bool) -> None:
     """Leading rays over squares, and halving the last step, finds what tiny steps find."""
-    dice = np.random.default_rng(4)
+    rng = np.random.default_rng(4)
     land = slope()
     if is_built:
-        ground = hills((40.0, 40.0), 0.5, 0.2, dice)
-        land = build(ground, 0.5, Plants(3, 12, tall=(4.0, 9.0)), dice)
+        ground = hills((40.0, 40.0), 0.5, 0.2, rng)
+        land = build(ground, 0.5, Plants(3, 12, tall=(4.0, 9.0)), rng)
     rays = 60
-    origin = np.stack([*dice.uniform(5.0, 35.0, (2, rays)), np.full(rays, 30.0)])
-    direction = np.stack([*dice.uniform(-0.25, 0.25, (2, rays)), np.full(rays, -1.0)])
+    origin = np.stack([*rng.uniform(5.0, 35.0, (2, rays)), np.full(rays, 30.0)])
+    direction = np.stack([*rng.uniform(-0.25, 0.25, (2, rays)), np.full(rays, -1.0)])
     direction /= np.linalg.norm(direction, axis=0)
     distance, kind = land.cast(origin, direction, np.zeros(rays))
     expected = [slow(land, origin[:, n], direction[:, n]) for n in range(rays)]
@@ -66,7 +66,7 @@ def test_rays_end_where_small_steps_do(*, is_built: bool) -> None:
 
 
 def test_leaves_are_gone_through() -> None:
-    """A ray goes as deep into a tree as told, or down to the ground; a roof it never enters."""
+    """A ray goes as deep into a tree as said, or down to the ground; a roof it never enters."""
     land = slope()
     for place, depth, height, kind in (
         ((32.0, 32.0), 0.0, 9.0, Kind.FOLIAGE),
@@ -84,8 +84,8 @@ def test_leaves_are_gone_through() -> None:
 
 def test_build() -> None:
     """Houses stand apart, trees not on houses; nothing is below the ground."""
-    dice = np.random.default_rng(2)
-    land = build(hills((150.0, 120.0), 0.5, 0.3, dice), 0.5, Plants(40, 300, clearing=20.0), dice)
+    rng = np.random.default_rng(2)
+    land = build(hills((150.0, 120.0), 0.5, 0.3, rng), 0.5, Plants(40, 300, clearing=20.0), rng)
     assert land.size == (150.0, 120.0)
     assert (land.top >= land.ground).all()
     assert (land.top[land.owner == 0] == land.ground[land.owner == 0]).all()

@@ -12,9 +12,9 @@ from lidar_outlier_filter.core import lanes
 @pytest.mark.parametrize('count', [1, 2, 3, 7, 16, 20, 33])
 def test_sorts_every_lane(count: int) -> None:
     """Values with ties, zeros and inf, whatever the other lanes hold."""
-    dice = np.random.default_rng(count)
-    values = dice.integers(0, 9, (count, lanes.LANES)) / 3
-    values[dice.random(values.shape) < 0.1] = np.inf
+    rng = np.random.default_rng(count)
+    values = rng.integers(0, 9, (count, lanes.LANES)) / 3
+    values[rng.random(values.shape) < 0.1] = np.inf
     expected = np.sort(values, axis=0)
     lanes.sort(values, lanes.network(count, range(count)))
     assert_array_equal(values, expected)
@@ -27,9 +27,9 @@ def test_networks_sort_all_zeros_and_ones(count: int) -> None:
     values = (lane >> np.arange(count)[:, None] & 1).astype(np.float64)
     expected = np.sort(values, axis=0)
     for wanted in (range(count), range(1, 2), range(count // 2 - 1, count // 2 + 1)):
-        told = values.copy()
-        lanes.sort(told, lanes.network(count, wanted))
-        assert_array_equal(told[wanted], expected[wanted])
+        result = values.copy()
+        lanes.sort(result, lanes.network(count, wanted))
+        assert_array_equal(result[wanted], expected[wanted])
 
 
 def test_the_middle_needs_less_than_all() -> None:

@@ -69,8 +69,33 @@ def test_where_parameters_are_saved(
     assert (tmp_path / name[namespace]).is_file()
 
 
+@pytest.mark.parametrize(
+    ('save_to', 'expected'),
+    [('', '.ros/outlier_filter_node.yaml'), ('~/two/folders/a.yaml', 'two/folders/a.yaml')],
+)
+def test_home(
+    ros: Ros, save_to: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tilde is the home, also where ROS_HOME is empty; folders are made, or there already."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    monkeypatch.setenv('ROS_HOME', '')
+    node = ros.filter(parameters={'save_to': save_to})
+    node.start()
+    for _ in range(2):
+        answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+        assert (answer.success, answer.message) == (True, str(tmp_path / expected))
+    assert (tmp_path / expected).is_file()
+
+
+def test_what_is_fixed_cannot_be_set_at_all(ros: Ros) -> None:
+    """Not even to what it is: ROS calls it read-only."""
+    node = ros.filter()
+    (reason,) = ros.set(block=node.filter_parameters.block)
+    assert reason.startswith('block must be 0.1 as at the start (read-only), got 0.1')
+
+
 def test_a_place_that_cannot_be_written(ros: Ros, tmp_path: Path) -> None:
-    """The caller is told why nothing was saved; nothing is left behind."""
+    """The caller is said why nothing was saved; nothing is left behind."""
     (tmp_path / 'folder').mkdir()
     node = ros.filter('-p', f'save_to:={tmp_path}/folder')
     node.start()
@@ -81,19 +106,19 @@ def test_a_place_that_cannot_be_written(ros: Ros, tmp_path: Path) -> None:
 
 
 def test_reset_puts_parameters_back(ros: Ros) -> None:
-    """All parameters are again as at the start, together, and ROS is told of those that changed."""
+    """All parameters are again as at the start, together, and ROS learns which changed."""
     node = ros.filter('-p', 'gap_factor:=3.0', parameters={'alpha_beta_gamma.after': 8})
     node.start()
     before = values(node)
     changes = {'alpha_beta_gamma__order': 2, 'alpha_beta_gamma__min_window': 6}
     assert ros.set_together(gap_factor=2.0, **changes) == ''
-    told: Future = Future()
+    result: Future = Future()
 
-    def hear(event: ParameterEvent) -> None:
+    def compute(event: ParameterEvent) -> None:
         if event.node == '/outlier_filter_node':
-            told.set_result({item.name for item in event.changed_parameters})
+            result.set_result({item.name for item in event.changed_parameters})
 
-    ros.client.create_subscription(ParameterEvent, '/parameter_events', hear, 10)
+    ros.client.create_subscription(ParameterEvent, '/parameter_events', compute, 10)
     while not node.count_subscribers('/parameter_events'):
         ros.executor.spin_once(0.05)
     answer = ros.call(Trigger, 'reset', Trigger.Request())
@@ -104,7 +129,7 @@ def test_reset_puts_parameters_back(ros: Ros) -> None:
     )
     assert values(node) == before
     assert node.filter_parameters.gap_factor == 3.0
-    assert ros.wait(told) == set(changed)
+    assert ros.wait(result) == set(changed)
     answer = ros.call(Trigger, 'reset', Trigger.Request())
     assert (answer.success, answer.message) == (True, 'as at the start again: nothing to do')
 

@@ -73,18 +73,18 @@ def test_few_points(count: int, statistic: str) -> None:
 @pytest.mark.parametrize('cloud', CLOUDS)
 def test_the_order_of_the_points_does_not_matter(cloud: Cloud) -> None:
     """Scores go with their points."""
-    dice = np.random.default_rng(3)
-    xyz = cloud(dice)
-    order = dice.permutation(len(xyz))
+    rng = np.random.default_rng(3)
+    xyz = cloud(rng)
+    order = rng.permutation(len(xyz))
     assert_allclose(detect(xyz[order]), detect(xyz)[order], rtol=1e-12)
 
 
 @pytest.mark.parametrize('cloud', [scattered, corner])
 def test_rigid_motion(cloud: Cloud) -> None:
     """A cloud that is turned and moved has the same factors."""
-    dice = np.random.default_rng(4)
-    xyz = cloud(dice)
-    moved = xyz @ rotation(dice).T + [1000.0, -200.0, 30.0]
+    rng = np.random.default_rng(4)
+    xyz = cloud(rng)
+    moved = xyz @ rotation(rng).T + [1000.0, -200.0, 30.0]
     assert_allclose(detect(moved), detect(xyz), rtol=1e-8)
 
 
@@ -108,8 +108,8 @@ def test_scale(cloud: Cloud) -> None:
 @pytest.mark.parametrize('threads', [1, 2, 5])
 def test_threads(threads: int) -> None:
     """The number of threads does not change a bit."""
-    dice = np.random.default_rng(8)
-    xyz = np.concatenate([dice.normal(size=(9000, 3)), dice.integers(0, 9, (6000, 3))])
+    rng = np.random.default_rng(8)
+    xyz = np.concatenate([rng.normal(size=(9000, 3)), rng.integers(0, 9, (6000, 3))])
     xyz[-500:] = xyz[0]
     assert_array_equal(detect(xyz, threads=threads), detect(xyz, threads=3))
 
@@ -128,9 +128,9 @@ def test_what_is_far_off_does_not_change_a_bit(twins: int) -> None:
     Neighbours that tie come in the order of the search, and must not be added up in it; where all
     points are there twice, each 16 nearest break up a pair.
     """
-    dice = np.random.default_rng(16)
-    xyz = np.repeat(dice.uniform(0, 10, (3000, 3)), dice.choice([2, twins], 3000), axis=0)
-    xyz = dice.permutation(xyz)
+    rng = np.random.default_rng(16)
+    xyz = np.repeat(rng.uniform(0, 10, (3000, 3)), rng.choice([2, twins], 3000), axis=0)
+    xyz = rng.permutation(xyz)
     piece = xyz[:, 0] < 7
     close = xyz[piece, 0] < 3
     neighbourhood, alone = Neighbourhood(xyz, 16), Neighbourhood(xyz[piece], 16)
@@ -141,9 +141,9 @@ def test_what_is_far_off_does_not_change_a_bit(twins: int) -> None:
 @pytest.mark.parametrize('cloud', CLOUDS)
 def test_points_that_another_detector_rejected(cloud: Cloud) -> None:
     """Without some points it is, to the bit, as if they had never been there."""
-    dice = np.random.default_rng(17)
-    xyz = np.concatenate([cloud(dice), dice.normal(size=(700, 3)), cloud(dice) * 1.1])
-    rejected = dice.uniform(size=len(xyz)) < np.where(xyz[:, 0] > 0.5, 0.8, 0.1)
+    rng = np.random.default_rng(17)
+    xyz = np.concatenate([cloud(rng), rng.normal(size=(700, 3)), cloud(rng) * 1.1])
+    rejected = rng.uniform(size=len(xyz)) < np.where(xyz[:, 0] > 0.5, 0.8, 0.1)
     left = Neighbourhood(xyz, 20).without(rejected)
     assert_array_equal(lof.detect(left, Lof()), detect(xyz[~rejected]))
 
@@ -163,18 +163,18 @@ def test_the_points_are_not_changed() -> None:
     assert_array_equal(neighbourhood.nearest(20).tied, tied)
 
 
-def sheet_and_outlier(dice: np.random.Generator) -> Floats:
+def sheet_and_outlier(rng: np.random.Generator) -> Floats:
     """Lay out a noisy grid of 30 × 30 points and one point above it."""
     across, along = np.meshgrid(np.arange(30.0), np.arange(30.0))
     flat = np.stack([across.ravel(), along.ravel(), np.zeros(900)], axis=1)
-    return np.concatenate([flat + dice.normal(0, 0.05, flat.shape), [[15.0, 15.0, 9.0]]])
+    return np.concatenate([flat + rng.normal(0, 0.05, flat.shape), [[15.0, 15.0, 9.0]]])
 
 
 def test_an_outlier_is_found_at_any_density() -> None:
     """A point above a sheet is rejected, and so it is above one that is a hundred times denser."""
-    dice = np.random.default_rng(11)
-    loose = sheet_and_outlier(dice)
-    dense = sheet_and_outlier(dice) * 0.01 + [500.0, 0.0, 0.0]
+    rng = np.random.default_rng(11)
+    loose = sheet_and_outlier(rng)
+    dense = sheet_and_outlier(rng) * 0.01 + [500.0, 0.0, 0.0]
     scores = detect(np.concatenate([loose, dense]))
     assert scores[900] > 1
     assert scores[-1] > 1
@@ -210,9 +210,9 @@ def test_a_cloud_of_stacks_is_as_if_they_were_single() -> None:
 @pytest.mark.parametrize('others', [0, 1, 500])
 def test_200_000_coincident_points(others: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The work does not grow with the square of how many coincide: all lists together are short."""
-    dice = np.random.default_rng(15)
+    rng = np.random.default_rng(15)
     xyz = np.zeros((200_000 + others, 3))
-    xyz[200_000:] = dice.normal(size=(others, 3))
+    xyz[200_000:] = rng.normal(size=(others, 3))
     total = []
     within = Neighbourhood.within
 
@@ -231,5 +231,5 @@ def test_200_000_coincident_points(others: int, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_neighbours() -> None:
-    """The chain is told how long lists must be."""
+    """The chain is said how long lists must be."""
     assert lof.neighbours(Lof(min_pts=17)) == 17

@@ -23,7 +23,7 @@ TOO_MANY = 'the number of points held must be at most max_points'
 
 
 def is_taken(made: Stream, times: list[int], tag: object = None) -> bool:
-    """Push points, and tell whether they were taken."""
+    """Push points, and say whether they were taken."""
     try:
         made.push(points_at(times), tag)
     except CloudError as err:

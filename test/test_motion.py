@@ -71,7 +71,7 @@ def still(clouds: Iterable[PointCloud2], extra: Mapping[str, object] | None = No
 
 
 def rejected(drive: Drive, answers: list[Answer]) -> NDArray[np.bool_]:
-    """Tell which points of the drive went to the outliers, by the time in their clouds."""
+    """Return which points of the drive went to the outliers, by the time in their clouds."""
     mask = np.zeros(len(drive.t), np.bool_)
     for answer in answers:
         if answer.outliers.width:
@@ -227,19 +227,19 @@ def test_bounded() -> None:
 
 
 def test_refused_when_its_turn_has_come() -> None:
-    """A cloud that is late is refused behind those before it, counted and told of."""
+    """A cloud that is late is refused behind those before it, counted and said of."""
     drive = Drive(0.6)
     clouds = drive.clouds(drive.own)
     moving = Moving()
-    told: list[str] = []
-    moving.filter.refuse = lambda err: told.append(str(err))
+    result: list[str] = []
+    moving.filter.refuse = lambda err: result.append(str(err))
     for msg in drive.odometry():
         moving.motion.take(msg)
     answers = [answer for msg in [*clouds, clouds[0]] for answer in moving.filter.push(msg, msg)]
     answers += moving.filter.flush()
     assert [answer.tag for answer in answers] == clouds
     assert moving.filter.statistics.refusals == {'the time of a cloud': 1}
-    (sentence,) = told
+    (sentence,) = result
     assert sentence.startswith('the time of a cloud must be at or after what is judged already')
 
 

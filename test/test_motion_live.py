@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def start(ros: Ros, **parameters: object) -> tuple[OutlierFilterNode, Sensor, Publisher]:
-    """Start a node that knows of motion, and what it hears."""
+    """Start a node that knows of motion, and what it receives."""
     given = MOVING | {name.replace('__', '.'): value for name, value in parameters.items()}
     node = ros.filter(parameters=given | {'motion.topic': 'odom'})
     node.start()
@@ -68,7 +68,7 @@ def test_live(ros: Ros) -> None:
 
 
 def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
-    """Judged without, and told of; when it comes, the next ones are judged with it."""
+    """Judged without, and said of; when it comes, the next ones are judged with it."""
     drive = Drive(0.5)
     clouds = drive.clouds(drive.own)
     node, sensor, publisher = start(ros, max_delay=0.5)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The naive weighed witnesses against numbers worked out by hand."""
+"""The naive weighed features against numbers worked out by hand."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from naive import evidence as naive
 
 FLAT = [(float(x), float(y), 0.0) for x in range(5) for y in range(4)]
-NOTHING = dict.fromkeys(naive.WITNESSES, 1.0) | {'amid': 0.1, 'surface': 0.0, 'company': 0.0}
-ONCE = dict.fromkeys(naive.WITNESSES, 1.0)
+NOTHING = dict.fromkeys(naive.FEATURES, 1.0) | {'amid': 0.1, 'surface': 0.0, 'company': 0.0}
+ONCE = dict.fromkeys(naive.FEATURES, 1.0)
 # Two rows of 15 points, 0.02 apart, on a slope of 3 : 4; the standard deviation of their length.
 ARM = [(side * 0.02, 0.8 * i * 0.05, 0.6 * i * 0.05) for i in range(15) for side in (0, 1)]
 LENGTH = 0.05 * sqrt((15**2 - 1) / 12)
@@ -78,7 +78,7 @@ def test_usual() -> None:
 
 
 def test_statistic() -> None:
-    """Witnesses are silent up to their least value, and say no more beyond their largest."""
+    """Features are silent up to their least value, and say no more beyond their largest."""
     assert naive.statistic(NOTHING, ONCE) == 0
     assert naive.statistic(NOTHING | {'step': 1e9}, ONCE) == pytest.approx(2.0)
     assert naive.statistic(NOTHING | {'along': inf}, ONCE | {'along': 3.0}) == pytest.approx(6.3)

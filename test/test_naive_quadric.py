@@ -119,7 +119,7 @@ def test_another_surface_is_held(noise: float, held: float) -> None:
 
 
 def test_two_degrees_of_freedom_are_needed() -> None:
-    """Of four points none can be told to be wrong."""
+    """Of four points none can be said to be wrong."""
     assert naive.scores_of(on_plane(corners()[::2]), Rules(), Growth(0)) is None
 
 
@@ -135,7 +135,7 @@ def test_step() -> None:
 
 
 def test_step_that_is_ambiguous() -> None:
-    """Corners of a square have x² = y² = 1: there is no telling them apart."""
+    """Corners of a square have x² = y² = 1: there is no saying them apart."""
     assert frame(corners()).step(np.eye(10)[3], np.ones(8), 7) is None
 
 
@@ -171,8 +171,8 @@ def test_ball() -> None:
 
 def test_plane_is_no_quadric() -> None:
     """A noisy plane is far from z² = 0 as it is from z = 0, to first order: the gap is small."""
-    dice = np.random.default_rng(1)
-    points = np.column_stack([dice.uniform(-1, 1, (50, 2)), dice.normal(0, 0.02, 50)])
+    rng = np.random.default_rng(1)
+    points = np.column_stack([rng.uniform(-1, 1, (50, 2)), rng.normal(0, 0.02, 50)])
     assert frame(points).algebraic(list(range(50)))[1] < 2
 
 
@@ -239,9 +239,9 @@ def test_window_with_a_rim_of_too_many() -> None:
 
 def test_acquittal() -> None:
     """A core's points that fail there are acquitted by another window that explains them."""
-    dice = np.random.default_rng(3)
-    road = np.column_stack([dice.uniform(0, 0.3, (60, 2)), dice.normal(0, 0.005, 60)])
-    wall = np.column_stack([dice.normal(0, 0.005, 60), dice.uniform(0, [0.3, 1], (60, 2))])
+    rng = np.random.default_rng(3)
+    road = np.column_stack([rng.uniform(0, 0.3, (60, 2)), rng.normal(0, 0.005, 60)])
+    wall = np.column_stack([rng.normal(0, 0.005, 60), rng.uniform(0, [0.3, 1], (60, 2))])
     foot = wall[:, 2] < 0.1
     points = np.vstack([road, wall[foot], wall[~foot]])
     first = 60 + int(foot.sum())

@@ -78,8 +78,8 @@ def test_crown() -> None:
     hit = naive.crown(centre, half, 0.5, 9.0, 1.0, 7, (-5.0, 0.1, 0.1), aim)
     assert hit is not None
     # So large a leaf is a wall through its own place.
-    place = [(n + naive.dice(-2, 0, 0, 7, 1 + i)) * 0.5 for i, n in enumerate((-2, 0, 0))]
-    height, around = 2 * naive.dice(-2, 0, 0, 7, 4) - 1, math.tau * naive.dice(-2, 0, 0, 7, 5)
+    place = [(n + naive.uniform(-2, 0, 0, 7, 1 + i)) * 0.5 for i, n in enumerate((-2, 0, 0))]
+    height, around = 2 * naive.uniform(-2, 0, 0, 7, 4) - 1, math.tau * naive.uniform(-2, 0, 0, 7, 5)
     flat = math.sqrt(1 - height**2)
     normal = (flat * math.cos(around), flat * math.sin(around), height)
     met = naive.along((-5.0, 0.1, 0.1), aim, hit[0])

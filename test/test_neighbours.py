@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 Floats = NDArray[np.float64]
-Dice = np.random.Generator
+Rng = np.random.Generator
 Lists = tuple[NDArray[np.int64], NDArray[np.bool_]]
 
 UTM = np.array([389_512.25, 5_819_204.5, 34.125])
@@ -36,103 +36,103 @@ LARGE = 100_000  # more than one thread sorts alone
 # Clouds of n points ------------------------------------------------------------------------------
 
 
-def scattered(dice: Dice, n: int) -> Floats:
+def scattered(rng: Rng, n: int) -> Floats:
     """Scatter points in all directions."""
-    return dice.normal(size=(n, 3))
+    return rng.normal(size=(n, 3))
 
 
-def sheet(dice: Dice, n: int) -> Floats:
+def sheet(rng: Rng, n: int) -> Floats:
     """Lay out a rough plane in float32, and move it far from the origin."""
-    xyz: Floats = dice.uniform(-20, 20, (n, 3)) * [1, 1, 0.001]
+    xyz: Floats = rng.uniform(-20, 20, (n, 3)) * [1, 1, 0.001]
     xyz = xyz.astype(np.float32).astype(np.float64)
     xyz += UTM
     return xyz
 
 
-def lattice(dice: Dice, n: int) -> Floats:
+def lattice(rng: Rng, n: int) -> Floats:
     """Take places with integer coordinates, some twice: nearly every point has ties."""
-    return dice.integers(0, round(n ** (1 / 3)) + 1, (n, 3)).astype(np.float64)
+    return rng.integers(0, round(n ** (1 / 3)) + 1, (n, 3)).astype(np.float64)
 
 
-def flat_lattice(dice: Dice, n: int) -> Floats:
+def flat_lattice(rng: Rng, n: int) -> Floats:
     """Do the same in a plane."""
-    return np.append(dice.integers(0, round(n**0.5) + 1, (n, 2)), np.full((n, 1), 7.0), axis=1)
+    return np.append(rng.integers(0, round(n**0.5) + 1, (n, 2)), np.full((n, 1), 7.0), axis=1)
 
 
-def line(dice: Dice, n: int) -> Floats:
+def line(rng: Rng, n: int) -> Floats:
     """Line points up evenly, in any order: each has two neighbours at each distance."""
-    return np.outer(dice.permutation(n), [1.0, -2.0, 0.5])
+    return np.outer(rng.permutation(n), [1.0, -2.0, 0.5])
 
 
-def same(_: Dice, n: int) -> Floats:
+def same(_: Rng, n: int) -> Floats:
     """Put all at one place."""
     return np.full((n, 3), 0.1)
 
 
-def stacks(dice: Dice, n: int) -> Floats:
+def stacks(rng: Rng, n: int) -> Floats:
     """Put ever so many points on few places, with zeros of both signs, among others."""
-    xyz = dice.integers(-1, 2, (n, 3)) * dice.choice([-0.0, 1.0], (n, 3))
-    xyz[: n // 4] = dice.normal(size=(n // 4, 3))
-    return dice.permutation(xyz)
+    xyz = rng.integers(-1, 2, (n, 3)) * rng.choice([-0.0, 1.0], (n, 3))
+    xyz[: n // 4] = rng.normal(size=(n // 4, 3))
+    return rng.permutation(xyz)
 
 
-def doubled(dice: Dice, n: int) -> Floats:
+def doubled(rng: Rng, n: int) -> Floats:
     """Take each point twice."""
-    return dice.permutation(np.repeat(dice.normal(size=(n // 2 + 1, 3)), 2, axis=0)[:n])
+    return rng.permutation(np.repeat(rng.normal(size=(n // 2 + 1, 3)), 2, axis=0)[:n])
 
 
-def heap(dice: Dice, n: int) -> Floats:
+def heap(rng: Rng, n: int) -> Floats:
     """Put half of the points at one place, the others around it."""
-    xyz = dice.normal(size=(n, 3))
-    xyz[dice.permutation(n)[: n // 2]] = 0
+    xyz = rng.normal(size=(n, 3))
+    xyz[rng.permutation(n)[: n // 2]] = 0
     return xyz
 
 
-def shell(dice: Dice, n: int) -> Floats:
+def shell(rng: Rng, n: int) -> Floats:
     """Put one in the middle, all others exactly equally far: 1, 2, 3 in any order and sign."""
-    xyz: Floats = dice.permuted(np.tile([1.0, 2.0, 3.0], (n, 1)), axis=1) * dice.choice(
+    xyz: Floats = rng.permuted(np.tile([1.0, 2.0, 3.0], (n, 1)), axis=1) * rng.choice(
         [-1, 1], (n, 3)
     )
     xyz[n // 3] = 0
     return xyz
 
 
-def outlier(dice: Dice, n: int) -> Floats:
+def outlier(rng: Rng, n: int) -> Floats:
     """Gather points, but for one that is a billion metres off."""
-    xyz = dice.normal(size=(n, 3))
+    xyz = rng.normal(size=(n, 3))
     xyz[n // 2] = [1e9, -1e9, 3]
     return xyz
 
 
-def uneven(dice: Dice, n: int) -> Floats:
+def uneven(rng: Rng, n: int) -> Floats:
     """Scatter points at 1e-20 to 1e20 metres."""
-    return dice.normal(size=(n, 3)) * 10.0 ** dice.uniform(-20, 20, (n, 1))
+    return rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-20, 20, (n, 1))
 
 
-def halving(_: Dice, n: int) -> Floats:
+def halving(_: Rng, n: int) -> Floats:
     """Put each point half as far as the one before, as long as squares are not 0."""
     xyz = np.zeros((n, 3))
     xyz[:, 0] = 2.0 ** -(np.arange(n) % 500)
     return xyz
 
 
-def finest(dice: Dice, n: int) -> Floats:
+def finest(rng: Rng, n: int) -> Floats:
     """Take four numbers with no others between them: of two there is no middle."""
     xyz = np.ones((n, 3))
-    xyz += dice.integers(0, 4, (n, 3)) * 2.0**-52
+    xyz += rng.integers(0, 4, (n, 3)) * 2.0**-52
     return xyz
 
 
-def rows(dice: Dice, n: int) -> Floats:
+def rows(rng: Rng, n: int) -> Floats:
     """Scan lines: dense along them, sparse across."""
     xyz: Floats = np.stack(
         [np.arange(n) // 50 * 1.0, np.arange(n) % 50 * 0.01, np.zeros(n)], axis=1
     )
-    xyz += dice.normal(0, 0.002, (n, 3))
+    xyz += rng.normal(0, 0.002, (n, 3))
     return xyz
 
 
-CLOUDS: list[Callable[[Dice, int], Floats]] = [
+CLOUDS: list[Callable[[Rng, int], Floats]] = [
     *(scattered, sheet, lattice, flat_lattice, line, same, stacks, doubled),
     *(heap, shell, outlier, uneven, halving, finest, rows),
 ]
@@ -208,7 +208,7 @@ def assert_sound(neighbourhood: Neighbourhood) -> None:
 
 @every_cloud
 @pytest.mark.parametrize('k', [1, 7, 20, 60, SMALL - 1])
-def test_equals_the_naive_twin(cloud: Callable[[Dice, int], Floats], k: int) -> None:
+def test_equals_the_naive_twin(cloud: Callable[[Rng, int], Floats], k: int) -> None:
     """The same neighbours in the same order, and the same ties."""
     xyz = cloud(np.random.default_rng(k), SMALL)
     assert_same_lists(lists(Neighbourhood(xyz, k), k), naive_lists(xyz, k))
@@ -216,7 +216,7 @@ def test_equals_the_naive_twin(cloud: Callable[[Dice, int], Floats], k: int) -> 
 
 @every_cloud
 @pytest.mark.parametrize('count', [2, 3, 24, 25, 26, 49, 50])
-def test_small_clouds(cloud: Callable[[Dice, int], Floats], count: int) -> None:
+def test_small_clouds(cloud: Callable[[Rng, int], Floats], count: int) -> None:
     """With few points, around the size of a leaf; 20 neighbours or all that there are."""
     xyz = cloud(np.random.default_rng(count), count)
     k = min(20, count - 1)
@@ -226,7 +226,7 @@ def test_small_clouds(cloud: Callable[[Dice, int], Floats], count: int) -> None:
 
 
 @every_cloud
-def test_shorter_lists_are_parts_of_longer_ones(cloud: Callable[[Dice, int], Floats]) -> None:
+def test_shorter_lists_are_parts_of_longer_ones(cloud: Callable[[Rng, int], Floats]) -> None:
     """Whether the k-th is tied is another question for each k."""
     xyz = cloud(np.random.default_rng(3), SMALL)
     neighbourhood = Neighbourhood(xyz, 30)
@@ -237,7 +237,7 @@ def test_shorter_lists_are_parts_of_longer_ones(cloud: Callable[[Dice, int], Flo
 @pytest.mark.parametrize(
     'cloud', [scattered, sheet, lattice, flat_lattice, stacks, heap, outlier, uneven, rows]
 )
-def test_large_clouds(cloud: Callable[[Dice, int], Floats]) -> None:
+def test_large_clouds(cloud: Callable[[Rng, int], Floats]) -> None:
     """Some points of a hundred thousand, with levels that are cut by all threads together."""
     xyz = cloud(np.random.default_rng(5), LARGE)
     assert_exact(xyz, Neighbourhood(xyz, 20), 20)
@@ -253,11 +253,11 @@ def test_long_lists(k: int) -> None:
 @pytest.mark.parametrize('places', ['different', 'few'])
 def test_all_equally_far(places: str) -> None:
     """The middle of a sphere has more ties than a search holds; its neighbours are the first."""
-    dice = np.random.default_rng(7)
+    rng = np.random.default_rng(7)
     if places == 'different':
-        xyz = dice.permutation(np.concatenate([_on_a_sphere(1155), np.zeros((1, 3))]))
+        xyz = rng.permutation(np.concatenate([_on_a_sphere(1155), np.zeros((1, 3))]))
     else:
-        xyz = shell(dice, 20_000)
+        xyz = shell(rng, 20_000)
     middle = int(np.flatnonzero(np.all(xyz == 0, axis=1))[0])
     index, tied = lists(Neighbourhood(xyz, 20), 20)
     others = [i for i in range(len(xyz)) if i != middle]
@@ -290,11 +290,11 @@ def test_point_is_not_its_own_neighbour() -> None:
 
 
 @every_cloud
-def test_order_of_the_points_does_not_matter(cloud: Callable[[Dice, int], Floats]) -> None:
-    """The same distances, however the points are shuffled; only ties are told by the index."""
-    dice = np.random.default_rng(9)
-    xyz = cloud(dice, SMALL)
-    shuffle = dice.permutation(SMALL)
+def test_order_of_the_points_does_not_matter(cloud: Callable[[Rng, int], Floats]) -> None:
+    """The same distances, however the points are shuffled; only ties are said by the index."""
+    rng = np.random.default_rng(9)
+    xyz = cloud(rng, SMALL)
+    shuffle = rng.permutation(SMALL)
     index, tied = lists(Neighbourhood(xyz, 10), 10)
     shuffled_index, shuffled_tied = lists(Neighbourhood(xyz[shuffle], 10), 10)
     assert_array_equal(shuffled_tied, tied[shuffle])
@@ -391,20 +391,20 @@ def _read_pcd(path: Path) -> Floats:
 
 
 @every_cloud
-def test_tree_is_sound(cloud: Callable[[Dice, int], Floats]) -> None:
+def test_tree_is_sound(cloud: Callable[[Rng, int], Floats]) -> None:
     """Boxes are tight, ranges adjoin, leaves are small or of one place."""
     assert_sound(Neighbourhood(cloud(np.random.default_rng(15), 2000), 1))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('cloud', [rows, heap, same, outlier])
-def test_large_tree_is_sound(cloud: Callable[[Dice, int], Floats]) -> None:
+def test_large_tree_is_sound(cloud: Callable[[Rng, int], Floats]) -> None:
     """Also where it is joined from the work of several threads."""
     assert_sound(Neighbourhood(cloud(np.random.default_rng(16), LARGE), 1))
 
 
 @pytest.mark.parametrize('cloud', [scattered, halving, uneven, outlier, line])
-def test_tree_is_not_deep(cloud: Callable[[Dice, int], Floats]) -> None:
+def test_tree_is_not_deep(cloud: Callable[[Rng, int], Floats]) -> None:
     """After some lopsided cuts the median is taken; so the time is near to linear."""
     xyz = cloud(np.random.default_rng(17), LARGE)
     assert height(Neighbourhood(xyz, 1).tree) < 60
@@ -434,14 +434,14 @@ def test_clouds_without_neighbours(count: int) -> None:
 
 
 @every_cloud
-def test_within_equals_the_naive_twin(cloud: Callable[[Dice, int], Floats]) -> None:
+def test_within_equals_the_naive_twin(cloud: Callable[[Rng, int], Floats]) -> None:
     """Limits that are exactly the distance of another, which is in; some are less than 0."""
-    dice = np.random.default_rng(18)
-    xyz = cloud(dice, SMALL)
+    rng = np.random.default_rng(18)
+    xyz = cloud(rng, SMALL)
     neighbourhood = Neighbourhood(xyz, 20)
-    which = dice.integers(0, SMALL, 200)
+    which = rng.integers(0, SMALL, 200)
     points = neighbourhood.xyz.tolist()
-    limits = np.array([naive.by_distance(points, p)[dice.integers(0, 80)][0] for p in which])
+    limits = np.array([naive.by_distance(points, p)[rng.integers(0, 80)][0] for p in which])
     limits[::10] = [-1, 0] * 10
     offsets, index = neighbourhood.within(which, limits)
     assert offsets.dtype.name == 'int64'
@@ -453,11 +453,11 @@ def test_within_equals_the_naive_twin(cloud: Callable[[Dice, int], Floats]) -> N
 
 
 @every_cloud
-def test_nearest_elsewhere_equals_the_naive_twin(cloud: Callable[[Dice, int], Floats]) -> None:
+def test_nearest_elsewhere_equals_the_naive_twin(cloud: Callable[[Rng, int], Floats]) -> None:
     """Whatever coincides does not count."""
-    dice = np.random.default_rng(19)
-    neighbourhood = Neighbourhood(cloud(dice, SMALL), 1)
-    which = dice.permutation(SMALL)[:200]
+    rng = np.random.default_rng(19)
+    neighbourhood = Neighbourhood(cloud(rng, SMALL), 1)
+    which = rng.permutation(SMALL)[:200]
     points = neighbourhood.xyz.tolist()
     expected = [naive.nearest_elsewhere(points, p) for p in which]
     assert neighbourhood.nearest_elsewhere(which).tolist() == expected
@@ -480,18 +480,18 @@ def test_walks_do_not_depend_on_threads() -> None:
 @pytest.mark.parametrize('share', [0.0, 0.004, 0.05, 0.3, 0.9])
 @pytest.mark.parametrize('searched', [False, True])
 def test_without_equals_a_new_neighbourhood(
-    cloud: Callable[[Dice, int], Floats],
+    cloud: Callable[[Rng, int], Floats],
     share: float,
     searched: bool,  # noqa: FBT001
 ) -> None:
     """Several removals one after the other; lists that were searched before, and not."""
-    dice = np.random.default_rng(21)
-    xyz = cloud(dice, 1500)
+    rng = np.random.default_rng(21)
+    xyz = cloud(rng, 1500)
     neighbourhood = Neighbourhood(xyz, 12)
     if searched:
         neighbourhood.nearest(12)
     for _ in range(4):
-        rejected = dice.uniform(size=len(xyz)) < share
+        rejected = rng.uniform(size=len(xyz)) < share
         xyz, neighbourhood = xyz[~rejected], neighbourhood.without(rejected)
         assert len(neighbourhood) == len(xyz)
         assert_sound(neighbourhood) if len(xyz) > 0 else None
@@ -504,8 +504,8 @@ def test_without_equals_a_new_neighbourhood(
 
 def test_without_a_region() -> None:
     """Points that lie together leave: whole nodes are empty, and lists far away are untouched."""
-    dice = np.random.default_rng(22)
-    xyz = rows(dice, 20_000)
+    rng = np.random.default_rng(22)
+    xyz = rows(rng, 20_000)
     neighbourhood = Neighbourhood(xyz, 15)
     neighbourhood.nearest(15)
     for low in (10.5, 200.5, 390.5):
@@ -530,8 +530,8 @@ def test_without_most_of_a_small_cloud(left: int) -> None:
 
 def test_without_keeps_what_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of lists on a grid of its own far away, none is searched again."""
-    dice = np.random.default_rng(23)
-    near, far = scattered(dice, 500), scattered(dice, 500) + 1000
+    rng = np.random.default_rng(23)
+    near, far = scattered(rng, 500), scattered(rng, 500) + 1000
     neighbourhood = Neighbourhood(np.concatenate([near, far]), 10)
     neighbourhood.nearest(10)
     wanted: list[NDArray[np.bool_]] = []
@@ -624,7 +624,7 @@ def test_other_mistakes_are_refused() -> None:
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize('cloud', [same, stacks, heap, halving, uneven, outlier, line])
-def test_nothing_takes_quadratic_time(cloud: Callable[[Dice, int], Floats]) -> None:
+def test_nothing_takes_quadratic_time(cloud: Callable[[Rng, int], Floats]) -> None:
     """200 000 points that are hard to separate; all pairs of them would take minutes."""
     count = 200_000
     neighbourhood = Neighbourhood(cloud(np.random.default_rng(25), count), 20)

@@ -121,7 +121,7 @@ def toy() -> Iterator[Detector]:
 
 
 def naive(xyz: Floats, limit: float) -> list[bool]:
-    """Tell which points are farther from all others than the limit."""
+    """Return which points are farther from all others than the limit."""
     far = []
     for i, one in enumerate(xyz):
         others = [float(np.linalg.norm(one - two)) for j, two in enumerate(xyz) if j != i]
@@ -139,7 +139,7 @@ def scattered(count: int = 200) -> Points:
 
 @pytest.mark.usefixtures('toy')
 def test_chain() -> None:
-    """It judges in a chain, alone and after another, and its bits tell."""
+    """It judges in a chain, alone and after another, and its bits say."""
     points = scattered()
     parameters = FilterParameters().changed({'chain': ['toy'], 'toy.limit': 1.0})
     verdict = Chain(parameters).judge(points)

@@ -57,7 +57,7 @@ def test_impossible_topics(ros: Ros, topic: str) -> None:
 
 
 def test_subscribes_when_started_only(ros: Ros) -> None:
-    """A replay calls the node directly and hears nothing of what is on the topics."""
+    """A replay calls the node directly and receives nothing of what is on the topics."""
     node = ros.filter()
     assert '/points' not in [item.topic_name for item in node.subscriptions]
     node.start()

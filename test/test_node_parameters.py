@@ -46,7 +46,7 @@ def values(node: OutlierFilterNode) -> dict[str, object]:
 
 
 def test_every_parameter_is_declared_as_described(ros: Ros) -> None:
-    """ROS is told text, unit, range, type, default and whether it is read-only, of each of them."""
+    """ROS is said text, unit, range, type, default and whether it is read-only, of each of them."""
     node = ros.filter()
     names = [item.name for item in describe()]
     descriptors = ros.wait(ros.parameters().describe_parameters(names)).descriptors

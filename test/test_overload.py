@@ -127,6 +127,19 @@ def test_pass_through(ros: Ros) -> None:
     assert [msg.width for msg in sensor.cleaned[:8]] == [100] * 8
 
 
+def test_what_passes_waits_for_nobody(ros: Ros) -> None:
+    """Clouds before it are answered with what is there: their blocks would not be complete soon."""
+    node, sensor = start(ros, load__policy='pass_through', block=0.1, max_delay=60.0)
+    send(ros, node, sensor, 1)
+    wait_for_thread(node)
+    assert node.waiting == 1
+    with held_up(node):
+        send(ros, node, sensor, 9, first=1)
+    # Behind the last one nothing waits: it is filtered.
+    assert (node.statistics.messages, node.waiting) == (9, 1)
+    assert node.statistics.passed == {'overload': 8}
+
+
 def test_shed(ros: Ros) -> None:
     """The slow detectors are off while there is too much; each cloud is tested along its line."""
     node, sensor = start(

@@ -60,7 +60,8 @@ EXTRAS = {
     'open3d': 'bench',
     'pyarrow': 'parquet',
 }
-WITH_RCLPY = {'rosgraph_msgs'}  # of ROS, and needed by rclpy itself
+# Of ROS, and needed by rclpy itself, or by nav_msgs
+WITH_RCLPY = {'geometry_msgs', 'rosgraph_msgs'}
 WITHOUT_KEY = {'laspy', 'lzf', 'pyarrow'}  # unknown to rosdep: pip only
 # All of the package that the core may know.
 BELOW_CORE = ('errors', 'parameters', 'detector_parameters', 'core')
@@ -69,7 +70,7 @@ BUILD = 'import sys; from colcon_core.command import main; sys.exit(main())'
 
 def python_files() -> list[Path]:
     """All the project's own Python files."""
-    folders = (NAME, 'launch', 'test')
+    folders = (NAME, 'doc', 'launch', 'test')
     return [ROOT / 'setup.py', *(path for one in folders for path in (ROOT / one).rglob('*.py'))]
 
 
@@ -157,6 +158,19 @@ def test_what_tests_import_is_listed() -> None:
     assert isinstance(extras, dict)
     names = {PYPI_NAMES.get(name, name) for name in imported - WITH_RCLPY}
     assert names <= requirement_names(extras['test'])
+
+
+def test_what_the_pages_need_is_listed() -> None:
+    """What builds the pages is a doc_depend, and in the extra `docs`, which the tests install."""
+    names = {'myst-parser', 'sphinx', 'sphinx-rtd-theme'}
+    loaded = set(re.findall(r"^    '(\w+)", (ROOT / 'doc' / 'conf.py').read_text(), re.MULTILINE))
+    assert {name.replace('_', '-') for name in loaded} >= names
+    extras = setup_argument('extras_require')
+    assert isinstance(extras, dict)
+    assert requirement_names(extras['docs']) == names
+    keys = {depend.name for depend in parse_package(str(ROOT)).doc_depends}
+    assert keys == {'python3-myst-parser-pip', 'python3-sphinx', 'python3-sphinx-rtd-theme'}
+    assert 'docs' in (ROOT / 'scripts' / 'environment').read_text()
 
 
 def test_core_knows_only_numbers() -> None:

@@ -250,7 +250,7 @@ def test_a_gap_of_exactly_the_longest() -> None:
 
 
 class Watched:
-    """A lock that tells when somebody has to wait for it."""
+    """A lock that says when somebody has to wait for it."""
 
     def __init__(self, noticed: threading.Event) -> None:
         self._lock = threading.Lock()
@@ -324,7 +324,7 @@ ROAD = tuple((i / 10, (float(i), 0.0, 0.0, *LEVEL)) for i in range(8))
 PLACES = ((0.25, 1.0, 0.0, 0.0), (0.45, 1.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize('other', ['begins anew', 'is told to begin anew'])
+@pytest.mark.parametrize('other', ['begins anew', 'is said to begin anew'])
 def test_a_track_that_begins_anew_while_points_are_moved(other: str) -> None:
     """They are moved by the poses of before, all of them."""
     made = track(*ROAD)

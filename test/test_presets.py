@@ -344,7 +344,7 @@ def run(*arguments: str) -> int:
 
 
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The command records what a preset makes, and tells what is in it."""
+    """The command records what a preset makes, and says what is in it."""
     assert run('pirotti-fcd', '--output', str(tmp_path / 'bag'), '--seed', '3') == 0
     printed = capsys.readouterr().out
     for word in ('72,000', '540', '0.750%', 'detour', 'single'):

@@ -136,7 +136,7 @@ def test_missing_returns_stay(chain: dict[str, object]) -> None:
 
 
 def test_options() -> None:
-    """Shape kept and scores added at once; the scores tell who was rejected, and who not tested."""
+    """Shape kept and scores added at once; the scores say who was rejected, and who not tested."""
     rows = drive(4)[:2000].reshape(4, -1)
     (answer,) = run([cloud(rows)], {'keep_organized': True, 'scores': True})
     view = structured(answer.cleaned)

@@ -72,13 +72,13 @@ def assert_same(scores: Floats, expected: Any) -> None:
     assert_array_equal(scores > 1, np.array(expected) > 1)
 
 
-def variances(kind: str, dice: np.random.Generator, n: int) -> Floats | None:
+def variances(kind: str, rng: np.random.Generator, n: int) -> Floats | None:
     """Draw variances of all points: none, of any coordinate, or of all three."""
     if kind == 'none':
         return None
     if kind == 'isotropic':
-        return 1e-4 * dice.uniform(0.5, 2, n) ** 2
-    root = dice.normal(0, 0.01, (n, 3, 3))
+        return 1e-4 * rng.uniform(0.5, 2, n) ** 2
+    root = rng.normal(0, 0.01, (n, 3, 3))
     matrix: Floats = root @ root.mT + 1e-5 * np.eye(3)
     return (matrix + matrix.mT) / 2
 
@@ -91,9 +91,9 @@ def variances(kind: str, dice: np.random.Generator, n: int) -> Floats | None:
 @pytest.mark.parametrize('shape', surfaces.SURFACES)
 def test_window_against_loops(shape: Shape, kind: str, start: str) -> None:
     """Whatever a window holds, the scores are those of the textbook."""
-    dice = np.random.default_rng(1)
-    xyz, _ = surfaces.sample(shape, dice, 60, share=0.1)
-    variance = variances(kind, dice, 60)
+    rng = np.random.default_rng(1)
+    xyz, _ = surfaces.sample(shape, rng, 60, share=0.1)
+    variance = variances(kind, rng, 60)
     parameters = Quadric(start=start)
     expected = naive.judge(xyz, rules(parameters), variance)
     assert_same(judge_window(xyz, variance, start=start), expected)
@@ -114,16 +114,16 @@ def test_window_with_more_outliers_against_loops(shape: Shape, share: float, see
     assert_same(judge_window(xyz, **changed), expected)
 
 
-def street(dice: np.random.Generator) -> Floats:
+def street(rng: np.random.Generator) -> Floats:
     """Lay out a kerb, a wall with a pole before it, fog, strays, and points there twice."""
-    edge, _ = surfaces.sample(surfaces.kerb, dice, 140, share=0.02)
+    edge, _ = surfaces.sample(surfaces.kerb, rng, 140, share=0.02)
     wall = np.column_stack(
-        [dice.uniform(-0.3, 0.3, 60), np.full(60, 0.35), dice.uniform(0.12, 0.8, 60)]
+        [rng.uniform(-0.3, 0.3, 60), np.full(60, 0.35), rng.uniform(0.12, 0.8, 60)]
     )
-    wall[:, 1] += dice.normal(0, 0.008, 60)
-    pole, _ = surfaces.sample(surfaces.pole, dice, 40)
-    fog = dice.normal([0, -0.2, 0.3], 0.1, (30, 3))
-    far = dice.uniform(-3, 3, (5, 3))
+    wall[:, 1] += rng.normal(0, 0.008, 60)
+    pole, _ = surfaces.sample(surfaces.pole, rng, 40)
+    fog = rng.normal([0, -0.2, 0.3], 0.1, (30, 3))
+    far = rng.uniform(-3, 3, (5, 3))
     cloud = np.vstack([edge, wall, pole + np.array([0, 0.2, 0.42]), fog, far, edge[:20]])
     return cloud.astype(np.float32).astype(np.float64)
 
@@ -154,9 +154,9 @@ def tree_ranges(neighbourhood: Neighbourhood, section: int) -> list[tuple[int, i
 @pytest.mark.parametrize('section', [16, 64])
 def test_sections_against_loops(section: int, kind: str) -> None:
     """Cores, windows and acquittals are those of brute force."""
-    dice = np.random.default_rng(7)
-    xyz = street(dice)
-    variance = variances(kind, dice, len(xyz))
+    rng = np.random.default_rng(7)
+    xyz = street(rng)
+    variance = variances(kind, rng, len(xyz))
     neighbourhood = Neighbourhood(xyz, 1)
     order = leaf_order(neighbourhood)
     parameters = Quadric(section=section)
@@ -209,8 +209,8 @@ def test_cores(section: int) -> None:
 @pytest.mark.parametrize('section', [16, 40])
 def test_windows_of_sections(section: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """They are found in the tree as by looking at all points, the thinned rims of strays too."""
-    dice = np.random.default_rng(4)
-    xyz = np.vstack([street(dice), dice.uniform(-0.3, 0.3, (800, 3)) * [1, 1, 0.01]])
+    rng = np.random.default_rng(4)
+    xyz = np.vstack([street(rng), rng.uniform(-0.3, 0.3, (800, 3)) * [1, 1, 0.01]])
     neighbourhood = Neighbourhood(xyz, 1)
     tree = neighbourhood.tree
     cores = quadric_windows.find_cores(tree, section)
@@ -234,8 +234,8 @@ def test_windows_of_sections(section: int, monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize('window', ['section', 'patch'])
 def test_any_number_of_threads(window: str) -> None:
     """The answer is the same, bit for bit."""
-    dice = np.random.default_rng(5)
-    xyz = np.vstack([street(dice) + np.array([x, 0, 0]) for x in range(12)])
+    rng = np.random.default_rng(5)
+    xyz = np.vstack([street(rng) + np.array([x, 0, 0]) for x in range(12)])
     scores = [detect(xyz, threads=threads, window=window) for threads in (1, 2, 5)]
     assert_array_equal(scores[0], scores[1])
     assert_array_equal(scores[0], scores[2])
@@ -244,9 +244,9 @@ def test_any_number_of_threads(window: str) -> None:
 @pytest.mark.parametrize('window', ['section', 'patch'])
 def test_any_order(window: str) -> None:
     """Scores belong to points, in whatever order they are given."""
-    dice = np.random.default_rng(6)
-    xyz = np.unique(street(dice), axis=0)
-    order = dice.permutation(len(xyz))
+    rng = np.random.default_rng(6)
+    xyz = np.unique(street(rng), axis=0)
+    order = rng.permutation(len(xyz))
     assert_array_equal(detect(xyz[order], window=window), detect(xyz, window=window)[order])
 
 
@@ -255,9 +255,9 @@ def test_any_order(window: str) -> None:
 @pytest.mark.parametrize('shape', surfaces.SURFACES)
 def test_any_frame_and_scale(shape: Shape, start: str, kind: str) -> None:
     """A window may be turned, moved far and scaled, variances and floor with it."""
-    dice = np.random.default_rng(7)
-    xyz, _ = surfaces.sample(shape, dice, 80, share=0.05)
-    turn, variance = rotation(dice), variances(kind, dice, 80)
+    rng = np.random.default_rng(7)
+    xyz, _ = surfaces.sample(shape, rng, 80, share=0.05)
+    turn, variance = rotation(rng), variances(kind, rng, 80)
     scores = judge_window(xyz, variance, start=start)
     if variance is not None:
         variance = 100 * turn @ variance @ turn.T
@@ -276,13 +276,13 @@ def test_far_from_the_origin() -> None:
 
 def test_only_ratios_of_variances_count() -> None:
     """σ̂0 takes up what all of them have in common; equal ones are none."""
-    dice = np.random.default_rng(9)
-    xyz = street(dice)
-    variance = variances('full', dice, len(xyz))
+    rng = np.random.default_rng(9)
+    xyz = street(rng)
+    variance = variances('full', rng, len(xyz))
     assert variance is not None
     assert_allclose(detect(xyz, 16 * variance), detect(xyz, variance), rtol=1e-9)
     assert_allclose(detect(xyz, np.full(len(xyz), 1e-4)), detect(xyz), rtol=1e-9, atol=1e-12)
-    isotropic = 1e-4 * dice.uniform(1, 4, len(xyz))
+    isotropic = 1e-4 * rng.uniform(1, 4, len(xyz))
     full = isotropic[:, None, None] * np.eye(3)
     assert_allclose(detect(xyz, full), detect(xyz, isotropic), rtol=1e-9, atol=1e-12)
 
@@ -324,10 +324,10 @@ def count(
     shape: Shape, share: float, reach: tuple[float, float], **changed: Any
 ) -> tuple[float, float]:
     """Return the shares of outliers found and of good points lost, in forty windows."""
-    dice = np.random.default_rng(11)
+    rng = np.random.default_rng(11)
     found = lost = outliers = points = 0
     for _ in range(40):
-        xyz, wrong = surfaces.sample(shape, dice, 110, share, reach)
+        xyz, wrong = surfaces.sample(shape, rng, 110, share, reach)
         rejected = judge_window(xyz, **changed) > 1
         found += int((rejected & wrong).sum())
         lost += int((rejected & ~wrong).sum())
@@ -382,9 +382,9 @@ def test_lone_outlier_of_a_patch() -> None:
 
 def test_undecided() -> None:
     """Nothing is said of too few points, of one place, of an exact line, and of a volume."""
-    dice = np.random.default_rng(13)
+    rng = np.random.default_rng(13)
     exact = np.outer(np.arange(40.0), [1.0, 2.0, 2.0])
-    for xyz in (dice.normal(size=(11, 3)), np.ones((40, 3)), exact, dice.normal(size=(200, 3))):
+    for xyz in (rng.normal(size=(11, 3)), np.ones((40, 3)), exact, rng.normal(size=(200, 3))):
         for window in ('section', 'patch'):
             assert np.isnan(detect(xyz, window=window)).all()
 
@@ -392,10 +392,10 @@ def test_undecided() -> None:
 @pytest.mark.parametrize('start', ['robust', 'all'])
 def test_a_third_on_no_surface(start: str) -> None:
     """Exactly a third of a window may be off its surfaces; one more, and nothing is said of it."""
-    dice = np.random.default_rng(21)
+    rng = np.random.default_rng(21)
     x, y = (part.ravel() / 10 for part in np.mgrid[:8, :5])
-    plane = np.column_stack([x, y, dice.normal(0, 0.001, 40)])
-    strays = dice.uniform([0, 0, 0.3], [0.7, 0.4, 1.5], (21, 3))
+    plane = np.column_stack([x, y, rng.normal(0, 0.001, 40)])
+    strays = rng.uniform([0, 0, 0.3], [0.7, 0.4, 1.5], (21, 3))
     for count in (20, 21):
         xyz = np.vstack([plane, strays[:count]])
         parameters = Quadric(surfaces=1, start=start)
@@ -432,18 +432,18 @@ def test_exact_planes() -> None:
 
 def test_many_coincident_points() -> None:
     """A leaf of thousands is one core, and costs no more than its points."""
-    dice = np.random.default_rng(14)
-    xyz, _ = surfaces.sample(surfaces.road, dice, 300)
+    rng = np.random.default_rng(14)
+    xyz, _ = surfaces.sample(surfaces.road, rng, 300)
     xyz = np.vstack([xyz, np.tile(xyz[7], (5000, 1))])
     assert not (detect(xyz) > 1).any()
 
 
 def test_foot_of_a_wall_is_acquitted() -> None:
     """Too few beside the road to be a surface, its points lie on one in the window above."""
-    dice = np.random.default_rng(15)
-    road, _ = surfaces.sample(surfaces.road, dice, 150)
+    rng = np.random.default_rng(15)
+    road, _ = surfaces.sample(surfaces.road, rng, 150)
     wall = np.column_stack(
-        [dice.uniform(-0.04, 0.04, 40), dice.normal(0, 0.003, 40), np.linspace(0, 2, 40)]
+        [rng.uniform(-0.04, 0.04, 40), rng.normal(0, 0.003, 40), np.linspace(0, 2, 40)]
     )
     xyz = np.vstack([road, wall])
     neighbourhood = Neighbourhood(xyz, 1)

@@ -141,13 +141,13 @@ def test_puff_follows_beer_lambert() -> None:
     """As many rays are sent back as the optical depth says, and none beyond a wall."""
     puff = Puff((10.0, 0.0, 0.0), (0.5, 0.5, 0.5), density=0.8)
     count = 100_000
-    dice = np.random.default_rng(1).random(count)
-    far = puff.meet(parallel(count), np.full(count, np.inf), dice)
+    rng = np.random.default_rng(1).random(count)
+    far = puff.meet(parallel(count), np.full(count, np.inf), rng)
     met = np.isfinite(far)
     share = -np.expm1(-0.8 * 0.5 * np.sqrt(2 * np.pi))
     assert met.mean() == pytest.approx(share, abs=0.005)
     assert far[met].mean() < 10.0  # the near side is met more often
-    wall = puff.meet(parallel(count), np.full(count, 9.8), dice)
+    wall = puff.meet(parallel(count), np.full(count, 9.8), rng)
     assert wall[np.isfinite(wall)].max() <= 9.8
     np.testing.assert_array_equal(far[far < 9.8], wall[np.isfinite(wall)])
 
@@ -155,8 +155,8 @@ def test_puff_follows_beer_lambert() -> None:
 def test_puff_drifts() -> None:
     """A puff that moves sends back where it has moved to."""
     puff = Puff((10.0, 0.0, 0.0), (0.5, 0.5, 0.5), 0.8, velocity=(2.0, 0.0, 0.0))
-    dice = np.random.default_rng(1).random(10_000)
-    now, later = (puff.meet(parallel(10_000, t), np.full(10_000, 99.0), dice) for t in (0.0, 1.5))
+    rng = np.random.default_rng(1).random(10_000)
+    now, later = (puff.meet(parallel(10_000, t), np.full(10_000, 99.0), rng) for t in (0.0, 1.5))
     met = np.isfinite(now)
     np.testing.assert_array_equal(met, np.isfinite(later))
     np.testing.assert_allclose(later[met], now[met] + 3.0)
@@ -280,8 +280,8 @@ def test_scanner_that_tells_mixed_pulses() -> None:
     back = Box((-500.0, 5.5, 0.0), (500.0, 9.0, 9.0), Kind.FACADE)
     drive = Drive(Scene((front, back)), lines=40, disturbances=QUIET)
     shot, points = returns(drive)
-    teller = replace(drive, sensor=ProfileScanner(keeps_mixed=False))
-    fewer, clean = returns(teller)
+    sayer = replace(drive, sensor=ProfileScanner(keeps_mixed=False))
+    fewer, clean = returns(sayer)
     np.testing.assert_array_equal(fewer, shot[points['label'] == Cause.GOOD])
     assert (clean['label'] == Cause.GOOD).all()
     assert len(fewer) < len(shot)

@@ -120,7 +120,7 @@ def rows_of(msg: Any) -> list[bytes]:
 
 
 def is_part(part: list[bytes], whole: list[bytes]) -> bool:
-    """Tell whether the rows of the part are in the whole, in their order."""
+    """Return whether the rows of the part are in the whole, in their order."""
     rest = iter(whole)
     return all(row in rest for row in part)
 

@@ -42,18 +42,18 @@ def road(seed: int, lines: int = 60, shots: int = 300) -> Training:
 
     About 2 % are outliers.
     """
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     count = lines * shots
     line = np.repeat(np.arange(lines), shots)
-    y = np.tile(np.linspace(-6, 6, shots), lines) + dice.normal(0, 0.002, count)
-    x = 0.05 * line + dice.normal(0, 0.002, count)
-    z = 0.12 * (np.abs(y) > 5) + 0.02 * np.sin(3 * x) + dice.normal(0, 0.006, count)
-    bad = dice.random(count) < 0.01
-    z[bad] += dice.exponential(0.2, np.count_nonzero(bad)) + 0.01
+    y = np.tile(np.linspace(-6, 6, shots), lines) + rng.normal(0, 0.002, count)
+    x = 0.05 * line + rng.normal(0, 0.002, count)
+    z = 0.12 * (np.abs(y) > 5) + 0.02 * np.sin(3 * x) + rng.normal(0, 0.006, count)
+    bad = rng.random(count) < 0.01
+    z[bad] += rng.exponential(0.2, np.count_nonzero(bad)) + 0.01
     for _ in range(lines // 10):
-        middle = dice.uniform((x.min(), -4, 0.4), (x.max(), 4, 0.8))
-        near = (np.hypot(x - middle[0], y - middle[1]) < 0.3) & (dice.random(count) < 0.4)
-        z[near] = middle[2] + dice.normal(0, 0.15, np.count_nonzero(near))
+        middle = rng.uniform((x.min(), -4, 0.4), (x.max(), 4, 0.8))
+        near = (np.hypot(x - middle[0], y - middle[1]) < 0.3) & (rng.random(count) < 0.4)
+        z[near] = middle[2] + rng.normal(0, 0.15, np.count_nonzero(near))
         bad |= near
     t = np.arange(count) * 10_000
     valid = np.ones(count, np.bool_)
@@ -225,7 +225,7 @@ def test_settings_by_area() -> None:
 
 def test_progress_is_told() -> None:
     """First all scores, then, before every run, the fold that is searched."""
-    told: list[tuple[int, int, str]] = []
+    result: list[tuple[int, int, str]] = []
     start = chain('sor')
     tune(
         road(1),
@@ -233,11 +233,11 @@ def test_progress_is_told() -> None:
         Goal(),
         3,
         wanted=wanted(start),
-        progress=lambda *what: told.append(what),
+        progress=lambda *what: result.append(what),
     )
     scores = [(i, 2, 'scores') for i in range(2)]
-    assert list(dict.fromkeys(told)) == scores + [(i, 4, 'folds') for i in range(4)]
-    assert len(told) > 6
+    assert list(dict.fromkeys(result)) == scores + [(i, 4, 'folds') for i in range(4)]
+    assert len(result) > 6
 
 
 def test_whole_recordings_are_left_out() -> None:

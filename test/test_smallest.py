@@ -12,12 +12,12 @@ from lidar_outlier_filter.core.neighbours import smallest
 Floats = NDArray[np.float64]
 
 
-def some(kind: str, count: int, dice: np.random.Generator) -> Floats:
+def some(kind: str, count: int, rng: np.random.Generator) -> Floats:
     """Make distances, padded with inf."""
     values: Floats = {
-        'different': dice.uniform(size=count),
-        'wide': 10.0 ** dice.uniform(-300, 300, count),
-        'tied': dice.integers(0, 9, count).astype(np.float64),
+        'different': rng.uniform(size=count),
+        'wide': 10.0 ** rng.uniform(-300, 300, count),
+        'tied': rng.integers(0, 9, count).astype(np.float64),
         'equal': np.full(count, 4.0),
         'zero': np.zeros(count),
     }[kind]
@@ -31,9 +31,9 @@ def some(kind: str, count: int, dice: np.random.Generator) -> Floats:
 def test_few_hold_the_smallest(kind: str, count: int, k: int, guess: float) -> None:
     """At least k, none missing that is as small as another; without ties not many more."""
     k = min(k, count - 1)
-    dice = np.random.default_rng(count + k)
-    distance = some(kind, count, dice)
-    place, order = dice.permutation(count), dice.permutation(count)
+    rng = np.random.default_rng(count + k)
+    distance = some(kind, count, rng)
+    place, order = rng.permutation(count), rng.permutation(count)
     few, few_place = np.empty(len(distance) + 4), np.empty(len(distance) + 4, np.int64)
     best, best_place = np.empty_like(few), np.empty_like(few_place)
     upper = distance[:count].max()

@@ -55,10 +55,10 @@ def test_against_loops(cloud: Cloud, k: int, seed: int) -> None:
 @pytest.mark.parametrize('cloud', CLOUDS)
 def test_limits_by_range_against_loops(cloud: Cloud) -> None:
     """Each point has its own limit; a range of 0 leaves none for sor and sor2."""
-    dice = np.random.default_rng(2)
-    xyz = cloud(dice)
+    rng = np.random.default_rng(2)
+    xyz = cloud(rng)
     points = xyz.tolist()
-    range_m = dice.choice([0.0, 1.0, 30.0, 200.0], len(xyz))
+    range_m = rng.choice([0.0, 1.0, 30.0, 200.0], len(xyz))
     growth = (0.05 * range_m).tolist()
     scores = detect(xyz, range_m, k=6, multiplier=1.0, range_scaled=True)
     assert_allclose(scores, naive.sor(points, 6, 1.0, growth), rtol=1e-11)
@@ -132,10 +132,10 @@ def test_coincident_points_are_kept() -> None:
 @pytest.mark.parametrize('cloud', CLOUDS)
 def test_the_order_of_the_points_does_not_matter(cloud: Cloud, statistic: str) -> None:
     """Scores go with their points, and so do ranges."""
-    dice = np.random.default_rng(4)
-    xyz = cloud(dice)
-    range_m = dice.uniform(1, 20, len(xyz))
-    order = dice.permutation(len(xyz))
+    rng = np.random.default_rng(4)
+    xyz = cloud(rng)
+    range_m = rng.uniform(1, 20, len(xyz))
+    order = rng.permutation(len(xyz))
     scores = detect(xyz, range_m, statistic=statistic, range_scaled=True)
     mixed = detect(xyz[order], range_m[order], statistic=statistic, range_scaled=True)
     assert_allclose(mixed, scores[order], rtol=1e-11, atol=1e-12)
@@ -145,16 +145,16 @@ def test_the_order_of_the_points_does_not_matter(cloud: Cloud, statistic: str) -
 @pytest.mark.parametrize('cloud', [scattered, corner])
 def test_rigid_motion(cloud: Cloud, statistic: str) -> None:
     """A cloud that is turned and moved has the same scores."""
-    dice = np.random.default_rng(5)
-    xyz = cloud(dice)
-    moved = xyz @ rotation(dice).T + [1000.0, -200.0, 30.0]
+    rng = np.random.default_rng(5)
+    xyz = cloud(rng)
+    moved = xyz @ rotation(rng).T + [1000.0, -200.0, 30.0]
     scores = detect(xyz, statistic=statistic)
     assert_allclose(detect(moved, statistic=statistic), scores, rtol=1e-8, atol=1e-9)
 
 
 @pytest.mark.parametrize('cloud', CLOUDS)
 def test_scale(cloud: Cloud) -> None:
-    """The unit of length does not matter, where the limits are told in it too."""
+    """The unit of length does not matter, where the limits are said in it too."""
     xyz = cloud(np.random.default_rng(6))
     small = xyz / 1024
     assert_array_equal(detect(small), detect(xyz))
@@ -171,8 +171,8 @@ def test_scale(cloud: Cloud) -> None:
 @pytest.mark.parametrize('threads', [1, 2, 5])
 def test_threads(threads: int, statistic: str) -> None:
     """The number of threads does not change a bit."""
-    dice = np.random.default_rng(8)
-    xyz = np.concatenate([dice.normal(size=(9000, 3)), dice.integers(0, 9, (6000, 3))])
+    rng = np.random.default_rng(8)
+    xyz = np.concatenate([rng.normal(size=(9000, 3)), rng.integers(0, 9, (6000, 3))])
     one = detect(xyz, threads=threads, statistic=statistic)
     assert_array_equal(one, detect(xyz, threads=3, statistic=statistic))
 
@@ -201,12 +201,12 @@ def test_the_points_are_not_changed(statistic: str) -> None:
 
 def test_sparse_far_returns_are_kept_by_range() -> None:
     """Rings of a spinning sensor on the ground spread with the range: no fixed limit suits all."""
-    dice = np.random.default_rng(11)
+    rng = np.random.default_rng(11)
     range_m = np.repeat([5.0, 10.0, 20.0, 40.0, 80.0], 360)
     angle = np.tile(np.deg2rad(np.arange(360.0)), 5)
     xyz = np.stack([range_m * np.cos(angle), range_m * np.sin(angle), 0 * angle], axis=1)
-    xyz += dice.normal(0, 0.01, xyz.shape)
-    snow = dice.uniform([-3, -3, 3], [3, 3, 9], (25, 3))
+    xyz += rng.normal(0, 0.01, xyz.shape)
+    snow = rng.uniform([-3, -3, 3], [3, 3, 9], (25, 3))
     xyz = np.concatenate([xyz, snow])
     range_m = np.linalg.norm(xyz, axis=1)
     radius: dict[str, Any] = {'statistic': 'radius', 'radius': 0.3, 'min_neighbors': 2}
@@ -249,7 +249,7 @@ def test_ranges_that_make_no_sense(range_m: Floats | None, sentence: str, statis
 
 
 def test_neighbours() -> None:
-    """The chain is told how long lists must be, by the statistic that is asked for."""
+    """The chain is said how long lists must be, by the statistic that is asked for."""
     assert sor.neighbours(Sor(k=7, min_neighbors=3)) == 7
     assert sor.neighbours(Sor(k=7, min_neighbors=3, statistic='sor2')) == 7
     assert sor.neighbours(Sor(k=7, min_neighbors=3, statistic='radius')) == 3

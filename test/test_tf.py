@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Motion that is told by tf: which points are moved, and where to."""
+"""Motion that is said by tf: which points are moved, and where to."""
 
 from __future__ import annotations
 

@@ -48,6 +48,23 @@ def test_no_more_threads_than_asked_for() -> None:
     assert threading.get_ident() in workers
 
 
+@pytest.mark.parametrize(('count', 'number', 'helpers'), [(50, 3, 2), (2, 7, 1), (1, 7, 0)])
+def test_the_caller_is_one_of_them(
+    monkeypatch: pytest.MonkeyPatch, count: int, number: int, helpers: int
+) -> None:
+    """One helper less is asked than there may be threads, or than there are ranges."""
+    pool = threads._helpers.pool
+    submit, asked = pool.submit, list[object]()
+
+    def noted(work: Callable[[], object]) -> object:
+        asked.append(work)
+        return submit(work)
+
+    monkeypatch.setattr(pool, 'submit', noted)
+    threads.run(lambda *_: None, count, 1, number)
+    assert len(asked) == helpers
+
+
 def test_threads_are_kept() -> None:
     """A hundred calls start no hundred threads."""
     barrier = threading.Barrier(2)
@@ -72,10 +89,12 @@ def test_one_range_is_done_by_the_caller() -> None:
 
 @pytest.mark.parametrize('number', [1, 4])
 def test_first_error_comes_out(number: int) -> None:
-    """Ranges 3 and 4 fail; whichever is first in time, 3 is first in order."""
+    """Ranges 3 and 4 fail, at the same time where they can; 3 is first in order."""
+    barrier = threading.Barrier(min(number, 2))
 
     def work(begin: int, _: int) -> None:
         if begin >= 3:
+            barrier.wait(10)
             raise ValueError(begin)
 
     with pytest.raises(ValueError, match=r'^3$'):

@@ -225,9 +225,9 @@ def test_quadric_is_given_each_tile_with_its_halo() -> None:
             own = cloud.valid & (x // 10 == i) & (y // 10 == j)
             near = (x >= 10 * i - 1) & (x <= 10 * i + 11) & (y >= 10 * j - 1) & (y <= 10 * j + 11)
             seen = np.flatnonzero(cloud.valid & near)
-            told = Chain(parameters).judge(cloud.take(seen))
-            assert_same(verdict.take(own), told.take(own[seen]))
-            rejected += int(told.rejected[own[seen]].sum())
+            result = Chain(parameters).judge(cloud.take(seen))
+            assert_same(verdict.take(own), result.take(own[seen]))
+            rejected += int(result.rejected[own[seen]].sum())
     assert rejected > 10
 
 
@@ -248,7 +248,7 @@ def test_what_needs_all_points_at_once_is_refused(name: str) -> None:
 
 
 def test_progress() -> None:
-    """Progress is told in points, all detectors together, and ends at the end."""
+    """Progress is called in points, all detectors together, and ends at the end."""
     seen: list[tuple[int, int]] = []
     cloud = points('surface')
     parameters = FilterParameters().changed(CHAINS['one after the other'])

@@ -33,18 +33,18 @@ DEFAULTS = FilterParameters()
 
 def drive(clouds: int = 12, count: int = 400, seed: int = 2) -> list[NDArray[np.void]]:
     """Make clouds of one scan line each, 0.1 s apart, with outliers and missing returns."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     made = []
     for i in range(clouds):
         cloud = np.zeros(count, POINT)
         cloud['t'] = np.arange(count) * 200_000
         cloud['x'], cloud['y'] = i, np.linspace(-5, 5, count)
-        cloud['z'] = dice.normal(0, 0.01, count)
-        bad = dice.random(count) < 0.02
-        cloud['z'][bad] += dice.uniform(0.1, 2, np.count_nonzero(bad))
+        cloud['z'] = rng.normal(0, 0.01, count)
+        bad = rng.random(count) < 0.02
+        cloud['z'][bad] += rng.uniform(0.1, 2, np.count_nonzero(bad))
         cloud['label'] = np.where(bad, Cause.EXHAUST, Cause.GOOD)
         for axis in 'xyz':
-            cloud[axis][dice.random(count) < 0.01] = np.nan
+            cloud[axis][rng.random(count) < 0.01] = np.nan
         made.append(cloud)
     return made
 
@@ -100,16 +100,16 @@ def test_points_that_are_not_seen(tmp_path: Path) -> None:
     clouds = drive()
     data = from_recording(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
     seen = data.good
-    told = data.judge(DEFAULTS, seen)
-    assert np.isnan(told.score[~seen]).all()
-    assert not told.rejected[~seen].any()
+    result = data.judge(DEFAULTS, seen)
+    assert np.isnan(result.score[~seen]).all()
+    assert not result.rejected[~seen].any()
     ends = np.cumsum([len(cloud) for cloud in data.clouds])[:-1]
     left = [cloud.take(part) for cloud, part in zip(data.clouds, np.split(seen, ends), strict=True)]
     alone = replace(data, clouds=tuple(left)).judge(DEFAULTS)
-    np.testing.assert_array_equal(told.score[seen], alone.score)
-    np.testing.assert_array_equal(told.rejected[seen], alone.rejected)
+    np.testing.assert_array_equal(result.score[seen], alone.score)
+    np.testing.assert_array_equal(result.rejected[seen], alone.rejected)
     # They make a difference.
-    assert (data.judge(DEFAULTS).score[seen] != told.score[seen]).any()
+    assert (data.judge(DEFAULTS).score[seen] != result.score[seen]).any()
 
 
 def test_an_error_of_a_detector_is_no_verdict(
@@ -117,7 +117,7 @@ def test_an_error_of_a_detector_is_no_verdict(
 ) -> None:
     """The tuner ends with it: points that were not judged are not good."""
     data = from_recording(write(tmp_path / 'bag', {'/lidar': drive()}), DEFAULTS, CAUSES)
-    monkeypatch.setattr(sor, 'detect', None)
+    monkeypatch.setattr(sor, 'measure', None)
     with pytest.raises(JudgingError, match=r'^the judging of a block must be free of errors'):
         data.judge(DEFAULTS.changed({'chain': ('sor',)}))
 
@@ -220,7 +220,7 @@ def test_curve_of_a_chain(tmp_path: Path) -> None:
 
 
 def test_the_topic_is_found(tmp_path: Path) -> None:
-    """Answers are no input, unless they are named; several inputs must be told apart."""
+    """Answers are no input, unless they are named; several inputs must be distinguished."""
     clouds = drive()
     topics = {'/lidar': clouds, '/lidar/cleaned': clouds, '/lidar/outliers': clouds[:1]}
     bag = write(tmp_path / 'bag', topics)
@@ -274,10 +274,10 @@ def table(path: Path, **columns: NDArray[np.float64]) -> Path:
 
 def test_a_table_and_labels_beside_it(tmp_path: Path) -> None:
     """The truth is a column, or a file beside the cloud; missing returns have none."""
-    dice = np.random.default_rng(4)
-    xyz = dice.uniform(0, 10, (500, 3)) * [1, 1, 0.01]
+    rng = np.random.default_rng(4)
+    xyz = rng.uniform(0, 10, (500, 3)) * [1, 1, 0.01]
     xyz[0] = 0
-    code = (dice.random(500) < 0.05).astype(np.float64)
+    code = (rng.random(500) < 0.05).astype(np.float64)
     xyz[code > 0, 2] += 3
     parameters = DEFAULTS.changed({'chain': ['sor']})
     path = table(tmp_path / 'a.csv', x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2], label=code)

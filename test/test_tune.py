@@ -60,15 +60,15 @@ LINE = re.compile(r'ros2 param set /outlier_filter_node (\S+) (.+)')
 
 def drive(clouds: int = 30, count: int = 300, seed: int = 2) -> list[NDArray[np.void]]:
     """Make clouds of one scan line each, 0.1 s apart, with outliers."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     made = []
     for i in range(clouds):
         cloud = np.zeros(count, POINT)
         cloud['t'] = np.arange(count) * 200_000
         cloud['x'], cloud['y'] = i, np.linspace(-5, 5, count)
-        cloud['z'] = 0.1 * np.sin(cloud['y']) + dice.normal(0, 0.006, count)
-        bad = dice.random(count) < 0.03
-        cloud['z'][bad] += dice.uniform(0.02, 1, np.count_nonzero(bad))
+        cloud['z'] = 0.1 * np.sin(cloud['y']) + rng.normal(0, 0.006, count)
+        bad = rng.random(count) < 0.03
+        cloud['z'][bad] += rng.uniform(0.02, 1, np.count_nonzero(bad))
         cloud['label'] = np.where(bad, Cause.REFLECTION, Cause.GOOD)
         made.append(cloud)
     return made
@@ -200,10 +200,10 @@ def test_several_recordings(bag: Path, tmp_path: Path, capsys: Capture) -> None:
 
 def test_a_cloud_that_is_a_file(tmp_path: Path, capsys: Capture) -> None:
     """A table with a column of labels, by the detectors that need no scan lines."""
-    dice = np.random.default_rng(4)
-    xyz = dice.uniform(0, 10, (4000, 3)) * [1, 1, 0.01]
-    code = (dice.random(4000) < 0.02).astype(np.float64)
-    xyz[code > 0, 2] += dice.uniform(0.2, 2, np.count_nonzero(code))
+    rng = np.random.default_rng(4)
+    xyz = rng.uniform(0, 10, (4000, 3)) * [1, 1, 0.01]
+    code = (rng.random(4000) < 0.02).astype(np.float64)
+    xyz[code > 0, 2] += rng.uniform(0.2, 2, np.count_nonzero(code))
     path = tmp_path / 'a.csv'
     table = np.column_stack([xyz, code])
     np.savetxt(path, table, delimiter=',', header='x,y,z,label', comments='')
@@ -266,7 +266,7 @@ def test_refused_in_one_sentence(
 
 
 def test_an_output_that_cannot_be_written(bag: Path, tmp_path: Path, capsys: Capture) -> None:
-    """A folder that is not there is told at the end of it all, in one sentence."""
+    """A folder that is not there is said at the end of it all, in one sentence."""
     output = str(tmp_path / 'no' / 'tuned.yaml')
     assert main(['tune', str(bag), *SEARCH, '--output', output]) == 1
     assert 'must be written, got No such file or directory' in capsys.readouterr().err

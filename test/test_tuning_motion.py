@@ -171,7 +171,7 @@ def test_command(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_command_says_what_was_not_moved(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Clouds without poses are told of."""
+    """Clouds without poses are said of."""
     recorded = Recorded(tmp_path, WithoutFirstPoses(0.6))
     given: dict[str, object] = {**REPLAYED, 'chain': '[sor]'}
     words = [word for name, value in given.items() for word in ('--set', f'{name}={value}')]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What viewers are told to show is what the node publishes."""
+"""What viewers are said to show is what the node publishes."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def test_foxglove(ros: Ros) -> None:
     assert outliers['colorField'] in fields
     assert outliers['minValue'] == min(BITS.values())
     assert outliers['maxValue'] == max(BITS.values())
-    told = topics[panels['DiagnosticSummary!health']['topicToRender']]
-    assert told == 'diagnostic_msgs/msg/DiagnosticArray'
+    result = topics[panels['DiagnosticSummary!health']['topicToRender']]
+    assert result == 'diagnostic_msgs/msg/DiagnosticArray'
     for name in ('Plot!delay', 'Plot!points'):
         for path in panels[name]['paths']:
             found = re.fullmatch(r'(.+)\.data\[(\d+)\]', path['value'])

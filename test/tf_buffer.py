@@ -55,7 +55,7 @@ class Buffer:
         self._poses.clear()
 
     def can_transform(self, target: str, source: str, time: Any) -> bool:
-        """Tell whether it can be looked up."""
+        """Return whether it can be looked up."""
         try:
             self.lookup_transform(target, source, time)
         except UnknownTransformError:
@@ -107,7 +107,7 @@ class Listener:
 
 
 def make_tf(monkeypatch: pytest.MonkeyPatch, parameters: FilterParameters) -> tuple[Tf, Listener]:
-    """Make the motion that is told by tf, with a buffer of this kind."""
+    """Make the motion that is said by tf, with a buffer of this kind."""
     module = SimpleNamespace(
         Buffer=Buffer, TransformListener=Listener, TransformException=UnknownTransformError
     )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.results.contest import Progress
 
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
-    # Told where pictures go; returns the texts of its parts of the page, by name.
+    # Judgement where pictures go; returns the texts of its parts of the page, by name.
     Section = Callable[[argparse.Namespace, Path, Progress], dict[str, str]]
 
 PAGE = Path('doc/results.md')

@@ -31,7 +31,7 @@ def add_simulate(commands: Commands) -> None:
     parser = commands.add_parser(
         'simulate',
         help='make a recording whose outliers are known',
-        description='Write a bag of simulated clouds. Their field "label" tells outliers by their\n'
+        description='Write a bag of simulated clouds. Their field "label" says outliers by their\n'
         'cause (0: none), their field "surface" what a good point lies on.\n\n'
         f'presets:\n{listed}',
         formatter_class=_raw(),

@@ -99,7 +99,7 @@ class Stream:
         self._jump = round(parameters.time_jump * SECOND)
         self._most = parameters.max_points
         self.resets = 0
-        self.fail: Callable[[JudgingError], object] = str  # is told of each block that it costs
+        self.fail: Callable[[JudgingError], object] = str  # is called with each block that it costs
         self._clear()
 
     def _clear(self) -> None:
@@ -263,7 +263,7 @@ class Stream:
             self._forget()
 
     def _judge(self, begin: int, end: int) -> None:
-        """Judge the pending points of one block with its halo; tell their messages."""
+        """Judge the pending points of one block with its halo."""
         members = self._members(begin - self._halo, end + self._halo)
         verdict = self._judge_together(members)
         begin = max(begin, self._judged)
@@ -272,8 +272,8 @@ class Stream:
             t = message.points.t[index]
             mine = _between(t, begin, end, is_sorted=message.sorted)
             if not isinstance(verdict, JudgingError):
-                told = verdict.take(slice(offset, offset + len(t))).take(mine)
-                message.verdict.put(message.where[index][mine], told)
+                result = verdict.take(slice(offset, offset + len(t))).take(mine)
+                message.verdict.put(message.where[index][mine], result)
             elif len(t[mine]):
                 message.error = verdict
             offset += len(t)
@@ -287,8 +287,8 @@ class Stream:
             if isinstance(verdict, JudgingError):
                 message.error = verdict
             else:
-                told = verdict.take(slice(len(verdict) - len(message.points), None))
-                message.verdict.put(message.where, told)
+                result = verdict.take(slice(len(verdict) - len(message.points), None))
+                message.verdict.put(message.where, result)
         self._judged = END
         self._pending = END
         self._forget(self._newest - self._halo)
@@ -318,8 +318,8 @@ class Stream:
         for frame in sorted(set(frames)):
             mine = [i for i, other in enumerate(frames) if other == frame]
             where = np.concatenate([np.arange(ends[i] - len(parts[i]), ends[i]) for i in mine])
-            told = self.chain.judge(concatenate([parts[i] for i in mine]))
-            verdict.put(where, told)
+            result = self.chain.judge(concatenate([parts[i] for i in mine]))
+            verdict.put(where, result)
         return verdict
 
     def _look_for_pending(self) -> None:

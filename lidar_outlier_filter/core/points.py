@@ -91,13 +91,13 @@ def missing(count: int) -> Points:
 
 
 def is_return(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell real returns from missing ones: all three finite, and not all three 0."""
+    """Return real returns from missing ones: all three finite, and not all three 0."""
     valid, _ = _look(xyz)
     return np.asarray(valid)
 
 
 def returns(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell real returns from missing ones, as :func:`is_return`; refuse what can be neither.
+    """Return real returns from missing ones, as :func:`is_return`; refuse what can be neither.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def check_sigma(sigma: NDArray[np.float64], valid: NDArray[np.bool_], what: str)
 
 @kernel
 def _look(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
-    """Tell the returns, and where the first one is that is beyond ``FARTHEST``; -1: nowhere."""
+    """Return the returns, and where the first one is that is beyond ``FARTHEST``; -1: nowhere."""
     result = np.empty(len(xyz), np.bool_)
     absurd = -1
     for i in range(len(xyz)):

@@ -129,7 +129,7 @@ class Track:
                 self._times, self._poses = [], []
 
     def cover(self, first: int, last: int) -> Cover:
-        """Tell whether there are poses for all times from ``first`` to ``last``, inclusive."""
+        """Return whether there are poses for all times from ``first`` to ``last``, inclusive."""
         with self._lock:
             times, _ = self._between(first, last)
         largest = round(self.max_gap * SECOND)

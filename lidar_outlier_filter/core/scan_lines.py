@@ -66,7 +66,7 @@ def inverse(order: NDArray[np.int64]) -> NDArray[np.int64]:
 
 @kernel
 def is_unchanged(order: NDArray[np.int64]) -> bool:
-    """Tell whether an order leaves everything where it is."""
+    """Return whether an order leaves everything where it is."""
     for i in range(len(order)):  # noqa: SIM110  a kernel
         if order[i] != i:
             return False
@@ -110,7 +110,7 @@ def _count_lines(line: NDArray[np.int64], low: int, count: int) -> NDArray[np.in
 
 @kernel
 def _is_ordered(line: NDArray[np.int64], t: NDArray[np.int64], order: NDArray[np.int64]) -> bool:
-    """Tell whether no line goes back in time in this order."""
+    """Return whether no line goes back in time in this order."""
     for i in range(1, len(order)):
         a, b = order[i - 1], order[i]
         if line[a] == line[b] and t[b] < t[a]:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core import scan_lines as scanlines
+from lidar_outlier_filter.core import scan_lines
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.declaration import Measured, Tiled
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
@@ -76,7 +76,7 @@ class TiledChain:
         parameters : of the filter
         side : of a tile, metres
         allocate : gives an array of a shape, in memory or in a file, for a copy of the coordinates
-        progress : is told how many of how many points are done, all detectors together
+        progress : is called with how many of how many points are done, all detectors together
 
         Raises
         ------
@@ -119,7 +119,7 @@ class TiledChain:
         lines = Points(
             np.empty((len(where), 0)), self._cloud.t[where], self._cloud.line[where], left[left]
         )
-        order = where[scanlines.order_by_line(lines)]
+        order = where[scan_lines.order_by_line(lines)]
         line = self._cloud.line[order]
         ends = np.append(np.flatnonzero(line[1:] != line[:-1]) + 1, len(order))
         verdict = Verdict.untested(len(self._cloud))

@@ -91,10 +91,10 @@ class Verdict:
         """Choose points by index, mask or slice, in that order."""
         return Verdict(*(getattr(self, field.name)[part] for field in fields(Verdict)))
 
-    def put(self, where: Part, told: Verdict) -> None:
+    def put(self, where: Part, result: Verdict) -> None:
         """Write the verdicts of some of the points."""
         for field in fields(Verdict):
-            getattr(self, field.name)[where] = getattr(told, field.name)
+            getattr(self, field.name)[where] = getattr(result, field.name)
 
 
 @dataclass(frozen=True)

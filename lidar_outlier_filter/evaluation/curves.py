@@ -3,7 +3,7 @@
 """ROC and precision–recall curves: what every threshold of a score would have given.
 
 Untested points (score NaN) are kept by every threshold: they come last in both curves, all
-together, below the lowest score. What cannot be told apart has one point on the curve, so ties
+together, below the lowest score. What cannot be distinguished has one point on the curve, so ties
 count half in the area under the ROC curve, as in the statistic of Mann and Whitney. With that, all
 figures are those of scikit-learn, there of scores whose NaN were replaced by one lowest value.
 """
@@ -28,7 +28,7 @@ MOST_POINTS = 1000  # that a thinned curve keeps: more than a picture can show
 
 @dataclass(frozen=True)
 class Curve:
-    """Cumulative counts at every threshold that tells points apart, from the strictest on.
+    """Cumulative counts at every threshold that says points apart, from the strictest on.
 
     Attributes
     ----------

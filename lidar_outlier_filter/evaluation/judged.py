@@ -290,8 +290,8 @@ def read_files(
         values = values if values.dtype.kind == 'f' else values.astype(np.float64)
         rejected = values > (1.0 if columns.threshold is None else columns.threshold)
     if verdict:
-        told = read_codes(verdicts, verdict)
-        rejected = np.isin(told, LAS_NOISE) if verdict == CLASSIFICATION else told != 0
+        result = read_codes(verdicts, verdict)
+        rejected = np.isin(result, LAS_NOISE) if verdict == CLASSIFICATION else result != 0
     if len(rejected) != len(code):
         got = f'{len(code)} and {len(rejected)}'
         raise RecordingError('the numbers of labels and verdicts', 'equal', got)

@@ -41,11 +41,11 @@ class Codes:
     names: Mapping[int, str] = field(default_factory=dict)
 
     def bad(self, code: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Tell which points (N,) are outliers."""
+        """Return which points (N,) are outliers."""
         return np.isin(code, list(self.outliers)) if self.outliers else code != 0
 
     def counted(self, code: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Tell which points (N,) count."""
+        """Return which points (N,) count."""
         return np.isin(code, list(self.ignored), invert=True)
 
     def name(self, code: int) -> str:
@@ -79,7 +79,7 @@ def parse_codes(text: str) -> frozenset[int]:
 
 
 def is_recording(path: Path) -> bool:
-    """Tell by its name whether a path is a recording, and no file with values for each point."""
+    """Return by its name whether a path is a recording, and no file with values for each point."""
     return path.is_dir() or path.suffix.lower() in {'', '.mcap', '.db3', '.bag'}
 
 

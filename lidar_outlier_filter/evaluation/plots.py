@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.evaluation.curves import Curve
 
 INK, FRAME, GRID = '#30343a', '#9aa0a6', '#e4e6e9'
-# Okabe and Ito: told apart by everybody, and in grey.
+# Okabe and Ito: distinguished by everybody, and in grey.
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9', '#000000')
 DASHES = ('-', '--', '-.', ':')
 SUFFIXES = ('.png', '.svg')

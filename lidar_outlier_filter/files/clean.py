@@ -123,7 +123,7 @@ def clean(
         same name with ``.log`` and ``.json``
     wanted : what to do
     outliers : new file for the rejected points, where they are separated
-    progress : is told what is being done, and with how many of how many points
+    progress : is called with what is being done, and with how many of how many points
 
     Raises
     ------

@@ -133,7 +133,7 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
 
 
 def is_same_format(path: Path, other: Path) -> bool:
-    """Tell whether two names are those of files of one format."""
+    """Return whether two names are those of files of one format."""
     formats = [_FORMATS.get(one.suffix.lower()) for one in (path, other)]
     return formats[0] == formats[1]
 

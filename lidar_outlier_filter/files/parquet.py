@@ -90,7 +90,7 @@ def _numbers(column: Any) -> NDArray[Any]:
 
 
 def _properties(file: Any) -> dict[str, Any]:
-    """Return what the writer must be told to write as the file was written."""
+    """Return what the writer needs to write as the file was written."""
     if file.num_row_groups == 0:
         return {}
     group = file.metadata.row_group(0)

@@ -88,7 +88,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     parameters : name the columns of time, line and standard deviation
     timed : whether time and lines are wanted
     allocate : gives the array for the coordinates, in memory or in a file
-    progress : is told how many points have been read
+    progress : is called with how many points have been read
 
     Raises
     ------
@@ -121,7 +121,7 @@ def load(  # noqa: PLR0913  which columns, and where to
 
 
 def _others(file: CloudFile, parameters: FilterParameters) -> list[str]:
-    """List the columns that may tell time, line and standard deviation."""
+    """List the columns that may hold time, line and standard deviation."""
     named = [
         _named(file, parameters.time_field, 'time_field', (GPS_TIME, *TIME_NAMES)),
         _named(file, parameters.line_field, 'line_field', LINE_NAMES),
@@ -150,7 +150,7 @@ def _named(file: CloudFile, name: str, parameter: str, usual: Sequence[str]) -> 
 def _with_lines(
     file: CloudFile, points: Points, columns: Columns, parameters: FilterParameters
 ) -> Loaded:
-    """Add time, line and standard deviation to the points, if the columns tell them."""
+    """Add time, line and standard deviation to the points, if the columns hold them."""
     time = _named(file, parameters.time_field, 'time_field', (GPS_TIME, *TIME_NAMES))
     if not time:
         return Loaded(points, '', 'no column with the time of each point')
@@ -166,7 +166,7 @@ def _with_lines(
     t = to_nanoseconds(values, points.valid, unit)
     found = _lines(file, points.valid, t, columns, parameters)
     if found is None:
-        return Loaded(points, '', 'no column that tells its scan lines')
+        return Loaded(points, '', 'no column that says its scan lines')
     sigma = _sigma(columns, points.valid, parameters.alpha_beta_gamma.sigma_field)
     timed = Points(points.xyz, t, found.line, points.valid, sigma)
     return Loaded(timed, f'{time} ({unit}) and {found.found_by}', '')

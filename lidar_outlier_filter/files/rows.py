@@ -148,7 +148,7 @@ class TextRows:
 def append(line: bytes, separator: bytes, values: Sequence[float]) -> bytes:
     """Put numbers behind what a line holds, before its end."""
     held = line.rstrip(b'\r\n')
-    # Nine digits tell any two float32 apart.
+    # Nine digits distinguish any two float32.
     texts = (f'{value:.9g}'.encode() for value in values)
     return separator.join((held, *texts)) + line[len(held) :]
 

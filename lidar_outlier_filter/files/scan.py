@@ -43,7 +43,7 @@ class ScanLines:
 
 
 def find(t: Ints, columns: Columns, angle: str = '') -> ScanLines | None:
-    """Find the scan lines of points by the columns of LAS; None where no column tells them.
+    """Find the scan lines of points by the columns of LAS; None where no column says them.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def find(t: Ints, columns: Columns, angle: str = '') -> ScanLines | None:
 def _begins(
     values: NDArray[Any], name: str, t: Ints, source_begins: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Tell where a line begins by a column, whose values are in order."""
+    """Return where a line begins by a column, whose values are in order."""
     if name == EDGE:
         return _behind_edges(values, t)
     if name == DIRECTION:
@@ -87,7 +87,7 @@ def _begins(
 
 
 def _behind_edges(edge: NDArray[Any], t: Ints) -> NDArray[np.bool_]:
-    """Tell where a line begins: at the shot after one with a return that is marked."""
+    """Return where a line begins: at the shot after one with a return that is marked."""
     begins = np.zeros(len(t), np.bool_)
     begins[1:] = t[1:] != t[:-1]
     shot = np.cumsum(begins)
@@ -98,7 +98,7 @@ def _behind_edges(edge: NDArray[Any], t: Ints) -> NDArray[np.bool_]:
 
 
 def _turns(angle: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell where the angle begins anew, of the points of one source, in order."""
+    """Return where the angle begins anew, of the points of one source, in order."""
     begins = np.zeros(len(angle), np.bool_)
     step, span = np.diff(angle), angle.max() - angle.min()
     begins[1:] = np.abs(step) > span / 2

@@ -145,7 +145,7 @@ def _refuse(cloud: NDArray[Any]) -> None:
 
 
 def _fields(dtype: np.dtype[np.void]) -> tuple[list[Any], bool]:
-    """Describe the fields that PointCloud2 has types for, and tell their byte order."""
+    """Describe the fields that PointCloud2 has types for, and give their byte order."""
     described: list[Any] = []
     orders: dict[bool, str] = {}  # a field of each
     columns: Any = dtype.fields

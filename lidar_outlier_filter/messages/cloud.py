@@ -93,7 +93,7 @@ def _layout(
 
 
 def is_empty(msg: Any) -> bool:
-    """Tell whether a cloud has no points; such a cloud need not even have fields."""
+    """Return whether a cloud has no points; such a cloud need not even have fields."""
     return bool(msg.width * msg.height == 0)
 
 

@@ -59,7 +59,7 @@ class Decoder:
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
     ) -> None:
-        """Take the parameters; ``inform`` and ``warn`` are told once what is found and missing."""
+        """Take the parameters; ``inform`` and ``warn`` get what is found and missing, once."""
         self.parameters = parameters
         self._inform = inform
         self._warn = warn
@@ -155,7 +155,7 @@ class Decoder:
         return self._find_out(view, valid) if valid.any() else None
 
     def _remember(self, dtype: np.dtype[np.void], convention: Convention) -> None:
-        """Read all clouds of this layout in the same way, and tell so once."""
+        """Read all clouds of this layout in the same way, and say so once."""
         self.convention = convention
         if dtype not in self._found:
             self._found[dtype] = convention
@@ -292,7 +292,7 @@ def _choose(
 
 
 def guess_unit(dtype: np.dtype[Any], size: NDArray[np.float64]) -> str:
-    """Tell seconds from nanoseconds by the type of a time field and the size of its values.
+    """Return seconds from nanoseconds by the type of a time field and the size of its values.
 
     Integers are nanoseconds (Ouster ``t``, Autoware ``time_stamp``, Livox ``offset_time``); float32
     are seconds (Velodyne ``time``). A float64 is seconds up to 10 (relative) and from 1e9 to 1e14

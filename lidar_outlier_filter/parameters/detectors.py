@@ -209,7 +209,7 @@ class Elevation(Section):
 
 @dataclass(frozen=True)
 class Evidence(Section):
-    """Witnesses, weighed."""
+    """Features, weighed."""
 
     sensor: str = declare(
         'auto',
@@ -235,8 +235,8 @@ class DetectorSections:
     evidence: Evidence = Evidence()
 
 
-# What each witness compares, in the order in which the tables show them.
-_WITNESSES = {
+# What each feature compares, in the order in which the tables show them.
+_FEATURES = {
     'spacing': 'Distance to 3 neighbours against what the sensor leads to.',
     'step': 'Distance along the line against the usual.',
     'lonely': 'Distance to 5 neighbours against the usual.',
@@ -249,7 +249,7 @@ _WITNESSES = {
 
 
 def _weight(name: str, default: float) -> Any:
-    return declare(default, _WITNESSES[name], '', 0.0, 1000.0)
+    return declare(default, _FEATURES[name], '', 0.0, 1000.0)
 
 
 def _statistic(default: float) -> Any:
@@ -257,7 +257,7 @@ def _statistic(default: float) -> Any:
 
 
 def _passes(default: int) -> Any:
-    text = 'How often the witnesses are heard, each time without the rejected.'
+    text = 'How often the features are computed, each time without the rejected.'
     return declare(default, text, '', 1, 10)
 
 
@@ -268,7 +268,7 @@ def _slanted(*, default: bool) -> Any:
 
 @dataclass(frozen=True)
 class Weights:
-    """What the word of each witness weighs, for a profile scanner."""
+    """Weight of each feature, for a profile scanner."""
 
     threshold: float = _statistic(18.0)
     passes: int = _passes(6)

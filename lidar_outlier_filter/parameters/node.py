@@ -70,7 +70,7 @@ class LoadParameters:
 
 @dataclass(frozen=True)
 class HealthLimits:
-    """When the diagnostics warn, and when they tell of an error; each above its limit."""
+    """When the diagnostics warn, and when they report an error; each above its limit."""
 
     delay_warn: float = declare(
         0.9, '95th percentile of the delay of clouds, as a share of max_delay.', '', 0.0, 1000.0

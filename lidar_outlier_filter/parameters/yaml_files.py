@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters as text: ROS parameter YAML, read and written, and the table of the README."""
+"""Parameters as text: ROS parameter YAML, read and written, and the tables of the documentation."""
 
 from __future__ import annotations
 
@@ -109,13 +109,18 @@ def write_yaml(values: Mapping[str, object] | None = None) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def table() -> str:
-    """Write the table of parameters for the README, in Markdown."""
+def table(section: str | None = None) -> str:
+    """Write a table of parameters for the documentation, in Markdown.
+
+    All of them; or those of one section, such as ``lof``, the empty one being those of none.
+    """
     lines = ['| parameter | default | allowed | what it does |', '| --- | --- | --- | --- |']
     for parameter in describe():
+        if section not in {None, parameter.name.rpartition('.')[0]}:
+            continue
         value = parameter.default
         shown = ', '.join(value) if isinstance(value, tuple) else _scalar(value)
-        mark = ' ⏻' if parameter.fixed else ''
+        mark = ' (start)' if parameter.fixed else ''
         lines.append(
             f'| `{parameter.name}`{mark} | `{shown}` | {parameter.range_text} | {parameter.text} |'
         )

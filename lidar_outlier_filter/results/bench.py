@@ -19,7 +19,7 @@ import numpy as np
 from rich.table import Table
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core import scan_lines as scanlines
+from lidar_outlier_filter.core import scan_lines
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
@@ -144,13 +144,13 @@ def compare_engines() -> None:
 
 def profile_lines(count: int, seed: int = 1) -> Points:
     """Make scan lines of a profile scanner over a flat road: 8 mm noise, 1 % outliers above."""
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     across = np.tile(2.5 * np.tan(np.linspace(-1.2, 1.2, SHOTS)), count)
     along = np.repeat(0.05 * np.arange(count), SHOTS)
     xyz = np.stack([along, across, np.zeros(count * SHOTS)], axis=1)
-    xyz += dice.normal(0.0, 0.008, xyz.shape)
-    stray = dice.random(len(xyz)) < 0.01  # noqa: PLR2004  the share of outliers
-    xyz[stray, 2] += dice.uniform(0.2, 2.0, np.count_nonzero(stray))
+    xyz += rng.normal(0.0, 0.008, xyz.shape)
+    stray = rng.random(len(xyz)) < 0.01  # noqa: PLR2004  the share of outliers
+    xyz[stray, 2] += rng.uniform(0.2, 2.0, np.count_nonzero(stray))
     t = 5000 * np.arange(count * SHOTS)
     line = np.repeat(np.arange(count), SHOTS)
     return Points(xyz, t, line, np.ones(len(xyz), np.bool_))
@@ -175,7 +175,7 @@ def smoother_work(sides: str) -> Work:
 
 
 def _smooth(points: Points, parameters: FilterParameters) -> NDArray[np.bool_]:
-    lines = scanlines.find_lines(points, parameters.gap_factor)
+    lines = scan_lines.find_lines(points, parameters.gap_factor)
     return alpha_beta_gamma.detect(points, lines, parameters.alpha_beta_gamma).rejected
 
 
@@ -223,7 +223,7 @@ def peer_work(xyz: NDArray[np.float64]) -> Work:
 
 
 def scipy_sor(xyz: NDArray[np.float64], count: int) -> NDArray[np.bool_]:
-    """Tell what SOR rejects; ``count`` neighbours, the point itself among them, as in Open3D."""
+    """Return what SOR rejects; ``count`` neighbours, the point itself among them, as in Open3D."""
     distance, _ = cKDTree(xyz).query(xyz, count, workers=-1)
     mean = distance[:, 1:].mean(axis=1)
     rejected: NDArray[np.bool_] = mean > mean.mean() + MULTIPLIER * mean.std(ddof=1)

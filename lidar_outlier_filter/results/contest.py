@@ -110,7 +110,7 @@ def compete(
     Parameters
     ----------
     entries : preset, seed, and who judges what they give; it is simulated once for each entry
-    progress : is told before every step how many of how many are done, and of what; it may leave
+    progress : is called before every step: how many of how many are done, and of what; it may leave
 
     """
     listed = list(entries)
@@ -136,8 +136,8 @@ def score(contestant: Contestant, sample: Sample) -> Record:
     rejected, scores = contestant.judge(sample)
     seconds = perf_counter() - begin
     data = sample.data
-    told = None if scores is None else curve(data.bad, scores)
-    auc, best = (math.nan, math.nan) if told is None else (told.auc, told.best)
+    result = None if scores is None else curve(data.bad, scores)
+    auc, best = (math.nan, math.nan) if result is None else (result.auc, result.best)
     counts = tally(data.bad, rejected, data.stretch, data.stretches)
     return Record(sample.name, contestant.name, sample.seed, counts, auc, seconds, best)
 

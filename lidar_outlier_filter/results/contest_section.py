@@ -81,9 +81,9 @@ def _default(found: Standings, seeds: Sequence[int]) -> str:
     note = '' if parts else 'The default chain is one detector: there is no part to take away.'
     return paragraphs(
         '## The default',
-        f'Defaults as they are, told nothing of the scene, on seeds {_list(seeds)}, of which none '
-        'was used to choose them. Intervals are of 95 %, drawn from the seeds with replacement; '
-        'with few seeds they are rather too narrow.',
+        f'Defaults as they are, without knowledge of the scene, on seeds {_list(seeds)}. None of '
+        'them was used to choose them. Intervals are of 95 %, drawn from the seeds with '
+        'replacement; with few seeds they are rather too narrow.',
         table,
         'Without each part in turn, and the peers in the same run. Thresholds stay as they are, so '
         'that a part less means fewer rejections; the best F1 is that at the threshold that suits '

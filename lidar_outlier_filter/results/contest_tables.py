@@ -39,13 +39,13 @@ class Target:
     lost: float
 
     def met(self, standing: Standing) -> bool:
-        """Tell whether all four are reached on all seeds together."""
+        """Return whether all four are reached on all seeds together."""
         whole = standing.whole
         ratios = (whole.recall.ratio, whole.precision.ratio, whole.f1)
         return min(ratios) >= self.least and whole.false_rejections.ratio <= self.lost
 
 
-# By preset: the default chain is to be right on clouds like these without being told which it is.
+# By preset: the default chain is to be right on clouds like these without knowing which it is.
 TARGETS: Mapping[str, Target] = {
     'leslar-a': Target('A, dense clouds', 0.96, 0.0004),
     'leslar-b': Target('B, scattered', 0.99, 0.00003),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.features import WITNESSES
+from lidar_outlier_filter.core.detectors.evidence.features import FEATURES
 from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.floating]
     Mask = NDArray[np.bool_]
-    Judge = Callable[[NDArray[np.float64]], 'Told']
+    Judge = Callable[[NDArray[np.float64]], 'Judgement']
 
 DEFAULT = 'default'
 NEIGHBOURS, FACTOR, DEVIATIONS = 20, 1.2, 2.0
@@ -33,7 +33,7 @@ WEIGHTS = ('evidence_profile', 'evidence_spinning')
 MOST = 300_000  # points of one cloud that slow peers are given
 
 
-class Told(NamedTuple):
+class Judgement(NamedTuple):
     """What is said of N points: whether rejected, and the score behind it, where there is one."""
 
     rejected: Mask
@@ -48,9 +48,9 @@ class Contestant(Protocol):
         """What the tables call it."""
 
     def suits(self, sample: Sample) -> bool:
-        """Tell whether it can judge a sample."""
+        """Return whether it can judge a sample."""
 
-    def judge(self, sample: Sample) -> Told:
+    def judge(self, sample: Sample) -> Judgement:
         """Judge all points of a sample, in their order."""
 
 
@@ -63,7 +63,7 @@ class Ours:
     name : str
     values : parameters by their dotted names; all others are the defaults
     needs_origin : whether it uses the distance from the sensor, which only sweeps in the sensor's
-        own frame tell
+        own frame show
     only : beginnings of names of the samples that it is for; empty: all
 
     """
@@ -79,15 +79,15 @@ class Ours:
         return FilterParameters().changed(self.values)
 
     def suits(self, sample: Sample) -> bool:
-        """Tell whether its detectors can look at a sample."""
+        """Return whether its detectors can look at a sample."""
         meant = not self.only or sample.name.startswith(self.only)
         placed = sample.in_own_frame or not self.needs_origin
         return meant and placed and sample.suits(self.parameters.chain)
 
-    def judge(self, sample: Sample) -> Told:
+    def judge(self, sample: Sample) -> Judgement:
         """Judge a recording in blocks, as the node does, and one cloud as a whole, as ``clean``."""
         verdict = sample.data.judge(self.parameters)
-        return Told(verdict.rejected, verdict.score)
+        return Judgement(verdict.rejected, verdict.score)
 
 
 @dataclass(frozen=True)
@@ -99,15 +99,15 @@ class Peer:
     most: int | None = None
 
     def suits(self, sample: Sample) -> bool:
-        """Tell whether no cloud is too large."""
+        """Return whether no cloud is too large."""
         return self.most is None or max(map(len, sample.clouds)) <= self.most
 
-    def judge(self, sample: Sample) -> Told:
+    def judge(self, sample: Sample) -> Judgement:
         """Judge cloud by cloud."""
-        told = [self.cloud(xyz) for xyz in sample.clouds]
-        scores = [one.score for one in told if one.score is not None]
-        rejected = np.concatenate([one.rejected for one in told])
-        return Told(rejected, np.concatenate(scores) if scores else None)
+        result = [self.cloud(xyz) for xyz in sample.clouds]
+        scores = [one.score for one in result if one.score is not None]
+        rejected = np.concatenate([one.rejected for one in result])
+        return Judgement(rejected, np.concatenate(scores) if scores else None)
 
 
 # Algorithm (a) of Leslar et al. (2010) is PAPER; (b) is a patch around each point, (c) a section.
@@ -190,31 +190,31 @@ def _open3d(xyz: NDArray[np.float64]) -> Any:
     return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz))
 
 
-def _without(count: int, kept: Any) -> Told:
+def _without(count: int, kept: Any) -> Judgement:
     rejected = np.ones(count, np.bool_)
     rejected[np.asarray(kept, np.intp)] = False
-    return Told(rejected, None)
+    return Judgement(rejected, None)
 
 
-def _open3d_sor(xyz: NDArray[np.float64]) -> Told:
+def _open3d_sor(xyz: NDArray[np.float64]) -> Judgement:
     return _without(len(xyz), _open3d(xyz).remove_statistical_outlier(NEIGHBOURS, DEVIATIONS)[1])
 
 
-def _open3d_radius(xyz: NDArray[np.float64]) -> Told:
+def _open3d_radius(xyz: NDArray[np.float64]) -> Judgement:
     return _without(len(xyz), _open3d(xyz).remove_radius_outlier(FEWEST, RADIUS)[1])
 
 
-def _sklearn_lof(xyz: NDArray[np.float64]) -> Told:
+def _sklearn_lof(xyz: NDArray[np.float64]) -> Judgement:
     lof = import_module('sklearn.neighbors').LocalOutlierFactor(NEIGHBOURS, n_jobs=-1)
     lof.fit(xyz)
     factor = -lof.negative_outlier_factor_
-    return Told(factor > FACTOR, factor)
+    return Judgement(factor > FACTOR, factor)
 
 
 def ablations(whole: Mapping[str, object] = MappingProxyType({})) -> list[Ours]:
     """Take each part of a chain away in turn: each detector, if there are several.
 
-    Of ``evidence``, each witness, the second pass and the groups. Thresholds stay as they are.
+    Of ``evidence``, each feature, the second pass and the groups. Thresholds stay as they are.
     """
     chain = FilterParameters().changed(whole).chain
     several = len(chain) > 1
@@ -224,7 +224,7 @@ def ablations(whole: Mapping[str, object] = MappingProxyType({})) -> list[Ours]:
         if several
     ]
     if 'evidence' in chain:
-        changes = {f'without `{name}`': (name, 0.0) for name in WITNESSES}
+        changes = {f'without `{name}`': (name, 0.0) for name in FEATURES}
         changes |= {'one pass': ('passes', 1), 'without slanted groups': ('slanted', False)}
         parts += [
             Ours(title, {**whole, **{f'{kind}.{name}': value for kind in WEIGHTS}})

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence import features as witnesses
-from lidar_outlier_filter.core.detectors.evidence.detector import hear_first
+from lidar_outlier_filter.core.detectors.evidence import features
+from lidar_outlier_filter.core.detectors.evidence.detector import compute_first
 from lidar_outlier_filter.core.detectors.evidence.surface import K
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import concatenate
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 MOST = 10  # of each kind, for each sample
 APART = 1.0  # metres between two that are shown
 SHOWN, REACH = 240, 4.0  # points of a cutout, and how far they are at most, metres
-LOUD = 2  # witnesses that are named
+LOUD = 2  # features that are named
 
 
 class Failure(NamedTuple):
@@ -69,10 +69,10 @@ def worst(score: NDArray[np.floating], wrong: Mask, xyz: Floats, *, lost: bool) 
 
     Lost points are worse the higher they score, missed ones the lower; untested ones lowest.
     """
-    told = np.where(np.isnan(score), -np.inf, score)
+    result = np.where(np.isnan(score), -np.inf, score)
     candidates = np.flatnonzero(wrong)
     candidates = candidates[
-        np.argsort(-told[candidates] if lost else told[candidates], kind='stable')
+        np.argsort(-result[candidates] if lost else result[candidates], kind='stable')
     ]
     chosen: list[int] = []
     for i in candidates:
@@ -119,22 +119,22 @@ def _block(points: Points, i: int, parameters: FilterParameters) -> NDArray[np.i
 def _testimony(
     points: Points, i: int, parameters: FilterParameters
 ) -> tuple[float, float, tuple[tuple[str, float], ...]]:
-    """Tell how far a point is off its surface, how even that is, and who condemned it most."""
+    """Return how far a point is off its surface, how even that is, and who condemned it most."""
     if len(points) <= K:
         return np.nan, np.nan, ()
     neighbourhood = Neighbourhood(points.xyz, K)
-    scan = witnesses.see(neighbourhood, points, parameters.gap_factor)
-    weights, told = hear_first(scan, parameters)
+    scan = features.see(neighbourhood, points, parameters.gap_factor)
+    weights, result = compute_first(scan, parameters)
     at = int(np.flatnonzero(neighbourhood.order == i)[0])
     threshold = parameters.evidence.threshold * weights.threshold
     shares = {
         name: getattr(weights, name) * float(word) / threshold
-        for name, word in zip(witnesses.WITNESSES, told.words[at], strict=True)
+        for name, word in zip(features.FEATURES, result.contributions[at], strict=True)
     }
     loudest = sorted(shares.items(), key=lambda share: -share[1])[:LOUD]
     return (
-        float(told.around.off[at]),
-        float(told.around.scale[at]),
+        float(result.around.off[at]),
+        float(result.around.scale[at]),
         tuple((name, share) for name, share in loudest if share > 0),
     )
 
@@ -177,7 +177,7 @@ def section(presets: Sequence[str], seeds: Sequence[int], folder: Path, progress
         f'that it left with the lowest; each more than {APART:g} m from the others of its drive. '
         f'A panel shows the {SHOWN} points nearest to one of them, up to {REACH:g} m away, that '
         'are judged in the same block, from the side: right is the direction in which they extend '
-        'most, up that in which they extend least, with scales of their own, in metres. Witnesses '
+        'most, up that in which they extend least, with scales of their own, in metres. Features '
         'are those that condemn the point most, each with its part of the threshold, before '
         'anything was rejected.',
         *parts,
@@ -208,7 +208,7 @@ def _panel(failure: Failure) -> tuple[str, Cutout]:
 
 def _table(found: Sequence[Failure]) -> str:
     return table(
-        ('point', 'score', 'off its surface, cm', 'σ of that, cm', 'loudest witnesses'),
+        ('point', 'score', 'off its surface, cm', 'σ of that, cm', 'loudest features'),
         [
             (
                 f'{"lost" if one.lost else "missed"}: {one.what}',

@@ -53,7 +53,7 @@ def section(data: Path, progress: Progress) -> str:
 
 
 def labelled(path: Path) -> Sample | None:
-    """Read a cloud with classes, with its scan lines if it tells them; None: no class is noise."""
+    """Read a cloud with classes, with its scan lines if it says them; None: no class is noise."""
     along = tuple(name for name, one in DETECTORS.items() if one.needs_lines)
     for chain in (along, ('lof',)):
         try:

@@ -59,7 +59,7 @@ class Inbox:
 
     @property
     def fill(self) -> float:
-        """Tell how full it is: 1 is as full as it gets."""
+        """Return how full it is: 1 is as full as it gets."""
         return max(self._clouds / self.load.clouds, self._size / (self.load.megabytes * 1e6))
 
     def put(self, item: Received) -> int:

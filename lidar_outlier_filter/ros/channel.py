@@ -10,7 +10,7 @@ from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.clocks import DelayClock
 from lidar_outlier_filter.ros.health import Backlog, Health, Report
 from lidar_outlier_filter.ros.publisher import AnswerPublisher
-from lidar_outlier_filter.ros.receiver import Receiver
+from lidar_outlier_filter.ros.receiver import CloudReceiver
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import Worker
 from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter, Statistics
@@ -48,7 +48,7 @@ class Channel:
         self._clock = DelayClock(node)
         self.publisher = AnswerPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
-        self.receiver = Receiver(node, topic, self.worker, self.health, self._motion)
+        self.receiver = CloudReceiver(node, topic, self.worker, self.health, self._motion)
 
     @property
     def statistics(self) -> Statistics:

@@ -38,7 +38,7 @@ class DelayClock:
 
     @property
     def has_stopped(self) -> bool:
-        """Whether time comes from ``/clock``, and nobody tells it any more, or yet."""
+        """Whether time comes from ``/clock``, and nobody says it any more, or yet."""
         return self.is_simulated and self._node.count_publishers('/clock') == 0
 
     def now(self) -> int:
@@ -62,7 +62,7 @@ class DelayClock:
     ) -> None:
         """Call back when simulated time goes on, goes back, or is another than before.
 
-        It is another when ``use_sim_time`` is set, and when ``/clock`` tells it for the first time.
+        It is another when ``use_sim_time`` is set, and when ``/clock`` says it for the first time.
         """
 
         def jumped(jump: TimeJump) -> None:

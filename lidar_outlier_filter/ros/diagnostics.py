@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a node tells how it is: /diagnostics to read, ~/statistics to plot."""
+"""How a node says how it is: /diagnostics to read, ~/statistics to plot."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LEVELS = {OK: DiagnosticStatus.OK, WARN: DiagnosticStatus.WARN, ERROR: Diagnosti
 
 
 class Diagnostics:
-    """Looks at the channels of a node once in a second of real time, and tells what it sees."""
+    """Looks at the channels of a node once in a second of real time, and says what it sees."""
 
     def __init__(self, node: Node, channels: Sequence[Channel]) -> None:
         """Begin at once."""
@@ -46,13 +46,13 @@ class Diagnostics:
         array = DiagnosticArray()
         array.header.stamp = self._node.get_clock().now().to_msg()
         array.status = [
-            self._tell(channel, report)
+            self._say(channel, report)
             for channel, report in zip(self._channels, reports, strict=True)
         ]
         self._status.publish(array)
         self._plotted.publish(self._plot(reports))
 
-    def _tell(self, channel: Channel, report: Report) -> DiagnosticStatus:
+    def _say(self, channel: Channel, report: Report) -> DiagnosticStatus:
         # Named as those of diagnostic_updater are.
         return DiagnosticStatus(
             level=LEVELS[report.level],

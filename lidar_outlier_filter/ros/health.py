@@ -74,7 +74,7 @@ class Report:
 
 
 class Health:
-    """Takes down what happens, from any thread; tells it at each look."""
+    """Takes down what happens, from any thread; says it at each look."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
@@ -127,7 +127,7 @@ class Health:
         backlog: Backlog,
         remarks: Sequence[str] = (),
     ) -> Report:
-        """Tell what has happened in the seconds since the last look.
+        """Return what has happened in the seconds since the last look.
 
         ``remarks`` are warnings of others.
         """
@@ -174,7 +174,7 @@ class _Look:
         return count / points if points else 0.0
 
     def complaints(self, limits: HealthLimits, max_delay: float) -> Iterator[tuple[int, str]]:
-        """Tell what is above its limit."""
+        """Return what is above its limit."""
         tally = self.tally
         failures = self.now.failures - self.before.failures
         if failures:

@@ -171,7 +171,7 @@ def _with_floats(parameters: list[RosParameter]) -> list[RosParameter]:
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    """Tell ROS what there is to know of a parameter."""
+    """Return ROS what there is to know of a parameter."""
     descriptor = ParameterDescriptor(
         description=parameter.text + (f' [{parameter.unit}]' if parameter.unit else ''),
         additional_constraints=parameter.range_text,

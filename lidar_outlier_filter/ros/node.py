@@ -143,7 +143,7 @@ class OutlierFilterNode(TunableNode):
     def finish(self) -> None:
         """Answer and publish all that was received, before the node goes.
 
-        Does nothing where ROS is shut down already: nobody would hear of it.
+        Does nothing where ROS is shut down already: nobody would learn of it.
         """
         if self.context.ok():
             # Before one is waited for, so that the queues of the others do not run over meanwhile.

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.stream.motion import PoseSource
 
 
-class Receiver:
+class CloudReceiver:
     """Subscribes to the clouds of one topic, and to the odometry that they need."""
 
     def __init__(

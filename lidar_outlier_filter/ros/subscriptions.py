@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription
 
-# Clouds kept while the executor is busy: nobody is told of those that the middleware replaces.
+# Clouds kept while the executor is busy: nobody is called with those that the middleware replaces.
 INPUT_DEPTH = 50
 OUTPUT_DEPTH = 10  # clouds kept for a subscriber that is slow
 ODOMETRY_DEPTH = 1000  # poses kept while the executor is busy
@@ -39,7 +39,7 @@ def advertise(node: Node, name: str) -> Publisher:
 def subscribe(
     node: Node, name: str, receive: Callable[[bytes], object], lost: Callable[[Any], object]
 ) -> Subscription:
-    """Subscribe to clouds as bytes; ``lost`` is called where the middleware tells of losses."""
+    """Subscribe to clouds as bytes; ``lost`` is called where the middleware says of losses."""
 
     def create(events: SubscriptionEventCallbacks) -> Subscription:
         return node.create_subscription(

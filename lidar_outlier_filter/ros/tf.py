@@ -62,7 +62,7 @@ class Tf:
         """Do nothing: tf2 has its own subscriptions."""
 
     def cover(self, first: int, last: int, frame: str) -> Cover:
-        """Tell whether tf knows ``frame`` from ``first`` to ``last``."""
+        """Return whether tf knows ``frame`` from ``first`` to ``last``."""
         if first <= 0:
             return Cover.NEVER  # to tf2 0 is the latest time, and one before it an error
         if not self._buffer.can_transform(self._fixed, frame, self._time(last)):

@@ -73,7 +73,7 @@ class Links:
                 del times[:old]
 
     def has_gap(self, target: str, source: str, first: int, last: int, longest: int) -> bool:
-        """Tell whether a transform on the way between two frames has a gap.
+        """Return whether a transform on the way between two frames has a gap.
 
         Parameters
         ----------

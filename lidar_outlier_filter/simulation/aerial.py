@@ -50,36 +50,36 @@ def photogrammetry(
     Half of the outliers are single points, at 1 to 200 m from the others, half of them below; half
     lie in clusters of 2 to 30, 2 to 200 m above.
     """
-    dice = np.random.default_rng([seed, OUTLIERS])
+    rng = np.random.default_rng([seed, OUTLIERS])
     total = GOOD + OUTLIERS
     outliers = OUTLIERS if share is None else round(share * total)
     if not 0 <= outliers <= total // 10:
         raise FilterError('the share', 'from 0 to 0.1', share)
-    points = _match(total, dice)
+    points = _match(total, rng)
     progress(0.5)
-    _move_off(points, outliers, dice)
+    _move_off(points, outliers, rng)
     progress(1.0)
     yield Cloud(START, START, points)
 
 
-def _match(total: int, dice: np.random.Generator) -> NDArray[np.void]:
+def _match(total: int, rng: np.random.Generator) -> NDArray[np.void]:
     """See a landscape from above, in a grid that is not quite even."""
     rows = int(np.ceil(np.sqrt(total)))
     step = 1.0 / np.sqrt(DENSITY)
     size = (rows * step + CELL, rows * step + CELL)
-    ground = hills(size, CELL / 2.0, 0.06, dice)
+    ground = hills(size, CELL / 2.0, 0.06, rng)
     plants = Plants(5, 1400, tall=(8.0, 24.0), wide=(1.6, 3.2), pointed=0.9, clearing=45.0)
-    land = build(ground, CELL / 2.0, plants, dice)
+    land = build(ground, CELL / 2.0, plants, rng)
     place = np.arange(rows * rows)[:total]
-    x, y = (step * (part + dice.uniform(0.0, 1.0, total)) for part in np.divmod(place, rows))
+    x, y = (step * (part + rng.uniform(0.0, 1.0, total)) for part in np.divmod(place, rows))
     look = land.look(x, y)
     rough = np.where(look.kind == Kind.FOLIAGE, ROUGH, MATCHING)
-    height = look.height + rough * dice.standard_normal(total)
-    return _points(MATCHED, np.stack([x, y, height]), look.kind, dice)
+    height = look.height + rough * rng.standard_normal(total)
+    return _points(MATCHED, np.stack([x, y, height]), look.kind, rng)
 
 
 def _points(
-    dtype: np.dtype[np.void], xyz: Floats, kind: NDArray[np.uint8], dice: np.random.Generator
+    dtype: np.dtype[np.void], xyz: Floats, kind: NDArray[np.uint8], rng: np.random.Generator
 ) -> NDArray[np.void]:
     """Make good points at (3, N) on surfaces of so many kinds."""
     points = np.zeros(xyz.shape[1], dtype)
@@ -87,26 +87,26 @@ def _points(
         points[name] = xyz[axis]
     bright = np.zeros(256)
     bright[list(BRIGHTNESS)] = list(BRIGHTNESS.values())
-    points['intensity'] = bright[kind] * np.exp(0.2 * dice.standard_normal(len(points)))
+    points['intensity'] = bright[kind] * np.exp(0.2 * rng.standard_normal(len(points)))
     points['surface'] = kind
     return points
 
 
-def _move_off(points: NDArray[np.void], outliers: int, dice: np.random.Generator) -> None:
+def _move_off(points: NDArray[np.void], outliers: int, rng: np.random.Generator) -> None:
     """Choose points by lot and move them off the surface, alone or in clusters."""
-    chosen = dice.permutation(len(points))[:outliers]
+    chosen = rng.permutation(len(points))[:outliers]
     xyz = np.stack([points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
     stay = np.ones(len(points), np.bool_)
     stay[chosen] = False
     tree = cKDTree(xyz[stay])
     singles = outliers // 2
-    moved = [_single(xyz[i], tree, dice) for i in chosen[:singles]]
+    moved = [_single(xyz[i], tree, rng) for i in chosen[:singles]]
     left = outliers - singles
     while left:
-        size = min(int(dice.integers(MEMBERS[0], MEMBERS[1] + 1)), left)
+        size = min(int(rng.integers(MEMBERS[0], MEMBERS[1] + 1)), left)
         # None is left alone at the end.
         size -= 1 if left - size == 1 and size > MEMBERS[0] else 0
-        moved += _cluster(xyz[chosen[len(moved)]], size, tree, dice)
+        moved += _cluster(xyz[chosen[len(moved)]], size, tree, rng)
         left -= size
     for name, values in zip('xyz', np.reshape(moved, (-1, 3)).T, strict=True):
         points[name][chosen] = values
@@ -117,27 +117,27 @@ def _move_off(points: NDArray[np.void], outliers: int, dice: np.random.Generator
     points['surface'][chosen] = Kind.AIR
 
 
-def _single(place: Floats, tree: cKDTree, dice: np.random.Generator) -> Floats:
+def _single(place: Floats, tree: cKDTree, rng: np.random.Generator) -> Floats:
     """Move a point up or down, until it is far enough from all that stay."""
     while True:
-        off = dice.uniform(*SINGLES) * dice.choice([-1.0, 1.0])
+        off = rng.uniform(*SINGLES) * rng.choice([-1.0, 1.0])
         moved: Floats = place + np.array([0.0, 0.0, off])
         if tree.query(moved)[0] >= SINGLES[0]:
             return moved
 
 
-def _cluster(place: Floats, size: int, tree: cKDTree, dice: np.random.Generator) -> list[Floats]:
+def _cluster(place: Floats, size: int, tree: cKDTree, rng: np.random.Generator) -> list[Floats]:
     """Put some points around one that is above the surface, none of them near to it."""
     while True:
-        centre = place + np.array([0.0, 0.0, dice.uniform(*CENTRES)])
-        members = centre + dice.normal(0.0, dice.uniform(*SPREAD), (size, 3))
+        centre = place + np.array([0.0, 0.0, rng.uniform(*CENTRES)])
+        members = centre + rng.normal(0.0, rng.uniform(*SPREAD), (size, 3))
         if tree.query(members)[0].min() >= SINGLES[0]:
             return list(members)
 
 
 @dataclass(frozen=True)
 class Flight:
-    """One of Kang's two areas, as far as the paper tells; it gives shares, but no sizes.
+    """One of Kang's two areas, as far as the paper says; it gives shares, but no sizes.
 
     Attributes
     ----------
@@ -183,23 +183,23 @@ def flight(
 ) -> Iterator[Cloud]:
     """Simulate one of ``FLIGHTS``; ``share`` of its points are gross errors, None: the table's."""
     how = FLIGHTS[name]
-    dice = np.random.default_rng([seed, how.outliers])
+    rng = np.random.default_rng([seed, how.outliers])
     total = how.lines * how.shots
     outliers = how.outliers if share is None else round(share * total)
     if not 0 <= outliers <= total // 10:
         raise FilterError('the share', 'from 0 to 0.1', share)
     origin, direction, size = _beams(how)
-    land = build(hills(size, CELL, how.steep, dice), CELL, how.plants, dice)
+    land = build(hills(size, CELL, how.steep, rng), CELL, how.plants, rng)
     origin[2] += land.ground.mean()
     progress(0.2)
     into, deep = LEAVES
-    depth = np.where(dice.random(total) < into, dice.exponential(deep, total), 0.0)
+    depth = np.where(rng.random(total) < into, rng.exponential(deep, total), 0.0)
     distance, kind = land.cast(origin, direction, depth)
     progress(0.8)
-    distance += RANGING * dice.standard_normal(total)
+    distance += RANGING * rng.standard_normal(total)
     label = np.full(total, Cause.GOOD, np.uint8)
-    _miss(distance, direction[2], label, outliers, dice)
-    points = _points(SCANNED, origin + distance * direction, kind, dice)
+    _miss(distance, direction[2], label, outliers, rng)
+    points = _points(SCANNED, origin + distance * direction, kind, rng)
     points['label'] = label
     points['surface'][label != Cause.GOOD] = Kind.AIR
     shot = np.arange(total)
@@ -226,18 +226,18 @@ def _miss(
     fall: Floats,
     label: NDArray[np.uint8],
     outliers: int,
-    dice: np.random.Generator,
+    rng: np.random.Generator,
 ) -> None:
     """Let some shots end at something in the air, and some come back late from below the ground."""
     chosen = np.zeros(0, np.int64)
     while len(chosen) < outliers:
-        first, count = dice.integers(len(distance) - FLOCK), dice.integers(1, FLOCK + 1)
+        first, count = rng.integers(len(distance) - FLOCK), rng.integers(1, FLOCK + 1)
         group = first + np.arange(min(int(count), outliers - len(chosen)))
         if np.isin(group, chosen).any():
             continue
         chosen = np.concatenate([chosen, group])
-        is_high = dice.random() < HIGH_SHARE
+        is_high = rng.random() < HIGH_SHARE
         low, high = np.log(HIGH if is_high else LOW)
-        off = np.exp(dice.uniform(low, high)) + dice.normal(0.0, 0.2, len(group))
+        off = np.exp(rng.uniform(low, high)) + rng.normal(0.0, 0.2, len(group))
         distance[group] += np.where(is_high, off, -off) / fall[group]
         label[group] = Cause.BIRD if is_high else Cause.REFLECTION

@@ -95,43 +95,43 @@ class _Way(NamedTuple):
     speed: Floats
 
 
-def track(how: Line, outliers: int, dice: np.random.Generator) -> NDArray[np.void]:
+def track(how: Line, outliers: int, rng: np.random.Generator) -> NDArray[np.void]:
     """Drive a line to and fro, go astray now and then, and note a position each second."""
-    route = _route(how.corners, dice)
-    way = _drive(route, how, how.points - outliers, dice)
+    route = _route(how.corners, rng)
+    way = _drive(route, how, how.points - outliers, rng)
     thrown = outliers // 3
     near = cKDTree(way.place)
-    detours = _detours(way, outliers - thrown, near, dice)
+    detours = _detours(way, outliers - thrown, near, rng)
     count = len(way.speed)
-    place = np.concatenate([way.place + _drift(count, how.noise, dice), detours.place])
+    place = np.concatenate([way.place + _drift(count, how.noise, rng), detours.place])
     speed = np.concatenate([way.speed, detours.speed])
-    speed = np.maximum(speed + 0.3 * dice.standard_normal(len(speed)), 0.0)
-    place = np.concatenate([place, _throw(way, thrown, near, dice)])
-    speed = np.concatenate([speed, dice.uniform(0.0, how.speed, thrown)])
+    speed = np.maximum(speed + 0.3 * rng.standard_normal(len(speed)), 0.0)
+    place = np.concatenate([place, _throw(way, thrown, near, rng)])
+    speed = np.concatenate([speed, rng.uniform(0.0, how.speed, thrown)])
     points = np.zeros(how.points, POSITION)
     points['x'], points['y'], points['z'] = place[:, 0], place[:, 1], KMH * speed
     points['label'][count:] = Cause.DETOUR
     points['label'][how.points - thrown :] = Cause.SINGLE
     points['surface'][:count] = Kind.ROUTE
     # Outliers come when they come.
-    when = np.concatenate([np.arange(count), np.sort(dice.uniform(0, count, outliers - thrown))])
-    when = np.concatenate([when, dice.uniform(0, count, thrown)])
+    when = np.concatenate([np.arange(count), np.sort(rng.uniform(0, count, outliers - thrown))])
+    when = np.concatenate([when, rng.uniform(0, count, thrown)])
     points = points[np.argsort(when, kind='stable')]
     points['second'] = np.arange(how.points)
     return points
 
 
-def _route(corners: int, dice: np.random.Generator) -> Floats:
+def _route(corners: int, rng: np.random.Generator) -> Floats:
     """Walk through a city in squares, never back: corners (corners + 1, 2), metres."""
     places = [np.zeros(2)]
     for i in range(corners):
-        blocks = dice.integers(3, 9)
-        step = (blocks, 0) if i % 2 == 0 else (0, blocks * dice.choice([-1, 1]))
+        blocks = rng.integers(3, 9)
+        step = (blocks, 0) if i % 2 == 0 else (0, blocks * rng.choice([-1, 1]))
         places.append(places[-1] + BLOCK * np.array(step))
     return np.array(places)
 
 
-def _drive(route: Floats, how: Line, seconds: int, dice: np.random.Generator) -> _Way:
+def _drive(route: Floats, how: Line, seconds: int, rng: np.random.Generator) -> _Way:
     """Drive to and fro along a route, with stops, for so many seconds."""
     steps = np.linalg.norm(np.diff(route, axis=0), axis=1)
     ends = np.concatenate([[0.0], np.cumsum(steps)])
@@ -141,9 +141,9 @@ def _drive(route: Floats, how: Line, seconds: int, dice: np.random.Generator) ->
     while times[-1] < seconds:
         for stop in stops:
             goal = stop if forward else ends[-1] - stop
-            pace = how.speed * dice.uniform(*HURRY)
+            pace = how.speed * rng.uniform(*HURRY)
             times.append(times[-1] + abs(goal - marks[-1]) / pace)
-            rest = STOP_TIME * dice.uniform(*HURRY) if stop < ends[-1] else how.rests
+            rest = STOP_TIME * rng.uniform(*HURRY) if stop < ends[-1] else how.rests
             times.append(times[-1] + rest)
             marks += [goal, goal]
         forward = not forward
@@ -155,44 +155,44 @@ def _drive(route: Floats, how: Line, seconds: int, dice: np.random.Generator) ->
     return _Way(place, np.abs(np.gradient(along)))
 
 
-def _drift(count: int, noise: float, dice: np.random.Generator) -> Floats:
+def _drift(count: int, noise: float, rng: np.random.Generator) -> Floats:
     """Errors of positions (count, 2), most of which change slowly, metres."""
     kernel = np.exp(-np.arange(6.0 * DRIFT_TIME) / DRIFT_TIME)
     kernel /= np.sqrt((kernel**2).sum())
-    raw = dice.standard_normal((count + len(kernel) - 1, 2))
+    raw = rng.standard_normal((count + len(kernel) - 1, 2))
     slow = np.stack([np.convolve(raw[:, i], kernel, 'valid') for i in (0, 1)], axis=1)
-    errors: Floats = noise * (0.95 * slow + 0.3 * dice.standard_normal((count, 2)))
+    errors: Floats = noise * (0.95 * slow + 0.3 * rng.standard_normal((count, 2)))
     return errors
 
 
-def _throw(way: _Way, count: int, near: cKDTree, dice: np.random.Generator) -> Floats:
+def _throw(way: _Way, count: int, near: cKDTree, rng: np.random.Generator) -> Floats:
     """Throw some positions (count, 2) off the route, anywhere."""
     places: list[Floats] = []
     while len(places) < count:
-        heading, length = dice.uniform(0.0, 2.0 * np.pi), np.exp(dice.uniform(*np.log(THROWN)))
-        start = way.place[dice.integers(len(way.place))]
+        heading, length = rng.uniform(0.0, 2.0 * np.pi), np.exp(rng.uniform(*np.log(THROWN)))
+        start = way.place[rng.integers(len(way.place))]
         place = start + length * np.array([np.cos(heading), np.sin(heading)])
         if near.query(place)[0] >= THROWN[0]:
             places.append(place)
     return np.reshape(places, (-1, 2))
 
 
-def _detours(way: _Way, count: int, near: cKDTree, dice: np.random.Generator) -> _Way:
+def _detours(way: _Way, count: int, near: cKDTree, rng: np.random.Generator) -> _Way:
     """Leave the route along another street, now and then to stand there."""
     places, speeds = [np.zeros((0, 2))], [np.zeros(0)]
     left = count
     while left:
-        size = min(int(dice.integers(12, 40)), left)
-        start = way.place[dice.integers(len(way.speed))]
-        heading = dice.choice([-1.0, 1.0], 2) * dice.permutation([1.0, 0.35])
+        size = min(int(rng.integers(12, 40)), left)
+        start = way.place[rng.integers(len(way.speed))]
+        heading = rng.choice([-1.0, 1.0], 2) * rng.permutation([1.0, 0.35])
         heading /= np.linalg.norm(heading)
-        speed = np.full(size, dice.uniform(6.0, 12.0))
-        if dice.random() < STANDING:
+        speed = np.full(size, rng.uniform(6.0, 12.0))
+        if rng.random() < STANDING:
             speed[size // 2 :] = 0.0
         place = start + (THROWN[0] + np.cumsum(speed))[:, None] * heading
         # One that stands is at the very same place each second.
         moving = speed > 0.0
-        place[moving] += dice.normal(0.0, 2.0, (int(moving.sum()), 2))
+        place[moving] += rng.normal(0.0, 2.0, (int(moving.sum()), 2))
         if near.query(place)[0].min() < OFF:
             continue
         places.append(place)

@@ -82,7 +82,7 @@ def cast(
 
 @kernel
 def _is_towards(row: Floats, o: Floats, d: Floats, reach: float, farthest: float) -> bool:
-    """Tell whether a ray comes within ``reach`` of a row's box before ``farthest``."""
+    """Return whether a ray comes within ``reach`` of a row's box before ``farthest``."""
     entry, leave = 0.0, farthest
     for axis in range(3):
         step = d[axis] if abs(d[axis]) >= TINY else TINY
@@ -255,7 +255,7 @@ def mix(value: np.uint64) -> np.uint64:
 
 
 @kernel
-def dice(i: int, j: int, k: int, seed: int, which: int) -> float:
+def uniform(i: int, j: int, k: int, seed: int, which: int) -> float:
     """Give a number in 0 to 1 that belongs to a cell of a grid."""
     state = np.uint64(seed)
     for number in (i, j, k, which):
@@ -288,7 +288,7 @@ def _meet_crown(p: Floats, o: Floats, d: Floats) -> Hit:
         border[axis] = (p[axis] - o[axis] + (cell[axis] + (step > 0.0)) * size) / step
         onward[axis] = size / abs(step)
     while now < end:
-        if dice(cell[0], cell[1], cell[2], seed, 0) < share:
+        if uniform(cell[0], cell[1], cell[2], seed, 0) < share:
             far, lean = _meet_leaf(p, o, d, cell, radius)
             if 0.0 < far < end:
                 return far, lean, ROUND
@@ -307,9 +307,9 @@ def _meet_leaf(
     i, j, k, seed = cell[0], cell[1], cell[2], int(p[9])
     gap, normal = np.empty(3), np.empty(3)
     for axis in range(3):
-        place = (cell[axis] + dice(i, j, k, seed, 1 + axis)) * p[6]
+        place = (cell[axis] + uniform(i, j, k, seed, 1 + axis)) * p[6]
         gap[axis] = p[axis] + place - o[axis]
-    height, around = 2.0 * dice(i, j, k, seed, 4) - 1.0, 2.0 * np.pi * dice(i, j, k, seed, 5)
+    height, around = 2.0 * uniform(i, j, k, seed, 4) - 1.0, 2.0 * np.pi * uniform(i, j, k, seed, 5)
     flat = np.sqrt(max(1.0 - height * height, 0.0))
     normal[0], normal[1], normal[2] = flat * np.cos(around), flat * np.sin(around), height
     lean = reach = 0.0

@@ -29,7 +29,7 @@ def gather(
 ) -> Block:
     """Cast a drive until ``points`` shots have an echo, undisturbed; None: all of it.
 
-    ``progress`` is told the share done.
+    ``progress`` is called with the share done.
 
     Raises
     ------

@@ -146,8 +146,8 @@ def cast(drive: Drive) -> Iterator[tuple[int, Block]]:
     step = drive.sensor.block
     for first in range(0, drive.shots, step):
         end = min(first + step, drive.shots)
-        dice = np.random.default_rng([drive.seed, first // step])
-        yield end, _cast(drive, np.arange(first, end, dtype=np.int64), dice)
+        rng = np.random.default_rng([drive.seed, first // step])
+        yield end, _cast(drive, np.arange(first, end, dtype=np.int64), rng)
 
 
 def merge(clean: Returns, spoilt: Returns) -> Returns:
@@ -158,15 +158,15 @@ def merge(clean: Returns, spoilt: Returns) -> Returns:
     return Returns(shot[order], np.concatenate([left.points, spoilt.points])[order])
 
 
-def _cast(drive: Drive, shot: NDArray[np.int64], dice: np.random.Generator) -> Block:
+def _cast(drive: Drive, shot: NDArray[np.int64], rng: np.random.Generator) -> Block:
     """Cast some shots: what they meet, what goes wrong on the way, noise."""
     rays = drive.rays(shot)
-    clean = _meet(drive, rays, dice)
+    clean = _meet(drive, rays, rng)
     spoilt = clean.copy()
-    _fly(drive.scene, rays, spoilt, dice)
-    _lift(drive.disturbances, rays.direction[2, :, 0], spoilt, dice)
-    noise, glitter = dice.standard_normal((2, len(shot)))
-    lot = dice.random(len(shot))
+    _fly(drive.scene, rays, spoilt, rng)
+    _lift(drive.disturbances, rays.direction[2, :, 0], spoilt, rng)
+    noise, glitter = rng.standard_normal((2, len(shot)))
+    lot = rng.random(len(shot))
     changed = spoilt.cause != clean.cause
     seen = changed & _is_inside(drive, spoilt.distance)
     every = np.flatnonzero(_is_inside(drive, clean.distance))
@@ -178,7 +178,7 @@ def _cast(drive: Drive, shot: NDArray[np.int64], dice: np.random.Generator) -> B
     )
 
 
-def _meet(drive: Drive, rays: Rays, dice: np.random.Generator) -> _Shots:
+def _meet(drive: Drive, rays: Rays, rng: np.random.Generator) -> _Shots:
     """Find what each shot measures of the surfaces alone."""
     scene, sensor = drive.scene, drive.sensor
     hits = scene.cast(rays)
@@ -195,7 +195,7 @@ def _meet(drive: Drive, rays: Rays, dice: np.random.Generator) -> _Shots:
         good = (cause == Cause.GOOD) & (part % PANE != ROUND)
         fresnel = how.wet * (1.0 - echoes.cosine) ** 5
         chance = np.where(kind == Kind.GLASS, how.glass, np.where(kind == Kind.ROAD, fresnel, 0.0))
-        _mirror(drive, rays, shots, part % PANE, good & (dice.random(len(chance)) < chance))
+        _mirror(drive, rays, shots, part % PANE, good & (rng.random(len(chance)) < chance))
     return shots
 
 
@@ -229,18 +229,18 @@ def _mirror(
     shots.kind[index] = Kind.AIR
 
 
-def _fly(scene: Scene, rays: Rays, shots: _Shots, dice: np.random.Generator) -> None:
+def _fly(scene: Scene, rays: Rays, shots: _Shots, rng: np.random.Generator) -> None:
     """Send some shots back from what hangs in the air."""
     for thing in scene.air:
-        far = thing.meet(rays, shots.distance, dice.random(len(shots.distance)))
+        far = thing.meet(rays, shots.distance, rng.random(len(shots.distance)))
         back = far < shots.distance
         shots.distance[back], shots.bright[back] = far[back], IN_THE_AIR
         shots.cause[back], shots.kind[back] = thing.cause, Kind.AIR
 
 
-def _lift(how: Disturbances, fall: Floats, shots: _Shots, dice: np.random.Generator) -> None:
+def _lift(how: Disturbances, fall: Floats, shots: _Shots, rng: np.random.Generator) -> None:
     """Lift some points off the road, along their rays."""
-    lot, place = dice.random((2, len(fall)))
+    lot, place = rng.random((2, len(fall)))
     road = (shots.kind == Kind.ROAD) & (shots.cause == Cause.GOOD)
     twice = road & (lot < how.reflection)
     close = road & ~twice & (lot < how.reflection + how.near_surface)
@@ -256,7 +256,7 @@ def _lift(how: Disturbances, fall: Floats, shots: _Shots, dice: np.random.Genera
 
 
 def _is_inside(drive: Drive, distance: Floats) -> NDArray[np.bool_]:
-    """Tell which distances are within the scanner's limits, both exclusive."""
+    """Return which distances are within the scanner's limits, both exclusive."""
     return (distance < drive.sensor.farthest) & (distance > drive.sensor.nearest)
 
 

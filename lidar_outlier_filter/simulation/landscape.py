@@ -211,9 +211,7 @@ def _halve(  # noqa: PLR0913  a kernel takes arrays
     return high
 
 
-def hills(
-    size: tuple[float, float], cell: float, steep: float, dice: np.random.Generator
-) -> Floats:
+def hills(size: tuple[float, float], cell: float, steep: float, rng: np.random.Generator) -> Floats:
     """Add waves up: from as long as the land to a few metres, the shorter the lower.
 
     ``steep`` is about the standard deviation of the slope of the longest ones.
@@ -223,12 +221,12 @@ def hills(
     height = np.zeros((columns, rows))
     for i in range(WAVES):
         length = max(size) * 0.85**i
-        way, phase = dice.uniform(0.0, 2.0 * np.pi, 2)
+        way, phase = rng.uniform(0.0, 2.0 * np.pi, 2)
         number = 2.0 * np.pi / length
         # cos(a + b) from two short rows of cosines: many times as fast as on the whole grid.
         a, b = number * np.cos(way) * x + phase, number * np.sin(way) * y
         wave = np.cos(a) * np.cos(b) - np.sin(a) * np.sin(b)
-        height += steep / number * 0.9**i * dice.uniform(0.3, 1.0) * wave
+        height += steep / number * 0.9**i * rng.uniform(0.3, 1.0) * wave
     return height
 
 
@@ -248,19 +246,19 @@ class Plants:
     clearing: float = 0.0
 
 
-def build(ground: Floats, cell: float, plants: Plants, dice: np.random.Generator) -> Landscape:
+def build(ground: Floats, cell: float, plants: Plants, rng: np.random.Generator) -> Landscape:
     """Put houses with gables, and trees round or pointed, on the ground; none hides another."""
     top, owner = ground.copy(), np.zeros(ground.shape, np.int64)
     land = Landscape(ground, top, owner, cell)
     long, broad = land.size
     for number in range(plants.houses):
-        place = (dice.uniform(0.0, long), dice.uniform(0.0, broad))
-        half = (dice.uniform(4.0, 9.0), dice.uniform(3.5, 6.0))
-        _house(land, number + 1, place, half, dice.uniform(*plants.eaves))
+        place = (rng.uniform(0.0, long), rng.uniform(0.0, broad))
+        half = (rng.uniform(4.0, 9.0), rng.uniform(3.5, 6.0))
+        _house(land, number + 1, place, half, rng.uniform(*plants.eaves))
     middle = np.array([long / 2.0, broad / 2.0])
     for number in range(plants.trees):
-        place = (dice.uniform(0.0, long), dice.uniform(0.0, broad))
-        tall, wide, lot = dice.uniform(*plants.tall), dice.uniform(*plants.wide), dice.random()
+        place = (rng.uniform(0.0, long), rng.uniform(0.0, broad))
+        tall, wide, lot = rng.uniform(*plants.tall), rng.uniform(*plants.wide), rng.random()
         if np.hypot(*(np.array(place) - middle)) >= plants.clearing:
             _tree(land, -1 - number, place, (wide, tall), is_pointed=lot < plants.pointed)
     return land

@@ -36,10 +36,10 @@ class Puff:
     cause: Cause = Cause.EXHAUST
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def meet(self, rays: Rays, reach: Floats, dice: Floats) -> Floats:
+    def meet(self, rays: Rays, reach: Floats, rng: Floats) -> Floats:
         """Distance (N,) at which the centres of bundles are sent back before ``reach``; inf: never.
 
-        ``dice`` (N,), uniform in 0 to 1, decides; the law is that of Beer and Lambert.
+        ``rng`` (N,), uniform in 0 to 1, decides; the law is that of Beer and Lambert.
         """
         drift = np.reshape(self.velocity, (3, 1)) * rays.t
         if drift.any():
@@ -47,10 +47,10 @@ class Puff:
         far = np.full(len(reach), np.inf)
         near = towards(rays, (np.array(self.centre), 4.0 * max(self.size)))
         origin, direction = rays.origin[:, near, 0], rays.direction[:, near, 0]
-        far[near] = self._meet(origin, direction, reach[near], dice[near])
+        far[near] = self._meet(origin, direction, reach[near], rng[near])
         return far
 
-    def _meet(self, origin: Floats, direction: Floats, reach: Floats, dice: Floats) -> Floats:
+    def _meet(self, origin: Floats, direction: Floats, reach: Floats, rng: Floats) -> Floats:
         """Distance (M,) for single rays (3, M)."""
         size = np.reshape(self.size, (3, 1))
         start, step = (origin - np.reshape(self.centre, (3, 1))) / size, direction / size
@@ -60,8 +60,8 @@ class Puff:
         whole = self.density * np.exp(-aside / 2.0) * np.sqrt(2.0 * np.pi) / pace
         before = ndtr(-middle * pace)
         depth = whole * (ndtr((reach - middle) * pace) - before)
-        sent_back = dice < -np.expm1(-depth)
-        wanted = before - np.log1p(-np.where(sent_back, dice, 0.0)) / np.maximum(whole, TINY)
+        sent_back = rng < -np.expm1(-depth)
+        wanted = before - np.log1p(-np.where(sent_back, rng, 0.0)) / np.maximum(whole, TINY)
         place = middle + ndtri(np.clip(wanted, 0.0, 1.0)) / pace
         return np.where(sent_back, place, np.inf)
 
@@ -78,9 +78,9 @@ class Fall:
     density: float
     fade: float
 
-    def meet(self, rays: Rays, reach: Floats, dice: Floats) -> Floats:  # noqa: ARG002
+    def meet(self, rays: Rays, reach: Floats, rng: Floats) -> Floats:  # noqa: ARG002
         """Distance (N,) at which bundles are sent back before ``reach``; inf: never."""
-        depth = -np.log1p(-dice) / (self.density * self.fade)
+        depth = -np.log1p(-rng) / (self.density * self.fade)
         falls = depth < np.pi / 2.0
         far = np.where(falls, self.fade * np.tan(np.where(falls, depth, 0.0)), np.inf)
         return np.where(far < reach, far, np.inf)

@@ -23,7 +23,7 @@ class Preset:
 
     maker: str  # module in simulation/ and function
     sentence: str
-    is_named: bool = True  # the function makes several presets, and is told which
+    is_named: bool = True  # the function makes several presets, and is given the name
 
 
 _SURVEY, _FLIGHT, _STREET = 'surveyed_streets.survey', 'aerial.flight', 'spinning_streets.street'
@@ -61,7 +61,7 @@ def make(
     name : one of ``PRESETS``
     seed : from 0; the same seed gives the same bytes
     share : of the points that are outliers, 0 to 1; None: the preset's own
-    progress : is told the share done
+    progress : is called with the share done
 
     Raises
     ------

@@ -135,7 +135,7 @@ def record(
     lines_per_message: int = 10,
     progress: Callable[[float], object] = lambda _: None,
 ) -> Truth:
-    """Write a drive as an MCAP bag, and count what is in it; ``progress`` is told the share done.
+    """Write a drive as an MCAP bag, and count what is in it; ``progress`` gets the share done.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def record(
 def write(
     made: Iterable[Cloud], bag: Path, progress: Callable[[Cloud], object] = lambda _: None
 ) -> Truth:
-    """Write clouds as an MCAP bag, and count what is in them; ``progress`` is told what is written.
+    """Write clouds as an MCAP bag, and count what is in them; ``progress`` gets what is written.
 
     Raises
     ------

@@ -98,11 +98,11 @@ class Surface(Protocol):
 
     @property
     def kind(self) -> Kind:
-        """Tell what it is."""
+        """Return what it is."""
 
     @property
     def pane(self) -> Kind:
-        """Tell what its windows are."""
+        """Return what its windows are."""
 
     @property
     def reflectance(self) -> float:
@@ -110,7 +110,7 @@ class Surface(Protocol):
 
     @property
     def cause(self) -> Cause:
-        """Tell whether points on it are outliers, and why."""
+        """Return whether points on it are outliers, and why."""
 
     @property
     def row(self) -> Floats:
@@ -122,12 +122,12 @@ class Air(Protocol):
 
     @property
     def cause(self) -> Cause:
-        """Tell why points in it are outliers."""
+        """Return why points in it are outliers."""
 
-    def meet(self, rays: Rays, reach: Floats, dice: Floats) -> Floats:
+    def meet(self, rays: Rays, reach: Floats, rng: Floats) -> Floats:
         """Distance (N,) where the centres of bundles are sent back before ``reach``; inf: never.
 
-        ``dice`` (N,), uniform in 0 to 1, decides.
+        ``rng`` (N,), uniform in 0 to 1, decides.
         """
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 # of Cause and Kind.
 FIRST = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4'), ('t', '<u4')]
 TRUTH = [('label', 'u1'), ('surface', 'u1')]
-BLOCK_LINES = 20  # lines of a profile scanner that are cast at once, and share one stream of dice
+BLOCK_LINES = 20  # lines of a profile scanner that are cast at once, and share one stream of rng
 BLOCK_COLUMNS = 250  # columns of a spinning scanner, likewise
 
 
@@ -74,7 +74,7 @@ class Receiver:
     pulse : float
         Returns closer together than this are one echo, metres.
     keeps_mixed : bool
-        False: an echo of several surfaces is told by the form of its pulse, and none is given.
+        False: an echo of several surfaces is seen in the form of its pulse, and none is given.
     nearest, farthest : float
         Ranges that are measured, metres.
     weakest : float
@@ -105,7 +105,7 @@ class Receiver:
         return self.aperture + self.divergence * 2.0 * self.farthest
 
     def range_sigma(self, distance: Floats, cosine: Floats) -> Floats:
-        """Tell the standard deviation of a range, which grows with it and with the incidence."""
+        """Return the standard deviation of a range, which grows with it and with the incidence."""
         lean = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / np.maximum(cosine, 0.01)
         spread = self.noise_of_spread * self.footprint(distance) * lean
         sigma: Floats = np.hypot(self.noise + self.noise_per_metre * distance, spread)
@@ -119,7 +119,7 @@ class Receiver:
         return rounded
 
     def is_seen(self, distance: Floats, strength: Floats) -> NDArray[np.bool_]:
-        """Tell whether echoes from a range, so much of the light coming back, are measured."""
+        """Return whether echoes from a range, so much of the light coming back, are measured."""
         inside = (distance >= self.nearest) & (distance <= self.farthest)
         return inside & (strength >= self.weakest * np.where(inside, distance, 0.0) ** 2)
 

@@ -75,45 +75,45 @@ class Errors(NamedTuple):
 
 def simulate(seed: int) -> LabelledClusters:
     """Scan the two surfaces and scatter the outliers; the same seed gives the same points."""
-    dice = np.random.default_rng(seed)
-    u, v = _grid(dice, (24, 21), 0.2)
+    rng = np.random.default_rng(seed)
+    u, v = _grid(rng, (24, 21), 0.2)
     wall = np.stack([u, 0.35 * np.sin(1.1 * u) * np.cos(0.8 * v), v], axis=1)
-    u, v = _grid(dice, (12, 12), 0.1)
+    u, v = _grid(rng, (12, 12), 0.1)
     board = np.stack([u + 1.2, 0.3 * (u - 0.6) ** 2 - 1.8, v + 0.8], axis=1)
     good = np.concatenate([wall, board])
-    good += dice.normal(0.0, NOISE, good.shape)
-    good = good[np.sort(dice.permutation(len(good))[:GOOD])]
+    good += rng.normal(0.0, NOISE, good.shape)
+    good = good[np.sort(rng.permutation(len(good))[:GOOD])]
     outliers = np.concatenate(
         [
-            _scatter(dice, good, STRAY, FAR),
-            _scatter(dice, good, NEAR_STRAY, NEAR),
+            _scatter(rng, good, STRAY, FAR),
+            _scatter(rng, good, NEAR_STRAY, NEAR),
             *(
-                _scatter(dice, good, 1, FAR) + dice.normal(0.0, SPREAD, (size, 3))
+                _scatter(rng, good, 1, FAR) + rng.normal(0.0, SPREAD, (size, 3))
                 for size in CLUSTERS
             ),
-            _scatter(dice, good, 1, NEAR) + dice.normal(0.0, SPREAD / 2, (NEAR_CLUSTER, 3)),
+            _scatter(rng, good, 1, NEAR) + rng.normal(0.0, SPREAD / 2, (NEAR_CLUSTER, 3)),
         ]
     )
     truth = np.arange(len(good) + len(outliers)) >= len(good)
     return LabelledClusters(np.concatenate([good, outliers]), truth)
 
 
-def _grid(dice: np.random.Generator, shape: tuple[int, int], step: float) -> tuple[Floats, Floats]:
+def _grid(rng: np.random.Generator, shape: tuple[int, int], step: float) -> tuple[Floats, Floats]:
     """Scan columns and rows of a surface, not quite evenly."""
     u, v = np.meshgrid(step * np.arange(shape[0]), step * np.arange(shape[1]))
     jitter = JITTER * step
     u, v = u.ravel(), v.ravel()
-    return u + dice.uniform(-jitter, jitter, len(u)), v + dice.uniform(-jitter, jitter, len(v))
+    return u + rng.uniform(-jitter, jitter, len(u)), v + rng.uniform(-jitter, jitter, len(v))
 
 
 def _scatter(
-    dice: np.random.Generator, good: Floats, count: int, between: tuple[float, float]
+    rng: np.random.Generator, good: Floats, count: int, between: tuple[float, float]
 ) -> Floats:
     """Throw points into the space around the good ones, so far from the nearest of them."""
     low, high = good.min(axis=0) - MARGIN[0], good.max(axis=0) + MARGIN[1]
     found: list[Floats] = []
     while len(found) < count:
-        point = dice.uniform(low, high)
+        point = rng.uniform(low, high)
         if between[0] < np.linalg.norm(good - point, axis=1).min() < between[1]:
             found.append(point)
     return np.array(found)

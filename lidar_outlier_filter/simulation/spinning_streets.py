@@ -81,7 +81,7 @@ WEATHER = {
 def street(
     name: str, seed: int, share: float | None, progress: Callable[[float], object]
 ) -> Iterator[Cloud]:
-    """Simulate ``street-RINGS``; None: the share of outliers that the table of weather tells."""
+    """Simulate ``street-RINGS``; None: the share of outliers that the table of weather says."""
     count = int(name.removeprefix('street-'))
     drive = plan(count, seed)
     block = _weigh(choose.gather(drive, progress=progress))
@@ -97,25 +97,25 @@ def _weigh(block: Block) -> Block:
 
 def plan(count: int, seed: int) -> Drive:
     """Draw the street of a seed, and how the vehicle passes through it."""
-    dice = np.random.default_rng([seed, count])
+    rng = np.random.default_rng([seed, count])
     weather, sensor = WEATHER[count], SENSORS[count]
-    start = dice.uniform(4.0, 9.0)
-    things, air = _traffic(start, weather, dice)
-    flight = (start + dice.uniform(-2.0, 14.0), dice.uniform(-3.0, 3.0))
+    start = rng.uniform(4.0, 9.0)
+    things, air = _traffic(start, weather, rng)
+    flight = (start + rng.uniform(-2.0, 14.0), rng.uniform(-3.0, 3.0))
     town = Town(
         start=-80.0,
         end=100.0,
-        half_road=dice.uniform(4.6, 5.8),
-        crown=dice.uniform(0.03, 0.1),
-        kerb=dice.uniform(0.08, 0.15),
-        crossing=(start, start + dice.uniform(10.0, 14.0)),
-        things=(*things, *birds(flight, 20, dice)),
+        half_road=rng.uniform(4.6, 5.8),
+        crown=rng.uniform(0.03, 0.1),
+        kerb=rng.uniform(0.08, 0.15),
+        crossing=(start, start + rng.uniform(10.0, 14.0)),
+        things=(*things, *birds(flight, 20, rng)),
     )
     return Drive(
-        Scene(lay_out(town, dice), (*weather.falls, *air)),
+        Scene(lay_out(town, rng), (*weather.falls, *air)),
         lines=weather.turns,
         sensor=sensor,
-        trajectory=_route(weather.turns / sensor.lines_per_second, dice),
+        trajectory=_route(weather.turns / sensor.lines_per_second, rng),
         disturbances=weather.disturbances,
         seed=seed,
         in_own_frame=True,
@@ -123,24 +123,24 @@ def plan(count: int, seed: int) -> Drive:
 
 
 def _traffic(
-    start: float, weather: Weather, dice: np.random.Generator
+    start: float, weather: Weather, rng: np.random.Generator
 ) -> tuple[list[Surface], list[Air]]:
     """Let a car drive ahead and one come the other way, whirling up what lies on the road."""
     things: list[Surface] = []
     air: list[Air] = []
-    ahead, oncoming = start + dice.uniform(12.0, 18.0), start + dice.uniform(4.0, 30.0)
+    ahead, oncoming = start + rng.uniform(12.0, 18.0), start + rng.uniform(4.0, 30.0)
     for x, y, speed in ((ahead, LANES[0], 7.0), (oncoming, LANES[1], -8.0)):
-        things += car(x, y, dice, (speed, 0.0, 0.0))
+        things += car(x, y, rng, (speed, 0.0, 0.0))
         if weather.spray:
-            air += spray(x, y, speed, dice, weather.spray)
+            air += spray(x, y, speed, rng, weather.spray)
     return things, air
 
 
-def _route(seconds: float, dice: np.random.Generator) -> Route:
+def _route(seconds: float, rng: np.random.Generator) -> Route:
     """Come to a crossing and turn left, faster and faster; bumps on the way."""
-    speed = dice.uniform(4.5, 6.0)
-    bend = dice.uniform(0.4, 0.7)
+    speed = rng.uniform(4.5, 6.0)
+    bend = rng.uniform(0.4, 0.7)
     knots = ((0.0, speed, 0.0), (0.3 * seconds, speed, 0.1), (seconds, 0.9 * speed, bend))
-    start = (dice.uniform(-2.0, 0.0), LANES[0], 0.0)
-    phase = dice.uniform(0.0, 6.0)
+    start = (rng.uniform(-2.0, 0.0), LANES[0], 0.0)
+    phase = rng.uniform(0.0, 6.0)
     return Route(knots, start, bump=0.03, phase=phase, mount=(0.0, 0.0, 1.9))

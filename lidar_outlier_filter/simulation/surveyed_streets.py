@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds like A, B and C of Leslar et al. 2010, section 4 and Table 1: a street, surveyed.
 
-The scanner tells the merged pulse of a silhouette by its form and gives no echo for it, as survey
-scanners can: the outliers are those that the paper tells of, and as many as its table counts.
+The scanner says the merged pulse of a silhouette by its form and gives no echo for it, as survey
+scanners can: the outliers are those that the paper says of, and as many as its table counts.
 """
 
 from __future__ import annotations
@@ -93,23 +93,23 @@ def survey(
 
 def plan(how: Survey, seed: int) -> Drive:
     """Draw the street of a seed, and how the vehicle passes through it."""
-    dice = np.random.default_rng([seed, how.points])
+    rng = np.random.default_rng([seed, how.points])
     town = Town(
-        half_road=dice.uniform(4.7, 5.8),
-        crown=dice.uniform(0.04, 0.1),
-        kerb=dice.uniform(0.08, 0.15),
+        half_road=rng.uniform(4.7, 5.8),
+        crown=rng.uniform(0.04, 0.1),
+        kerb=rng.uniform(0.08, 0.15),
         trees=False,
     )
-    speed = how.speed * dice.uniform(0.9, 1.1)
-    surfaces = lay_out(town, dice)
+    speed = how.speed * rng.uniform(0.9, 1.1)
+    surfaces = lay_out(town, rng)
     if how.has_arm:
-        surfaces += (_arm(town, speed, dice),)
+        surfaces += (_arm(town, speed, rng),)
     air: tuple[Puff, ...] = ()
     if how.exhaust:
         air = tuple(
             puff
-            for x in (speed * 0.9 + dice.uniform(-1.0, 0.5), speed * 1.5 + dice.uniform(3.0, 6.0))
-            for puff in exhaust(x, LANES[0] + dice.uniform(-0.5, 0.5), dice, how.exhaust)
+            for x in (speed * 0.9 + rng.uniform(-1.0, 0.5), speed * 1.5 + rng.uniform(3.0, 6.0))
+            for puff in exhaust(x, LANES[0] + rng.uniform(-0.5, 0.5), rng, how.exhaust)
         )
     sensor = ProfileScanner(
         lines_per_second=how.lines_per_second,
@@ -121,31 +121,31 @@ def plan(how: Survey, seed: int) -> Drive:
         Scene(surfaces, air),
         lines=int(LONGEST * how.lines_per_second),
         sensor=sensor,
-        trajectory=_route(how, speed, dice),
+        trajectory=_route(how, speed, rng),
         disturbances=how.disturbances,
         seed=seed,
     )
 
 
-def _arm(town: Town, speed: float, dice: np.random.Generator) -> BarrierArm:
+def _arm(town: Town, speed: float, rng: np.random.Generator) -> BarrierArm:
     """Let a barrier across the other lane open or close while one passes it."""
-    length, y = town.half_road - dice.uniform(0.2, 0.6), town.half_road - 0.3
-    x = speed * dice.uniform(0.3, 0.6) - 3.0
+    length, y = town.half_road - rng.uniform(0.2, 0.6), town.half_road - 0.3
+    x = speed * rng.uniform(0.3, 0.6) - 3.0
     # The scan plane looks to the left and back, 45° each: when does it come to the arm's middle?
     late = (x + 1.0 + y - length / 2.0 - LANES[0]) / speed
-    rate = dice.uniform(0.5, 1.0) * dice.choice([-1.0, 1.0])
-    angle = dice.uniform(0.5, 1.0) - rate * late
+    rate = rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
+    angle = rng.uniform(0.5, 1.0) - rate * late
     return BarrierArm((x, y, 1.0), length, angle, rate, radius=0.03)
 
 
-def _route(how: Survey, speed: float, dice: np.random.Generator) -> Route:
+def _route(how: Survey, speed: float, rng: np.random.Generator) -> Route:
     """Weave a little; stop once, if one is to."""
-    turns = dice.uniform(-0.03, 0.03, 2)
+    turns = rng.uniform(-0.03, 0.03, 2)
     knots = [(0.0, speed, 0.0), (0.6, speed, turns[0]), (1.2, 0.9 * speed, -turns[0])]
     if how.stands:
         knots += [(2.4, 0.0, 0.0), (2.4 + how.stands, 0.0, 0.0)]
     later = knots[-1][0]
     knots += [(later + 1.4, speed, turns[1]), (later + 2.4, 1.1 * speed, -turns[1])]
     knots += [(later + 3.4, speed, 0.0)]
-    start = (0.0, LANES[0], dice.uniform(-0.005, 0.005))
-    return Route(tuple(knots), start, phase=dice.uniform(0.0, 6.0))
+    start = (0.0, LANES[0], rng.uniform(-0.005, 0.005))
+    return Route(tuple(knots), start, phase=rng.uniform(0.0, 6.0))

@@ -333,7 +333,7 @@ class CloudFilter:
             self._moving.wait_at_most(parameters.max_delay)
 
     def refused(self, err: CloudError) -> None:
-        """Count and tell of a cloud that was refused elsewhere on its way."""
+        """Count and report a cloud that was refused elsewhere on its way."""
         self.statistics.refusals[err.what] += 1
         self.refuse(err)
 

@@ -28,7 +28,7 @@ class PoseSource(Protocol):
         """Take the next message with a pose; one that makes no sense is counted."""
 
     def cover(self, first: int, last: int, frame: str) -> Cover:
-        """Tell whether it is known where ``frame`` was from ``first`` to ``last`` (ns), both."""
+        """Return whether it is known where ``frame`` was from ``first`` to ``last`` (ns), both."""
 
     def move(self, points: Points, frame: str) -> Points | None:
         """Move points from ``frame`` to the frame that stands still; None if that is not known."""
@@ -68,7 +68,7 @@ class Odometry:
         self.refusals[what] += 1
 
     def cover(self, first: int, last: int, _frame: str) -> Cover:
-        """Tell whether there is odometry from ``first`` to ``last``."""
+        """Return whether there is odometry from ``first`` to ``last``."""
         return self._track.cover(first, last)
 
     def move(self, points: Points, _frame: str) -> Points | None:

@@ -40,7 +40,7 @@ class MovingStream:
     """In front of a stream: points in, and on they go, moved, once there are poses for all of them.
 
     A message waits, and all behind it, until its last pose is there; or until points have come that
-    are later by more than ``max_delay``, or it is told to hurry: then its points go on as they are,
+    are later by more than ``max_delay``, or it has to hurry: then its points go on as they are,
     in their own frame, and are judged apart from those that were moved.
     """
 
@@ -51,7 +51,7 @@ class MovingStream:
         parameters: FilterParameters,
         refuse: Callable[[CloudError], object],
     ) -> None:
-        """Tell ``refuse`` of messages that the stream refuses when their turn has come."""
+        """Return ``refuse`` of messages that the stream refuses when their turn has come."""
         self.unmoved = 0  # messages that went on without poses
         self._stream = stream
         self._motion = motion

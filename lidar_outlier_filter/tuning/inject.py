@@ -93,16 +93,16 @@ def inject(
         If there are too few points, or no place is far enough from all of them.
 
     """
-    dice = np.random.default_rng(how.seed)
+    rng = np.random.default_rng(how.seed)
     first = np.cumsum([0, *(len(cloud) for cloud in clouds)])
-    code, groups = _choose(first, how, dice)
+    code, groups = _choose(first, how, rng)
     xyz = np.concatenate([cloud.xyz for cloud in clouds]) if clouds else np.zeros((0, 3))
     for begin, end in _windows(clouds, first, how.window):
         good = xyz[begin:end][code[begin:end] == Cause.GOOD]
         for kind in (Cause.SINGLE, Cause.CLUSTER):
             here = bisect_left(groups[kind], begin, key=lambda group: group.start)
             there = bisect_left(groups[kind], end, key=lambda group: group.start)
-            _move(xyz, groups[kind][here:there], good, how, dice)
+            _move(xyz, groups[kind][here:there], good, how, rng)
     made = []
     for number, (cloud, start) in enumerate(zip(clouds, first.tolist(), strict=False)):
         part = slice(start, start + len(cloud))
@@ -115,7 +115,7 @@ def inject(
 
 
 def _choose(
-    first: Integers, how: Injection, dice: np.random.Generator
+    first: Integers, how: Injection, rng: np.random.Generator
 ) -> tuple[Integers, dict[Cause, list[slice]]]:
     """Choose which points become outliers: stretches of neighbours, and single ones between."""
     total = int(first[-1])
@@ -131,8 +131,8 @@ def _choose(
     for _ in range(TRIES * (wanted // smallest + 1)):
         if left < smallest:
             break
-        size = min(int(dice.integers(smallest, largest, endpoint=True)), left)
-        start = int(dice.integers(total - size + 1)) if size <= total else 0
+        size = min(int(rng.integers(smallest, largest, endpoint=True)), left)
+        start = int(rng.integers(total - size + 1)) if size <= total else 0
         members = slice(start, start + size)
         # Neighbours of one cloud, and of no other cluster.
         if cloud_of[start] == cloud_of[members.stop - 1] and not code[members].any():
@@ -142,7 +142,7 @@ def _choose(
     groups[Cause.CLUSTER].sort(key=lambda group: group.start)
     singles = wanted - int(np.count_nonzero(code))
     free = np.flatnonzero(code == Cause.GOOD)
-    for place in np.sort(dice.choice(free, singles, replace=False)).tolist():
+    for place in np.sort(rng.choice(free, singles, replace=False)).tolist():
         code[place] = Cause.SINGLE
         groups[Cause.SINGLE].append(slice(place, place + 1))
     return code, groups
@@ -167,7 +167,7 @@ def _move(
     groups: Sequence[slice],
     good: Floats,
     how: Injection,
-    dice: np.random.Generator,
+    rng: np.random.Generator,
 ) -> None:
     """Move groups of points as a whole, until none is too near to a good point."""
     if not groups:
@@ -176,7 +176,7 @@ def _move(
     low, high = how.distance
     left = list(groups)
     for _ in range(TRIES):
-        moved = [_moved(xyz[group], low, high, how.spread, dice) for group in left]
+        moved = [_moved(xyz[group], low, high, how.spread, rng) for group in left]
         sizes = [len(points) for points in moved]
         near = tree.query(np.concatenate(moved), workers=-1)[0] < low
         which = np.repeat(np.arange(len(left)), sizes)
@@ -192,14 +192,14 @@ def _move(
 
 
 def _moved(
-    points: Floats, low: float, high: float, spread: float, dice: np.random.Generator
+    points: Floats, low: float, high: float, spread: float, rng: np.random.Generator
 ) -> Floats:
     """Give a group another place: a single point, or its first one as the middle of a cluster."""
     single = len(points) == 1
-    direction = dice.standard_normal(3)
+    direction = rng.standard_normal(3)
     direction /= np.linalg.norm(direction)
-    middle: Floats = points[0] + direction * dice.uniform(low if single else 2 * low, high)
+    middle: Floats = points[0] + direction * rng.uniform(low if single else 2 * low, high)
     if single:
         return middle[None]
-    around: Floats = middle + spread * dice.standard_normal(points.shape)
+    around: Floats = middle + spread * rng.standard_normal(points.shape)
     return around

@@ -147,7 +147,7 @@ class _Recorder(Stream):
     """A stream that judges nothing, and notes what it takes."""
 
     def __init__(self, parameters: FilterParameters, motion: Odometry | None) -> None:
-        """Take the motion that tells where the sensor was; None: nobody asks."""
+        """Take the motion that says where the sensor was; None: nobody asks."""
         super().__init__(parameters)
         self.chain = _Nothing(parameters)
         self._taken: list[TakenCloud] = []

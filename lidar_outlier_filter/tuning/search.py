@@ -89,7 +89,7 @@ def tune(  # noqa: PLR0913  what the command line offers
         recordings, whole ones
     wanted : values to try, by parameter, instead of or beside those of the table
     kept : parameters to leave as they are
-    progress : is told before every run how many of how many steps are done, and of what; it may
+    progress : is called before every run: how many of how many steps are done, and of what; it may
         leave
 
     Raises

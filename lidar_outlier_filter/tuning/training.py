@@ -71,7 +71,7 @@ class Training:
 
     @property
     def sources(self) -> Integers:
-        """Tell of each stretch, (S,), which recording it is of."""
+        """Return of each stretch, (S,), which recording it is of."""
         return np.zeros(self.stretches, np.int64)
 
     def judge(self, parameters: FilterParameters, seen: Mask | None = None) -> Verdict:
@@ -82,13 +82,13 @@ class Training:
             parts = np.split(seen, ends)
             clouds = [cloud.take(part) for cloud, part in zip(clouds, parts, strict=True)]
         if self.streamed:
-            told = _stream(clouds, self.frames or [''] * len(clouds), parameters)
+            result = _stream(clouds, self.frames or [''] * len(clouds), parameters)
         else:
-            told = _whole(clouds, parameters)
+            result = _whole(clouds, parameters)
         if seen is None:
-            return told
+            return result
         verdict = Verdict.untested(len(self))
-        verdict.put(seen, told)
+        verdict.put(seen, result)
         return verdict
 
     def curve(self, parameters: FilterParameters) -> Curve:

@@ -166,7 +166,7 @@ def smoothed_state(
 
 
 def is_singular(delta: Sequence[float], variance: Sequence[float], order: int) -> bool:
-    """Tell whether a window without the tested point cannot predict it (times in any unit)."""
+    """Return whether a window without the tested point cannot predict it (times in any unit)."""
     half_width = max((abs(d) for d in delta), default=0.0)
     if half_width == 0.0:
         return True
@@ -287,7 +287,7 @@ def point_score(points: Line, p: int, segment: Sequence[int], rule: Rule) -> tup
 
 
 def is_peak(p: int, scores: Sequence[float], reach: int) -> bool:
-    """Tell whether no rank within reach of p is larger, or equal and earlier; NaN: no rival."""
+    """Return whether no rank within reach of p is larger, or equal and earlier; NaN: no rival."""
     for j in range(max(0, p - reach), min(len(scores), p + reach + 1)):
         if scores[j] > scores[p] or (j < p and scores[j] == scores[p]):
             return False

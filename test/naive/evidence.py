@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The weighed witnesses as textbook loops: the fast detector's slow twin.
+"""The weighed features as textbook loops: the fast detector's slow twin.
 
 Nothing of the package is imported here, so that no mistake can be shared.
 """
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 Point = Sequence[float]
-WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone', 'company')
+FEATURES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone', 'company')
 BOUNDS = {
     'spacing': (1.0, exp(3.0)),
     'step': (1.0, exp(2.0)),
@@ -160,7 +160,7 @@ class Typical(NamedTuple):
 def ratios(
     scan: Scan, gap_factor: float, *, spinning: bool, first: Typical | None = None
 ) -> tuple[list[dict[str, float]], list[float], Typical]:
-    """List what each witness looks at, of each point, the spacing expected, and what is typical.
+    """List what each feature looks at, of each point, the spacing expected, and what is typical.
 
     After the ``first`` pass what was typical in it counts.
     """
@@ -329,7 +329,7 @@ def detect(
         bereft = {i for i, count in newly.items() if count > 0}
         lost = [count + newly.get(i, 0) for i, count in enumerate(lost)]
         said, now, _ = ratios(scan.take(kept), gap_factor, spinning=spinning, first=usually)
-        # Only points that lost a neighbour are heard again; the others' spacing stays, too.
+        # Only points that lost a neighbour are received again; the others' spacing stays, too.
         spacing = [
             new if i in bereft else old
             for i, new, old in zip(

@@ -103,7 +103,7 @@ def fit_plane(points: Floats, weights: Floats) -> Plane:
 
 
 def is_plane(plane: Plane, floor: float) -> bool:
-    """Tell a plane from a line."""
+    """Return a plane from a line."""
     return bool(plane.moments[1] > floor**2 * plane.weight)
 
 

@@ -128,7 +128,7 @@ def scramble(value: int) -> int:
     return value ^ (value >> 31)
 
 
-def dice(i: int, j: int, k: int, seed: int, which: int) -> float:
+def uniform(i: int, j: int, k: int, seed: int, which: int) -> float:
     """Give a number in 0 to 1 that belongs to a cell."""
     state = seed & MASK
     for number in (i, j, k, which):
@@ -164,10 +164,12 @@ def crown(  # noqa: PLR0913  the measures of a crown
         if enter < leave:
             crossed.append((enter, number))
     for _, (i, j, k) in sorted(crossed):
-        if dice(i, j, k, seed, 0) >= share:
+        if uniform(i, j, k, seed, 0) >= share:
             continue
-        place = [centre[n] + ((i, j, k)[n] + dice(i, j, k, seed, 1 + n)) * cell for n in range(3)]
-        height, around = 2 * dice(i, j, k, seed, 4) - 1, 2 * math.pi * dice(i, j, k, seed, 5)
+        place = [
+            centre[n] + ((i, j, k)[n] + uniform(i, j, k, seed, 1 + n)) * cell for n in range(3)
+        ]
+        height, around = 2 * uniform(i, j, k, seed, 4) - 1, 2 * math.pi * uniform(i, j, k, seed, 5)
         flat = math.sqrt(1 - height**2)
         normal = (flat * math.cos(around), flat * math.sin(around), height)
         middle = (place[0], place[1], place[2])

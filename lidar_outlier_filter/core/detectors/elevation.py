@@ -12,7 +12,7 @@ Their section 3.3, with its numbers:
 3. M, the mean elevation of the k nearest in it, the point left out, less its own elevation. Others
    that are exactly as near as the k-th count too, so M does not depend on the order of the points.
 4. Mean and standard deviation σ of all M.
-5. Points with |M - mean| > ``multiplier`` σ are rejected.
+5. Points with ``|M - mean| > multiplier · σ`` are rejected.
 
 The paper's (5) is M - mean > 3σ. Taken by its letter it finds low points only, although its
 section 1 promises high ones too; it is ``sides: low``, its mirror image ``high``, and ``both``

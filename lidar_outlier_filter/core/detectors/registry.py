@@ -78,7 +78,7 @@ def registered(detector: Detector) -> Iterator[None]:
 
 
 def table() -> str:
-    """Write the table of the detectors for the README, in Markdown."""
+    """Write the table of the detectors for the documentation, in Markdown."""
     lines = ['| detector | bit | a point is rejected that … | source |', '| --- ' * 4 + '|']
     lines += [f'| `{one.name}` | {one.bit} | {one.rejects} | {one.source} |' for one in _BUILT_IN]
     return '\n'.join(lines) + '\n'

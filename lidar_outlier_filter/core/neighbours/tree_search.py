@@ -154,7 +154,7 @@ def seen(tree: Tree, leaf: int, k: int) -> int:
     """Return where the points of a leaf end that can be among anybody's k nearest, or tied.
 
     Where more coincide than a leaf holds, only the first: they are those of the lowest index. One
-    of them may be the point that is searched, and one more tells that there is a tie.
+    of them may be the point that is searched, and one more says that there is a tie.
     """
     first, last = tree.first[leaf], tree.last[leaf]
     return int(last if last - first <= LEAF else min(last, first + k + 2))
@@ -394,7 +394,7 @@ def _shorten(order: Ints, count: int, k: int, room: Room) -> tuple[int, float]:
     kept = choose(few, place, count, limit, best, best_place)
     few[:kept], place[:kept] = best[:kept], best_place[:kept]
     if kept > len(few) // 4:
-        # So many are tied; one behind the k-th is enough to tell.
+        # So many are tied; one behind the k-th is enough to decide.
         sort(order, few, place, kept, best, best_place)
         kept = k + 1
         few[:kept], place[:kept] = best[:kept], best_place[:kept]

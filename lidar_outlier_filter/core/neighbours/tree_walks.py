@@ -31,7 +31,7 @@ def squared(xyz: Floats, p: int, q: int) -> float:
 
 @kernel
 def tied_at(xyz: Floats, index: Index, k: int, begin: int, end: int, tied: Bools) -> None:
-    """Tell of a range of points where the neighbour behind the k-th is exactly as far as it."""
+    """Return of a range of points where the neighbour behind the k-th is exactly as far as it."""
     for q in range(begin, end):
         tied[q] = squared(xyz, index[q, k - 1], q) == squared(xyz, index[q, k], q)
 

@@ -233,7 +233,7 @@ def _scores(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Score points by the centred window, or by the side they agree with better, and rank them.
 
-    The centred window stands in for a side that is too short. The rank tells which of the points
+    The centred window stands in for a side that is too short. The rank says which of the points
     that fail goes first: it is the score of the centred window, in which no good point stands out
     more than a lone outlier beside it; one-sided windows extrapolate. NaN for points that pass.
     """
@@ -267,7 +267,7 @@ def _window_score(
     a = abs(standard[0, m]) * precision[0, k]
     b = abs(standard[1, m]) * precision[1, k]
     c = abs(standard[2, m]) * precision[2, k]
-    # All three are NaN together, and max() would not tell.
+    # All three are NaN together, and max() would not show it.
     if np.isnan(a):
         return np.nan
     score = max(a, b, c) / critical_each
@@ -284,7 +284,7 @@ def _is_worst(
     after: NDArray[np.int64],
     reach: int,
 ) -> NDArray[np.bool_]:
-    """Tell which points fail worse than every other within reach; of equals the first does.
+    """Return which points fail worse than every other within reach; of equals the first does.
 
     The reach is a whole window: near an end of the segment, where windows are shifted, points may
     see each other from that far.

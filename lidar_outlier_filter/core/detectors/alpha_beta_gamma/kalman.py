@@ -99,7 +99,7 @@ def _walk(link: NDArray[np.int64], k: int, reach: int) -> list[int]:
 
 
 def _is_singular(t: Floats, variance: Floats, order: int) -> bool:
-    """Tell whether the window's normal matrix (14) cannot be inverted."""
+    """Return whether the window's normal matrix (14) cannot be inverted."""
     width = np.max(np.abs(t))
     if width == 0:
         return True

@@ -44,7 +44,7 @@ DETECTOR = Detector(
     neighbours=lambda _: neighbours(),
     needs_lines=True,
     colour='#000000',
-    rejects='eight witnesses together condemn, each with its weight: distances against what '
+    rejects='eight features together condemn, each with its weight: distances against what '
     'sensor, line and neighbours lead to expect, prediction along the line, distance from the '
     'local surface, neighbours on other lines; again without the rejected, and by how many of the '
     'neighbours those were; and slanted groups in the air',

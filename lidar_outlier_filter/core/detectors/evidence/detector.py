@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Witnesses, weighed: what the scan line, the neighbours and their surface say of a point.
+"""A weighted sum of features of the scan line, the neighbours and their surface.
 
-Most witnesses are logarithms of a ratio that is about 1 for a good point. Each is silent up to a
-least value and says no more beyond a largest one, so that none condemns a point alone:
+Most features are logarithms of a ratio that is about 1 for a good point. Each contributes nothing
+up to a least value and no more beyond a largest one, so that none rejects a point alone:
 
     statistic = Σ weight · (min(max(log ratio, least), most) - least), at least 0
 
@@ -25,15 +25,15 @@ With d3, d5 and d20 the mean distances to so many nearest neighbours, the ratios
 ``surface``
     No logarithm, because noise ends so abruptly: how many standard deviations the point is from the
     surface of the 20 neighbours, of the typical ones or half their own, whichever is less, from 1
-    to 8, less 2, so that a point on it is spoken for; times how even the surface is (1.3 × the
+    to 8, less 2, so that a point on it scores lower; times how even the surface is (1.3 × the
     typical standard deviation ÷ their own, at most 1), and how much the point is amidst them: at
     edges the surface is no measure.
 ``alone``
     9 ÷ (1 + how many of the 8 nearest neighbours are of other lines).
 ``company``
-    No logarithm either, and heard from the second pass on: how many of its neighbours were rejected
-    ÷ 20, at most 1, less a third. The inside of a dense cloud of outliers follows its rim, and a
-    good point does not follow the few outliers beside it.
+    No logarithm either, and from the second pass on only: how many of its neighbours were
+    rejected ÷ 20, at most 1, less a third. The inside of a dense cloud of outliers follows its
+    rim, and a good point does not follow the few outliers beside it.
 
 "Usual" is the median of the points up to eight places away in the line. A profile scanner and a
 spinning sensor have weights of their own, those of a logistic regression on simulated drives;
@@ -47,9 +47,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.features import (
-    WITNESSES,
-    hear,
-    hear_again,
+    FEATURES,
+    compute,
+    compute_again,
     is_interleaved,
     see,
     see_without,
@@ -61,7 +61,7 @@ from lidar_outlier_filter.core.detectors.evidence.surface import K
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.detectors.evidence.features import Scan, Testimony
+    from lidar_outlier_filter.core.detectors.evidence.features import Features, Scan
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.parameters.detectors import Weights
@@ -76,10 +76,10 @@ def neighbours() -> int:
 
 
 def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParameters) -> Floats:
-    """Score every point by the weighted sum of what the witnesses say.
+    """Score every point by the weighted sum of its features.
 
-    Each further pass hears them again, of the points that lost neighbours, without the points that
-    the earlier ones rejected. Groups are looked for among what is left at last.
+    Each further pass computes them again for the points that lost neighbours, without the points
+    that the earlier ones rejected. Groups are looked for among what is left at last.
 
     Parameters
     ----------
@@ -115,9 +115,9 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
     if len(points) <= K:
         return score
     scan = see(neighbourhood, points, parameters.gap_factor)
-    weights, told = hear_first(scan, parameters)
+    weights, result = compute_first(scan, parameters)
     threshold = parameters.evidence.threshold * weights.threshold
-    statistic = weigh(told.words, _weights(weights)) / threshold
+    statistic = weigh(result.contributions, _weights(weights)) / threshold
     where = neighbourhood.order
     for _ in range(weights.passes - 1):
         rejected = statistic > 1
@@ -127,23 +127,23 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
         score[where] = statistic
         nearest = scan.neighbourhood.nearest(K).index
         scan = see_without(scan, rejected, parameters.gap_factor)
-        told = hear_again(scan, told, nearest, rejected)
-        again = weigh(told.words, _weights(weights)) / threshold
-        where, statistic = where[left], np.where(told.wanted, again, statistic[left])
+        result = compute_again(scan, result, nearest, rejected)
+        again = weigh(result.contributions, _weights(weights)) / threshold
+        where, statistic = where[left], np.where(result.wanted, again, statistic[left])
     if weights.slanted:
-        straight = straightness(scan, told.usual.spacing) / parameters.evidence.threshold
+        straight = straightness(scan, result.usual.spacing) / parameters.evidence.threshold
         statistic = np.fmax(statistic, straight)
     score[where] = statistic
     return score
 
 
-def hear_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Testimony]:
-    """Choose the weights of the sensor that saw all points, and hear what is said of them."""
+def compute_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Features]:
+    """Choose the weights of the sensor that saw all points, and receive what is said of them."""
     sensor = parameters.evidence.sensor
     spinning = is_interleaved(scan) if sensor == 'auto' else sensor == 'spinning'
     weights = parameters.evidence_spinning if spinning else parameters.evidence_profile
-    return weights, hear(scan, spinning=spinning)
+    return weights, compute(scan, spinning=spinning)
 
 
 def _weights(weights: Weights) -> Floats:
-    return np.array([getattr(weights, name) for name in WITNESSES])
+    return np.array([getattr(weights, name) for name in FEATURES])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The witnesses of :mod:`.evidence`, and what they compare with."""
+"""The features of :mod:`.evidence`, and what they compare with."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core import scan_lines as scanlines
-from lidar_outlier_filter.core import threads
+from lidar_outlier_filter.core import scan_lines, threads
 from lidar_outlier_filter.core.detectors.evidence import lines as evidence_lines
 from lidar_outlier_filter.core.detectors.evidence import surface as evidence_surface
 from lidar_outlier_filter.core.detectors.evidence.surface import MIDDLE, NEAR, K, Surroundings
@@ -30,20 +29,20 @@ if TYPE_CHECKING:
     Bools = NDArray[np.bool_]
 
 CHUNK = 2048  # wanted points that a thread takes at once
-WITNESSES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone', 'company')
-SURFACE, COMPANY = WITNESSES.index('surface'), WITNESSES.index('company')
-# Where witnesses begin to speak, and beyond what they say no more: logarithms, those of `surface`
-# and `company` apart.
+FEATURES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone', 'company')
+SURFACE, COMPANY = FEATURES.index('surface'), FEATURES.index('company')
+# Where features begin to contribute, and where they contribute no more: logarithms, but for
+# `surface` and `company`.
 LEAST = np.array([0.0, 0.0, 0.0, -1.2, 0.7, 0.0, 0.0])
 MOST = np.array([3.0, 2.0, 1.2, 0.0, 2.8, 6.0, np.log(NEAR + 1)])
 QUIET = np.exp(LEAST) * (1 - 1e-9)  # ratios up to which no logarithm need be taken
 SIGMA_FLOOR = 0.002  # metres, of the median difference along the line and from the surface
 SPACING_FLOOR = 0.001  # metres
-FEW_SIGMA, MANY_SIGMA = 2.0, 8.0  # from the surface: where it begins and ends to tell against
-FOR = -1.0  # the most that a surface speaks for a point
+FEW_SIGMA, MANY_SIGMA = 2.0, 8.0  # from the surface: where it begins and ends to count against
+FOR = -1.0  # the least contribution of a surface: the point lies on it
 EVEN = 1.3  # × the typical standard deviation: a surface up to which is even
 OF_ALL = 0.3  # part of the σ of all points that is added to that of the neighbours
-FEW_LOST = 1 / 3  # of the neighbours: more speak against a point, fewer for it
+FEW_LOST = 1 / 3  # of the neighbours: more raise the score of a point, fewer lower it
 INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
 
 
@@ -70,7 +69,7 @@ class Scan(NamedTuple):
 
 
 class Usual(NamedTuple):
-    """What the witnesses compare with.
+    """What the features compare with.
 
     Attributes
     ----------
@@ -90,25 +89,25 @@ class Usual(NamedTuple):
     surface: float
 
 
-class Testimony(NamedTuple):
-    """What is said of N points, in tree order.
+class Features(NamedTuple):
+    """The features of N points, in tree order.
 
     Attributes
     ----------
     wanted : (N,) bool
-        Points that it was asked of.
-    words : (N, 8) float64
-        What each witness says of them, 0 to MOST - LEAST, `surface` from FOR, and `company` from
-        -FEW_LOST to 1 - FEW_LOST; nothing of others.
+        Points that they are computed for.
+    contributions : (N, 8) float64
+        Of each feature before its weight, 0 to MOST - LEAST, `surface` from FOR, and `company` from
+        -FEW_LOST to 1 - FEW_LOST; 0 for others.
     lost : (N,) int64
         How many neighbours of each were rejected, pass after pass.
     around : what was measured of the neighbours of all
-    usual : what the witnesses compare with
+    usual : what the features compare with
 
     """
 
     wanted: Bools
-    words: Floats
+    contributions: Floats
     lost: Ints
     around: Surroundings
     usual: Usual
@@ -116,11 +115,11 @@ class Testimony(NamedTuple):
 
 def see(neighbourhood: Neighbourhood, points: Points, gap_factor: float) -> Scan:
     """Find the lines of points, which are those of the neighbourhood, in the order given."""
-    order = scanlines.order_by_line(points)
+    order = scan_lines.order_by_line(points)
     ordered = points.take(order)
-    back = scanlines.inverse(neighbourhood.order)[order]
-    lines = scanlines.find_lines(ordered, gap_factor)
-    return Scan(neighbourhood, ordered, lines, scanlines.inverse(back), back)
+    back = scan_lines.inverse(neighbourhood.order)[order]
+    lines = scan_lines.find_lines(ordered, gap_factor)
+    return Scan(neighbourhood, ordered, lines, scan_lines.inverse(back), back)
 
 
 def see_without(scan: Scan, rejected: Bools, gap_factor: float) -> Scan:
@@ -131,13 +130,13 @@ def see_without(scan: Scan, rejected: Bools, gap_factor: float) -> Scan:
     ordered = scan.ordered.take(left)
     # Both orders stay what they were.
     back = (np.cumsum(~rejected) - 1)[scan.back[left]]
-    lines = scanlines.find_lines(ordered, gap_factor)
+    lines = scan_lines.find_lines(ordered, gap_factor)
     neighbourhood = scan.neighbourhood.without(as_given)
-    return Scan(neighbourhood, ordered, lines, scanlines.inverse(back), back)
+    return Scan(neighbourhood, ordered, lines, scan_lines.inverse(back), back)
 
 
 def is_interleaved(scan: Scan) -> bool:
-    """Tell by the lines whether the sensor spins.
+    """Return by the lines whether the sensor spins.
 
     A profile scanner measures one line after the other; a spinning sensor, many at once.
     """
@@ -146,8 +145,8 @@ def is_interleaved(scan: Scan) -> bool:
     return bool((ends - begins).sum() > INTERLEAVED * (ends.max() - begins.min()))
 
 
-def hear(scan: Scan, *, spinning: bool) -> Testimony:
-    """Hear what the witnesses say of all points.
+def compute(scan: Scan, *, spinning: bool) -> Features:
+    """Compute what the features say of all points.
 
     Parameters
     ----------
@@ -164,14 +163,14 @@ def hear(scan: Scan, *, spinning: bool) -> Testimony:
         part = median(parts, count)
     unknown = np.empty((3, count))
     usual = Usual(unknown[0], unknown[1], unknown[2], part, np.nan, _typical(around.scale))
-    words, usual = _ask(scan, wanted, around, usual)
-    return Testimony(wanted, words, np.zeros(count, np.int64), around, usual)
+    contributions, usual = _contribute(scan, wanted, around, usual)
+    return Features(wanted, contributions, np.zeros(count, np.int64), around, usual)
 
 
-def hear_again(
-    scan: Scan, before: Testimony, nearest: NDArray[np.int32], rejected: Bools
-) -> Testimony:
-    """Hear what the witnesses say of points that lost neighbours.
+def compute_again(
+    scan: Scan, before: Features, nearest: NDArray[np.int32], rejected: Bools
+) -> Features:
+    """Compute what the features say of points that lost neighbours.
 
     Standard deviations, and the part of the range, stay what they were.
 
@@ -192,19 +191,19 @@ def hear_again(
     usual = usual._replace(
         spacing=usual.spacing[left], step=usual.step[left], some=usual.some[left]
     )
-    words, usual = _ask(scan, wanted, around, usual)
-    words[wanted, COMPANY] = np.minimum(lost[wanted] / K, 1.0) - FEW_LOST
-    return Testimony(wanted, words, lost, around, usual)
+    contributions, usual = _contribute(scan, wanted, around, usual)
+    contributions[wanted, COMPANY] = np.minimum(lost[wanted] / K, 1.0) - FEW_LOST
+    return Features(wanted, contributions, lost, around, usual)
 
 
 @kernel
-def weigh(words: Floats, weights: Floats) -> Floats:
-    """Sum up what the witnesses say, each times its weight: (N,), at least 0."""
-    result = np.empty(len(words))
-    for i in range(len(words)):
+def weigh(contributions: Floats, weights: Floats) -> Floats:
+    """Sum up what the features say, each times its weight: (N,), at least 0."""
+    result = np.empty(len(contributions))
+    for i in range(len(contributions)):
         total = 0.0
         for w in range(len(weights)):
-            total += weights[w] * words[i, w]
+            total += weights[w] * contributions[i, w]
         result[i] = max(total, 0.0)
     return result
 
@@ -215,13 +214,15 @@ def _measure(scan: Scan, wanted: Bools, around: Surroundings) -> None:
     _run(scan, evidence_surface.measure, wanted, hood.xyz, hood.nearest(K).index, line, around)
 
 
-def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> tuple[Floats, Usual]:
-    """Find out what is usual for the wanted points, and let the witnesses speak of them."""
+def _contribute(
+    scan: Scan, wanted: Bools, around: Surroundings, usual: Usual
+) -> tuple[Floats, Usual]:
+    """Find out what is usual for the wanted points, and let the features speak of them."""
     lines, ordered, spins = scan.lines, scan.ordered, not np.isnan(usual.part)
     there = wanted[scan.back]
     values, along = np.empty((2 if spins else 3, len(wanted))), np.empty(len(wanted))
-    links, told = (lines.before, lines.after), (values[0], along)
-    _run(scan, evidence_lines.follow, there, ordered.xyz, ordered.t, *links, *told)
+    links, outcome = (lines.before, lines.after), (values[0], along)
+    _run(scan, evidence_lines.follow, there, ordered.xyz, ordered.t, *links, *outcome)
     values[1] = around.some[scan.back]
     if not spins:
         values[2] = around.other[scan.back]
@@ -242,11 +243,11 @@ def _ask(scan: Scan, wanted: Bools, around: Surroundings, usual: Usual) -> tuple
         sigma,
         usual.surface,
     )
-    words = np.zeros((len(wanted), len(WITNESSES)))
+    contributions = np.zeros((len(wanted), len(FEATURES)))
     nearest = scan.neighbourhood.nearest(K).index
-    own = scan.place, *told
-    _run(scan, _speak, wanted, nearest, around, *own, usual, LEAST, MOST, words)
-    return words, usual
+    own = scan.place, *outcome
+    _run(scan, _speak, wanted, nearest, around, *own, usual, LEAST, MOST, contributions)
+    return contributions, usual
 
 
 def _run(scan: Scan, work: Callable[..., None], wanted: Bools, *arguments: object) -> None:
@@ -277,9 +278,9 @@ def _speak(
     usual: Usual,
     least: Floats,
     most: Floats,
-    words: Floats,
+    contributions: Floats,
 ) -> None:
-    """Write what the witnesses say of the wanted of a range of points."""
+    """Write what the features say of the wanted of a range of points."""
     points, near, ratio = np.empty(LANES, np.int64), np.empty((K, LANES)), np.empty(len(least))
     while begin < end:
         count, begin = fill(points, wanted, begin, end)
@@ -295,7 +296,7 @@ def _speak(
             even = min(EVEN * usual.surface / own, 1.0)
             sigmas = min(off / usual.surface, 2 * off / own, MANY_SIGMA) - FEW_SIGMA
             ratio[0] = around.few[i] / usual.spacing[i]
-            # Where steps are lacking all around, that of a point tells nothing.
+            # Where steps are lacking all around, that of a point says nothing.
             ratio[1] = step[here] / usual.step[i] if usual.step[i] < np.inf else 0.0
             ratio[2] = around.some[i] / usual.some[i]
             ratio[3] = (near[K // 2 - 1, lane] + near[K // 2, lane]) / 2 / around.all[i]
@@ -305,5 +306,5 @@ def _speak(
             for w in range(len(least)):
                 # A comparison with NaN, 0 ÷ 0 where all points coincide, is false: it says nothing.
                 word = np.log(ratio[w]) if ratio[w] > QUIET[w] else least[w]
-                words[i, w] = min(max(word, least[w]), most[w]) - least[w]
-            words[i, SURFACE] = max(sigmas, FOR) * even * around.amidst[i]
+                contributions[i, w] = min(max(word, least[w]), most[w]) - least[w]
+            contributions[i, SURFACE] = max(sigmas, FOR) * even * around.amidst[i]

@@ -39,7 +39,7 @@ UNIFORM = np.sqrt(12.0)  # length of an even row ÷ its standard deviation
 
 
 def straightness(scan: Scan, spacing: Floats) -> Floats:
-    """Tell of each point in a slanted group how straight that is.
+    """Return of each point in a slanted group how straight that is.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def straightness(scan: Scan, spacing: Floats) -> Floats:
 
 
 def _of_groups(xyz: Floats, line: Ints, root: Ints) -> Floats:
-    """Tell of each point how straight the group is that its root names."""
+    """Return of each point how straight the group is that its root names."""
     count = np.bincount(root)[root]
     members = np.flatnonzero((count >= SMALLEST) & (count <= LARGEST))
     members = members[np.argsort(root[members], kind='stable')]

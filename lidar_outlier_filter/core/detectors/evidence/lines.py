@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the scan line of a point tells of it: steps, predictions, and what is usual around it."""
+"""What the scan line of a point says of it: steps, predictions, and what is usual around it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Bools = NDArray[np.bool_]
 
-WINDOW = 8  # points of the line on either side that tell what is usual
+WINDOW = 8  # points of the line on either side that show what is usual
 ALL = network(2 * WINDOW, range(2 * WINDOW))
 
 
@@ -62,7 +62,7 @@ def follow(
 
 @kernel
 def _around(wanted: Bools, begin: int, end: int) -> Bools:
-    """Tell of a range of points which are up to WINDOW places away from a wanted one."""
+    """Return of a range of points which are up to WINDOW places away from a wanted one."""
     result = np.zeros(end - begin, np.bool_)
     done = begin
     for i in range(max(begin - WINDOW, 0), min(end + WINDOW, len(wanted))):
@@ -106,7 +106,7 @@ def usual(
 ) -> None:
     """Write medians of the others up to WINDOW places away in the line, for the wanted points.
 
-    ``first`` (L + 1,) tells where lines begin, and ``back`` (N,) where in the result each point is.
+    ``first`` (L + 1,) says where lines begin, and ``back`` (N,) where in the result each point is.
     Of each row of ``values`` (Q, N), infinite ones do not count; where there is no other, the
     median is the point's own value.
     """

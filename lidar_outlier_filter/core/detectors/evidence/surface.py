@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the nearest neighbours of a point tell of it: distances, other lines, and their surface.
+"""What the nearest neighbours of a point say of it: distances, other lines, and their surface.
 
 The surface is the plane through the neighbours, the point left out, or the straight line where they
 lie on one. It is fitted twice, the second time with weights (Cauchy's, squared) that fall with the
@@ -159,7 +159,7 @@ def _fit(
     aside: Floats,
     out: Surroundings,
 ) -> None:
-    """Fit surfaces to the neighbours, and tell how far each point is from its own."""
+    """Fit surfaces to the neighbours, and measure how far each point is from its own."""
     scale = np.empty(len(points))
     weight[:] = 1.0
     for fit in range(FITS):

@@ -4,7 +4,7 @@
 
 Phase 1: edges of the Euclidean minimum spanning tree that are too long are cut, and the points of
 components that are too small rejected. Phase 2: in each component that is left, by itself, the same
-with its Gabriel graph, whose edges tell more of the sampling interval. Too long means longer than
+with its Gabriel graph, whose edges show more of the sampling interval. Too long means longer than
 
     median + z σ
 

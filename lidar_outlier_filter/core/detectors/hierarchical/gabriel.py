@@ -151,7 +151,7 @@ def _find_candidates(
 def _is_hidden(
     tree: Tree, node: int, planes: Floats, kept: int, x: float, y: float, z: float
 ) -> bool:
-    """Tell whether the whole box of a node is beyond one of the planes."""
+    """Return whether the whole box of a node is beyond one of the planes."""
     low, high = tree.low[node], tree.high[node]
     for k in range(kept):
         a, b, c = planes[k, 0], planes[k, 1], planes[k, 2]
@@ -165,7 +165,7 @@ def _is_hidden(
 
 @kernel
 def _is_beyond(planes: Floats, kept: int, u: float, v: float, w: float) -> bool:
-    """Tell whether a point is beyond one of the planes: whether its point is inside the ball."""
+    """Return whether a point is beyond one of the planes: whether its point is inside the ball."""
     for k in range(kept):
         a, b, c = planes[k, 0], planes[k, 1], planes[k, 2]
         if (a * (planes[k, 4] - u) + b * (planes[k, 5] - v)) + c * (planes[k, 6] - w) < 0:
@@ -205,7 +205,7 @@ def _add_plane(
 
 @kernel
 def _is_empty(xyz: Floats, tree: Tree, p: int, q: int, slack: float, stack: Ints) -> bool:
-    """Tell whether no point is inside the ball between p and q."""
+    """Return whether no point is inside the ball between p and q."""
     px, py, pz = xyz[p, 0], xyz[p, 1], xyz[p, 2]
     qx, qy, qz = xyz[q, 0], xyz[q, 1], xyz[q, 2]
     x, y, z = 0.5 * (px + qx), 0.5 * (py + qy), 0.5 * (pz + qz)

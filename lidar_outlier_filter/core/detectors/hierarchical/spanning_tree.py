@@ -154,7 +154,7 @@ def _roots(tree: Tree, most: int) -> Ints:
 
 @kernel
 def _label(tree: Tree, component: Ints, uniform: Ints) -> None:
-    """Tell of each node of which component all its points are."""
+    """Return of each node of which component all its points are."""
     for node in range(len(tree.child) - 1, -1, -1):
         child = tree.child[node]
         if child >= 0:
@@ -218,7 +218,7 @@ def _find_ways_out(search: _Search, found: _Found, root: int, shortest: Floats) 
 
 @kernel
 def _is_clear(search: _Search, node: int, own: int, squared: float, stack: Ints) -> bool:
-    """Tell whether nothing of another component is nearer to the box of a node."""
+    """Return whether nothing of another component is nearer to the box of a node."""
     tree = search.tree
     stack[0], waiting = 0, 1
     while waiting > 0:

@@ -183,7 +183,7 @@ def _components(variance: Floats | None, count: int) -> Floats:
 
 
 def _is_definite(matrix: Floats) -> NDArray[np.bool_]:
-    """Tell which symmetric matrices (N, 3, 3) are positive definite, by their leading minors."""
+    """Return which symmetric matrices (N, 3, 3) are positive definite, by their leading minors."""
     finite = np.isfinite(matrix).all(axis=(1, 2)) & (matrix == matrix.mT).all(axis=(1, 2))
     safe = np.where(finite[:, None, None], matrix, 0.0)
     minors = [np.linalg.det(safe[:, :k, :k]) > 0 for k in (1, 2, 3)]

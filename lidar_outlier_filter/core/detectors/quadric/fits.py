@@ -90,7 +90,7 @@ def fit_plane(window: Window, begin: int, end: int) -> None:
 
 @kernel
 def is_plane(window: Window, floor: float) -> bool:
-    """Tell a plane from a line: it is wider than the least standard deviation."""
+    """Return a plane from a line: it is wider than the least standard deviation."""
     return bool(window.plane[MOMENTS + 1] > floor * floor * window.plane[WEIGHT])
 
 

@@ -103,7 +103,7 @@ NONE = FittedSurface(0, 0, 0.0)
 
 @kernel
 def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> bool:
-    """Test all points: T (31) ÷ its critical value. False if there are too few to tell.
+    """Test all points: T (31) ÷ its critical value. False if there are too few to decide.
 
     A point outside the fit has the variance of a prediction, and its T is distributed as t(f), with
     the f degrees of freedom of the fit. A point in the fit has its own part in σ̂0; that is taken
@@ -166,7 +166,7 @@ def describe(window: Window, n: int, size: int) -> FittedSurface:
 
 @kernel
 def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
-    """Tell whether three more parameters lessen a sum of squares significantly (F test)."""
+    """Return whether three more parameters lessen a sum of squares significantly (F test)."""
     if freedom < 1:
         return False
     ratio = rules.ratio[min(freedom, len(rules.ratio) - 1)]
@@ -175,10 +175,11 @@ def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
 
 @kernel
 def is_bent(window: Window, n: int, rules: Rules) -> bool:
-    """Tell whether a paraboloid fits the kept points significantly better than the plane.
+    """Return whether a paraboloid fits the kept points significantly better than the plane.
 
-    Outliers that the plane could not tell from a bend would spoil it, so that it is fitted to all
-    of them, and again to the half that agrees best; if either is better, it begins with that half.
+    Outliers that the plane could not distinguish from a bend would spoil it. So it is fitted to
+    all of them, and again to the half that agrees best. If either is better, it begins with that
+    half.
     """
     sigma2, scratch = window.sigma2, window.scratch
     weigh(window, n)
@@ -246,7 +247,7 @@ def _sum(values: Floats, count: int) -> float:
 
 @kernel
 def is_flat(window: Window, n: int) -> bool:
-    """Tell whether (20) approximates a quadric at three of four kept points.
+    """Return whether (20) approximates a quadric at three of four kept points.
 
     There the residual is small against the radius at which the surface bends. If not, two sheets
     run through the noise of what is one.
