@@ -85,7 +85,7 @@ def test_fall_is_as_far_as_the_hazard_says() -> None:
 def test_hazard_has_its_peak_away_from_the_sensor() -> None:
     """Closed form without extinction: r² exp(-(r ÷ r0)²), r0² = D-scale × R √(ρp ÷ ρt) ÷ θ."""
     plain = Optics(divergence=0.003, aperture=0.0, blind=1e-6)
-    fall = drops.Fall(8000.0, 2.0, 0.9, 1000.0)
+    fall = drops.Precipitation(8000.0, 2.0, 0.9, 1000.0)
     distance, wall = np.linspace(0.05, 15.0, 3000), 30.0
     least = np.full(len(distance), 0.3 / wall**2)
     clear = drops.hazard(fall, plain, distance, least)
@@ -116,7 +116,7 @@ def test_heavier_fall_is_more() -> None:
 def test_extinction_of_an_even_cloud() -> None:
     """Beer and Lambert: what is left of the surface is e^(-2αR), whatever the cells."""
     beams = hall(8.0)
-    cloud = plumes.Cloud(density=0.1, uneven=0.0, grains=1e6, cell=0.05)
+    cloud = plumes.Plume(density=0.1, uneven=0.0, grains=1e6, cell=0.05)
     _, _, left = plumes.strike(cloud, OPTICS, beams, beams.range, np.random.default_rng(1))
     expected = np.exp(-2 * 0.1 * (8.0 - OPTICS.nearest))
     assert left == pytest.approx(np.full(len(beams), expected), rel=0.02)
@@ -125,8 +125,8 @@ def test_extinction_of_an_even_cloud() -> None:
 def test_plumes_hang_together() -> None:
     """Beside a beam that a plume answers, most are answered by it, too; elsewhere none."""
     beams = room()
-    puffs = (plumes.Puff((6.0, 3.0, 0.0), (1.0, 1.0, 0.7), 1.5),)
-    cloud = plumes.Cloud(puffs, ratio=20.0)
+    puffs = (plumes.PlumePuff((6.0, 3.0, 0.0), (1.0, 1.0, 0.7), 1.5),)
+    cloud = plumes.Plume(puffs, ratio=20.0)
     far, power, left = plumes.strike(cloud, OPTICS, beams, beams.range, np.random.default_rng(2))
     met = np.isfinite(far) & (power > OPTICS.floor)
     place = beams.direction[met] * far[met, None]

@@ -33,7 +33,7 @@ WORST = 0.05  # metres: largest standard deviation of a drop's range
 
 
 @dataclass(frozen=True)
-class Fall:
+class Precipitation:
     """What falls.
 
     Attributes
@@ -56,17 +56,17 @@ class Fall:
         return 2.0 * np.pi / 4.0 * self.number * 2.0 / self.slope**3 * MILLIMETRE**2
 
 
-def rain(rate: float) -> Fall:
+def rain(rate: float) -> Precipitation:
     """Return rain of ``rate`` mm/h: N0 = 8000, Λ = 4.1 R^-0.21; ρ of water (LISA)."""
-    return Fall(8000.0, 4.1 * rate**-0.21, _fresnel(1.328), 6.0)
+    return Precipitation(8000.0, 4.1 * rate**-0.21, _fresnel(1.328), 6.0)
 
 
-def snow(rate: float) -> Fall:
+def snow(rate: float) -> Precipitation:
     """Return snow of ``rate`` mm/h: N0 = 7600 R^-0.87, Λ = 2.55 R^-0.48 (LISA).
 
     Flakes are discs of reflectance 0.9, at most 2 cm (Hahner, section 3).
     """
-    return Fall(7600.0 * rate**-0.87, 2.55 * rate**-0.48, 0.9, 20.0)
+    return Precipitation(7600.0 * rate**-0.87, 2.55 * rate**-0.48, 0.9, 20.0)
 
 
 def _fresnel(index: float) -> float:
@@ -80,7 +80,7 @@ def power(distance: Floats, reflectance: Floats, extinction: float) -> Floats:
     return np.where(np.isfinite(distance), echo, 0.0)
 
 
-def least_diameter(fall: Fall, optics: Optics, distance: Floats, least: Floats) -> Floats:
+def least_diameter(fall: Precipitation, optics: Optics, distance: Floats, least: Floats) -> Floats:
     """Return D₁ in mm, of what is to outshine a power; inf where no drop does."""
     bright = fall.reflectance * np.exp(-2.0 * fall.extinction * distance) / distance**2
     bright = bright * optics.overlap(distance)
@@ -89,7 +89,7 @@ def least_diameter(fall: Fall, optics: Optics, distance: Floats, least: Floats) 
     return np.where((share <= 1.0) & (size < fall.largest), size, np.inf)
 
 
-def hazard(fall: Fall, optics: Optics, distance: Floats, least: Floats) -> Floats:
+def hazard(fall: Precipitation, optics: Optics, distance: Floats, least: Floats) -> Floats:
     """Return the chance per metre of a drop that outshines ``least``, at a range."""
     size = least_diameter(fall, optics, distance, least)
     known = np.isfinite(size)
@@ -100,7 +100,7 @@ def hazard(fall: Fall, optics: Optics, distance: Floats, least: Floats) -> Float
 
 
 def strike(
-    fall: Fall,
+    fall: Precipitation,
     optics: Optics,
     reach: Floats,
     least: Floats,

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.simulation.weather.beams import Beams
 
     Floats = NDArray[np.float64]
-    Weather = Callable[['_Sweep'], 'Echoes']
+    Weather = Callable[['_Sweep'], 'WeatherEchoes']
 
 RETURNS = ('strongest', 'first', 'last')
 BESIDE_EDGES = 0.35  # share of the beams at edges that are mixed
@@ -35,7 +35,7 @@ MIRRORED = (0.15, 0.6)  # share of the beams at a pane that are, at least and mo
 
 
 @dataclass(frozen=True)
-class Echoes:
+class WeatherEchoes:
     """What N beams measure.
 
     Attributes
@@ -69,7 +69,7 @@ def make(
     seed: int,
     optics: Optics | None = None,
     returns: str = 'strongest',
-) -> Echoes:
+) -> WeatherEchoes:
     """Let beams go through a weather.
 
     Parameters
@@ -96,19 +96,19 @@ def make(
     return WEATHERS[weather](_Sweep(beams, optics or Optics(), rng, returns))
 
 
-def _surface(beams: Beams, extinction: float = 0.0) -> Echoes:
+def _surface(beams: Beams, extinction: float = 0.0) -> WeatherEchoes:
     """Give what the surfaces alone send back."""
     echo = drops.power(beams.range, beams.reflectance, extinction)
-    return Echoes(beams.range.copy(), echo, np.zeros(len(beams), np.uint8))
+    return WeatherEchoes(beams.range.copy(), echo, np.zeros(len(beams), np.uint8))
 
 
 def _compete(
     sweep: _Sweep,
-    surface: Echoes,
+    surface: WeatherEchoes,
     distance: Floats,
     power: Floats,
     cause: Cause,
-) -> Echoes:
+) -> WeatherEchoes:
     """Choose between the surface and what is before it; neither above the noise: nothing."""
     there = np.isfinite(surface.distance) & (surface.power >= sweep.optics.floor)
     before = np.isfinite(distance) & (power >= sweep.optics.floor)
@@ -122,14 +122,14 @@ def _compete(
     far = np.where(taken, distance, surface.distance)
     echo = np.where(taken, power, surface.power)
     causes = np.where(taken, np.uint8(cause), surface.cause)
-    return Echoes(
+    return WeatherEchoes(
         np.where(nothing, np.inf, far),
         np.where(nothing, 0.0, echo),
         np.where(nothing, 0, causes).astype(np.uint8),
     )
 
 
-def _falling(fall: drops.Fall, cause: Cause, sweep: _Sweep) -> Echoes:
+def _falling(fall: drops.Precipitation, cause: Cause, sweep: _Sweep) -> WeatherEchoes:
     beams, optics = sweep.beams, sweep.optics
     surface = _surface(beams, fall.extinction)
     least = surface.power if sweep.returns == 'strongest' else np.zeros(len(beams))
@@ -142,37 +142,37 @@ def _falling(fall: drops.Fall, cause: Cause, sweep: _Sweep) -> Echoes:
     return _compete(sweep, surface, distance, power, cause)
 
 
-def _hanging(cloud: plumes.Cloud, cause: Cause, sweep: _Sweep) -> Echoes:
+def _hanging(cloud: plumes.Plume, cause: Cause, sweep: _Sweep) -> WeatherEchoes:
     beams = sweep.beams
     distance, power, left = plumes.strike(cloud, sweep.optics, beams, beams.range, sweep.rng)
     surface = _surface(beams)
-    surface = Echoes(surface.distance, surface.power * left, surface.cause)
+    surface = WeatherEchoes(surface.distance, surface.power * left, surface.cause)
     return _compete(sweep, surface, distance, power, cause)
 
 
-def _rain(sweep: _Sweep) -> Echoes:
+def _rain(sweep: _Sweep) -> WeatherEchoes:
     rng = sweep.rng
     fall = drops.rain(float(np.exp(rng.uniform(np.log(5.0), np.log(80.0)))))
     return _falling(fall, Cause.RAIN, sweep)
 
 
-def _light_snow(sweep: _Sweep) -> Echoes:
+def _light_snow(sweep: _Sweep) -> WeatherEchoes:
     rng = sweep.rng
     fall = drops.snow(float(np.exp(rng.uniform(np.log(0.05), np.log(0.4)))))
     return _falling(fall, Cause.SNOW, sweep)
 
 
-def _heavy_snow(sweep: _Sweep) -> Echoes:
+def _heavy_snow(sweep: _Sweep) -> WeatherEchoes:
     rng = sweep.rng
     fall = drops.snow(float(np.exp(rng.uniform(np.log(0.6), np.log(5.0)))))
     return _falling(fall, Cause.SNOW, sweep)
 
 
-def _fog(sweep: _Sweep) -> Echoes:
+def _fog(sweep: _Sweep) -> WeatherEchoes:
     """Hang fog: meteorological optical range MOR = ln 20 ÷ α (Hahner et al. 2021, eq. 4)."""
     rng = sweep.rng
     sight = float(np.exp(rng.uniform(np.log(25.0), np.log(150.0))))
-    cloud = plumes.Cloud(
+    cloud = plumes.Plume(
         density=np.log(20.0) / sight,
         ratio=65.0,
         lump=rng.uniform(2.0, 8.0),
@@ -183,11 +183,11 @@ def _fog(sweep: _Sweep) -> Echoes:
     return _hanging(cloud, Cause.FOG, sweep)
 
 
-def _spray(sweep: _Sweep) -> Echoes:
+def _spray(sweep: _Sweep) -> WeatherEchoes:
     """Whirl water up behind the wheels of vehicles."""
     beams, rng = sweep.beams, sweep.rng
     ground = _ground(beams)
-    puffs: list[plumes.Puff] = []
+    puffs: list[plumes.PlumePuff] = []
     for start, heading in _vehicles(beams, ground, rng):
         for side in (-0.8, 0.8):
             wheel = (
@@ -196,7 +196,7 @@ def _spray(sweep: _Sweep) -> Echoes:
                 ground + 0.1,
             )
             puffs += plumes.trail(wheel, heading, rng.uniform(3.0, 9.0), rng.uniform(0.3, 2.0), rng)
-    cloud = plumes.Cloud(
+    cloud = plumes.Plume(
         tuple(puffs),
         ratio=20.0,
         lump=rng.uniform(0.4, 1.0),
@@ -207,12 +207,12 @@ def _spray(sweep: _Sweep) -> Echoes:
     return _hanging(cloud, Cause.SPRAY, sweep)
 
 
-def _dust(sweep: _Sweep) -> Echoes:
+def _dust(sweep: _Sweep) -> WeatherEchoes:
     """Whirl dust up: broad plumes behind vehicles."""
     beams, rng = sweep.beams, sweep.rng
     ground = _ground(beams)
     density = float(np.exp(rng.uniform(np.log(0.15), np.log(1.5))))
-    puffs: list[plumes.Puff] = []
+    puffs: list[plumes.PlumePuff] = []
     for start, heading in _vehicles(beams, ground, rng):
         puffs += plumes.trail(
             (*start, ground),
@@ -223,7 +223,7 @@ def _dust(sweep: _Sweep) -> Echoes:
             width=rng.uniform(0.5, 1.0),
             growth=rng.uniform(0.1, 0.25),
         )
-    cloud = plumes.Cloud(
+    cloud = plumes.Plume(
         tuple(puffs),
         ratio=rng.uniform(25.0, 55.0),
         lump=rng.uniform(0.6, 2.5),
@@ -234,11 +234,11 @@ def _dust(sweep: _Sweep) -> Echoes:
     return _hanging(cloud, Cause.DUST, sweep)
 
 
-def _exhaust(sweep: _Sweep) -> Echoes:
+def _exhaust(sweep: _Sweep) -> WeatherEchoes:
     """Let pipes smoke: small, dense clouds near the ground."""
     beams, rng = sweep.beams, sweep.rng
     ground = _ground(beams)
-    puffs: list[plumes.Puff] = []
+    puffs: list[plumes.PlumePuff] = []
     for start, heading in _vehicles(beams, ground, rng):
         puffs += plumes.trail(
             (*start, ground + 0.25),
@@ -249,7 +249,7 @@ def _exhaust(sweep: _Sweep) -> Echoes:
             width=0.15,
             growth=0.2,
         )
-    cloud = plumes.Cloud(
+    cloud = plumes.Plume(
         tuple(puffs),
         ratio=rng.uniform(20.0, 45.0),
         lump=rng.uniform(0.3, 0.8),
@@ -261,20 +261,20 @@ def _exhaust(sweep: _Sweep) -> Echoes:
     return _hanging(cloud, Cause.EXHAUST, sweep)
 
 
-def _mixed(sweep: _Sweep) -> Echoes:
+def _mixed(sweep: _Sweep) -> WeatherEchoes:
     far, mixed = mirrors.mix(sweep.beams, BESIDE_EDGES, sweep.rng)
     return _moved(sweep.beams, far, mixed, Cause.MIXED)
 
 
-def _ghosts(sweep: _Sweep) -> Echoes:
+def _ghosts(sweep: _Sweep) -> WeatherEchoes:
     share = sweep.rng.uniform(*MIRRORED)
     far, mirrored = mirrors.mirror(sweep.beams, sweep.optics, share, sweep.rng)
     return _moved(sweep.beams, far, mirrored, Cause.GHOST)
 
 
-def _moved(beams: Beams, far: Floats, moved: NDArray[np.bool_], cause: Cause) -> Echoes:
+def _moved(beams: Beams, far: Floats, moved: NDArray[np.bool_], cause: Cause) -> WeatherEchoes:
     surface = _surface(beams)
-    return Echoes(far, surface.power, np.where(moved, cause, 0).astype(np.uint8))
+    return WeatherEchoes(far, surface.power, np.where(moved, cause, 0).astype(np.uint8))
 
 
 def _ground(beams: Beams) -> float:

@@ -38,7 +38,7 @@ FARTHEST = 12.0  # metres up to which what is everywhere is seen
 
 
 @dataclass(frozen=True)
-class Puff:
+class PlumePuff:
     """A normally distributed part of a cloud.
 
     Attributes
@@ -54,7 +54,7 @@ class Puff:
 
 
 @dataclass(frozen=True)
-class Cloud:
+class Plume:
     """A cloud of drops or grains.
 
     Attributes
@@ -70,7 +70,7 @@ class Cloud:
 
     """
 
-    puffs: Sequence[Puff] = ()
+    puffs: Sequence[PlumePuff] = ()
     density: float = 0.0
     ratio: float = 30.0
     lump: float = 1.0
@@ -83,7 +83,7 @@ class Cloud:
 class _Field:
     """The extinction in space: what the puffs add up to, unevenly."""
 
-    def __init__(self, cloud: Cloud, rng: np.random.Generator) -> None:
+    def __init__(self, cloud: Plume, rng: np.random.Generator) -> None:
         self._cloud = cloud
         self._lattice = rng.standard_normal((OCTAVES, LATTICE, LATTICE, LATTICE))
         self._shift = rng.uniform(0.0, LATTICE, (OCTAVES, 3))
@@ -99,7 +99,7 @@ class _Field:
             self._grid[~inside] = 0.0
             self._grid[inside] *= self._lumps(places[inside])
 
-    def _add(self, puff: Puff, axes: list[Floats]) -> None:
+    def _add(self, puff: PlumePuff, axes: list[Floats]) -> None:
         parts, falls = [], []
         for axis, centre, size in zip(axes, puff.centre, puff.size, strict=True):
             first, last = np.searchsorted(axis, (centre - WIDE * size, centre + WIDE * size))
@@ -130,7 +130,7 @@ class _Field:
         return density
 
 
-def _bounds(puffs: Sequence[Puff]) -> tuple[Floats, Floats]:
+def _bounds(puffs: Sequence[PlumePuff]) -> tuple[Floats, Floats]:
     if not puffs:
         return np.zeros(3), np.zeros(3)
     centre = np.array([puff.centre for puff in puffs])
@@ -139,7 +139,7 @@ def _bounds(puffs: Sequence[Puff]) -> tuple[Floats, Floats]:
 
 
 def strike(
-    cloud: Cloud,
+    cloud: Plume,
     optics: Optics,
     beams: Beams,
     reach: Floats,
@@ -191,7 +191,7 @@ def strike(
     return distance, power, left
 
 
-def _limits(cloud: Cloud, beams: Beams, optics: Optics) -> tuple[Floats, Floats]:
+def _limits(cloud: Plume, beams: Beams, optics: Optics) -> tuple[Floats, Floats]:
     """Return between which ranges each beam may meet the cloud."""
     count = len(beams)
     if not cloud.puffs:
@@ -217,7 +217,7 @@ def trail(  # noqa: PLR0913  what makes a plume
     width: float = 0.25,
     growth: float = 0.12,
     drift: float = 0.15,
-) -> tuple[Puff, ...]:
+) -> tuple[PlumePuff, ...]:
     """Put puffs behind a wheel, a pipe or a vehicle, wider and thinner as they are left behind.
 
     ``heading`` (rad) is where the plume goes; ``drift`` by how much it strays, per metre.
@@ -236,5 +236,5 @@ def trail(  # noqa: PLR0913  what makes a plume
         if x * x + y * y + z * z < (WIDE * size) ** 2:
             continue  # The sensor itself is in clear air.
         shape = (size * rng.uniform(0.8, 1.4), size * rng.uniform(0.8, 1.4), 0.7 * size)
-        puffs.append(Puff((float(x), float(y), float(z)), shape, float(thin)))
+        puffs.append(PlumePuff((float(x), float(y), float(z)), shape, float(thin)))
     return tuple(puffs)

@@ -90,7 +90,7 @@ DENSE, SPARSE = F(4.0), F(36.0)  # beams apart, squared
 PLACES_OWN, PLACES_OTHER, PLACES = F(2 * OWN), F(SIZE - 2 * OWN), F(SIZE)
 
 
-class Room(NamedTuple):
+class WindowRoom(NamedTuple):
     """Room to work in, for ``LANES`` points side by side."""
 
     square: Singles  # squared distances to the returns of the window
@@ -103,9 +103,9 @@ class Room(NamedTuple):
 
 
 @kernel
-def make_room() -> Room:
+def make_room() -> WindowRoom:
     """Make room for one thread."""
-    return Room(
+    return WindowRoom(
         np.empty((SIZE, LANES), np.float32),
         np.empty((SIZE, LANES), np.float32),
         np.empty((5, LANES), np.float32),
@@ -180,7 +180,13 @@ def measure(
 
 @kernel
 def look(
-    pattern: Pattern, rough: Singles, near: Places, line: int, k: int, room: Room, values: Singles
+    pattern: Pattern,
+    rough: Singles,
+    near: Places,
+    line: int,
+    k: int,
+    room: WindowRoom,
+    values: Singles,
 ) -> None:
     """Write the features of the points from place k on, those of other lines mean nothing."""
     step, gap = pattern.step[line], pattern.gap[line]
@@ -193,7 +199,7 @@ def look(
 
 
 @kernel
-def _gather_own(pattern: Pattern, rough: Singles, k: int, step: Number, room: Room) -> None:
+def _gather_own(pattern: Pattern, rough: Singles, k: int, step: Number, room: WindowRoom) -> None:
     """Look at the returns before and after, which lie side by side in memory."""
     side, mine, sums = room.near, room.mine, room.sums
     sums[:] = ZERO
@@ -240,7 +246,7 @@ def _gather_other(
     ring: int,
     k: int,
     unit: Number,
-    room: Room,
+    room: WindowRoom,
 ) -> None:
     """Look at the returns around the azimuth in another ring: first put them side by side."""
     side, others = room.near, near[k : k + LANES]
@@ -306,7 +312,7 @@ def _line_up(values: Singles, others: Places, in_step: bool, side: Singles) -> N
 
 
 @kernel
-def _count(reach: Singles, gap: Number, room: Room) -> None:
+def _count(reach: Singles, gap: Number, room: WindowRoom) -> None:
     """Count returns before, behind and at the same range, and find the nearest of all."""
     square, away, sums, best = room.square, room.away, room.sums, room.best
     best[:] = FAR
@@ -382,7 +388,7 @@ def _off(
 
 
 @kernel
-def _write(reach: Singles, step: Number, gap: Number, room: Room, values: Singles) -> None:
+def _write(reach: Singles, step: Number, gap: Number, room: WindowRoom, values: Singles) -> None:
     sums, best, inverse, away = room.sums, room.best, room.inverse, room.away
     for lane in range(_width(values)):
         mine = reach[lane]
@@ -455,7 +461,7 @@ def look_again(
     crowd: Crowd,
     line: int,
     k: int,
-    room: Room,
+    room: WindowRoom,
     values: Singles,
 ) -> None:
     """Write the features of the points from place k on, with what was said of their neighbours."""
@@ -477,7 +483,7 @@ def _of_neighbours(
     score: Singles,
     k: int,
     gap: Number,
-    room: Room,
+    room: WindowRoom,
     values: Singles,
 ) -> None:
     reach = pattern.range[k : k + LANES]

@@ -19,7 +19,7 @@ VERSION = 1
 NAME = 'pattern_model.json'
 
 
-class Model(NamedTuple):
+class PatternModel(NamedTuple):
     """What was taught.
 
     Attributes
@@ -37,7 +37,7 @@ class Model(NamedTuple):
 
 
 @lru_cache
-def load() -> Model:
+def load() -> PatternModel:
     """Read the model of this package.
 
     Raises
@@ -50,7 +50,7 @@ def load() -> Model:
     data: dict[str, Any] = json.loads(text)
     if data['version'] != VERSION:
         raise FilterError(f'the version of {NAME}', f'{VERSION}', data['version'])
-    return Model(
+    return PatternModel(
         _trees(data['first'], FEATURES),
         _trees(data['again'], (*FEATURES, *AGAIN)),
         float(data['doubtful']),
