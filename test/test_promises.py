@@ -152,7 +152,7 @@ def test_options() -> None:
 # Chunk invariance -------------------------------------------------------------------------------
 
 WAYS: dict[str, dict[str, object]] = {
-    'default': DEFAULT,
+    'default': DEFAULT | {'evidence.threshold': 0.7},
     'default by angle': DEFAULT | {'line_source': 'angle', 'evidence.threshold': 0.5},
     'either': {},
     'both': dict(PAPER),
@@ -170,7 +170,7 @@ WAYS: dict[str, dict[str, object]] = {
     'chain': {'chain': ['alpha_beta_gamma', 'lof', 'sor']},
     'hierarchical': {'chain': ['hierarchical'], 'hierarchical.min_cluster': 10},
     'elevation': {'chain': ['elevation'], 'elevation.k': 10, 'elevation.multiplier': 1.5},
-    'evidence of a spinning sensor': {'chain': ['evidence'], 'evidence_spinning.threshold': 6.0},
+    'evidence of a spinning sensor': {'evidence.sensor': 'spinning', 'evidence.threshold': 0.7},
     'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
 }
 LONG: dict[str, dict[str, object]] = {
@@ -260,7 +260,7 @@ def test_chunk_invariance_of_a_real_recording(recordings: Path, way: str) -> Non
             if connection.msgtype.endswith('PointCloud2')
         ]
     assert len(messages) == 4
-    extra = DEFAULT | {'scores': True}
+    extra = DEFAULT | {'evidence.threshold': 0.5, 'scores': True}  # enough to compare
     if way != 'default':
         extra = {'alpha_beta_gamma.sides': way, 'scores': True}
     whole = run(messages, extra)

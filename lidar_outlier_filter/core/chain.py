@@ -63,4 +63,10 @@ class Chain:
         line, valid = np.zeros(count, np.int64), np.ones(count, np.bool_)
         for order in (np.arange(count), np.arange(count)[::-1]):
             self.judge(Points(xyz, t, line, valid).take(order))
+        # Four rings of a spinning sensor.
+        turned, ring = np.linspace(0.0, 6.0, count // 4), np.repeat(np.arange(4), count // 4)
+        level = np.column_stack([np.cos(turned), np.sin(turned), np.zeros(count // 4)])
+        xyz = np.tile(level, (4, 1))
+        xyz[:, 2] = 0.1 * ring
+        self.judge(Points(xyz, np.tile(t[: count // 4], 4), ring, valid))
         self.passes = 0

@@ -43,6 +43,8 @@ class Cause(IntEnum):
     SINGLE = 11  # anywhere, alone
     CLUSTER = 12  # anywhere, with a few others
     DETOUR = 13  # off the route of a bus
+    FOG = 14
+    DUST = 15
 
 
 class Kind(IntEnum):

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import Threshold, plain
 from lidar_outlier_filter.core.detectors.evidence.detector import detect, neighbours
+from lidar_outlier_filter.core.detectors.evidence.pattern import judge
+from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Evidence
 
@@ -18,7 +20,13 @@ if TYPE_CHECKING:
 
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
-    return Scores(detect(seen.neighbourhood, seen.points, parameters))
+    points, sensor = seen.points, parameters.evidence.sensor
+    # Azimuths are known in the sensor's own frame only.
+    if sensor != 'profile' and points.distance is None:
+        pattern = find_pattern(points, seen.threads, spins=sensor == 'spinning')
+        if pattern is not None:
+            return Scores(judge(pattern, parameters.evidence.threshold, seen.threads))
+    return Scores(detect(seen.neighbourhood, points, parameters))
 
 
 def _threshold(_parameters: FilterParameters) -> Threshold:

@@ -1,0 +1,147 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A spinning sensor's points, judged by their scan pattern: features, and trees that weigh them.
+
+The first look knows each point's window alone. The second, of the points that are not clearly good,
+knows also what the first said of their neighbours, and of how many points it said so. The trees
+were taught; :mod:`.pattern_model` says by what.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core import threads as pool
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import (
+    COUNT,
+    COUNT_AGAIN,
+    OTHER,
+    Crowd,
+    find_beside,
+    find_crowd,
+    look,
+    look_again,
+    make_room,
+    roughness,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
+from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.lanes import LANES
+from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE, Pattern
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Singles = NDArray[np.float32]
+    Places = NDArray[np.int32]
+
+LEAST = -8.0  # log-odds that make a score of 0
+
+
+def judge(pattern: Pattern, threshold: float, threads: int = 0) -> Floats:
+    """Score the N points of a pattern, in the order given.
+
+    Parameters
+    ----------
+    pattern : of the points
+    threshold : the user's: 1 for that of the model, more for fewer rejected
+    threads : at most so many at once; 0 for as many as there are cores
+
+    Returns
+    -------
+    (N,) float64
+        From 0; more than 1: rejected.
+
+    """
+    model = load()
+    odds = log_odds(pattern, model.first, model.again, model.doubtful, threads)
+    there = pattern.order >= 0
+    score = np.empty(int(np.count_nonzero(there)))
+    statistic = np.maximum(odds[there].astype(np.float64) - LEAST, 0.0)
+    score[pattern.order[there]] = statistic / (threshold * (model.threshold - LEAST))
+    return score
+
+
+def log_odds(
+    pattern: Pattern, first: Trees, again: Trees, doubtful: float, threads: int = 0
+) -> Singles:
+    """Return what the trees say (M,) of each place; of places without a point, nothing.
+
+    The second trees are asked of points of which the first say more than ``doubtful``.
+    """
+    places, lines = len(pattern.order), len(pattern.first)
+    rough, near = np.zeros(places, np.float32), np.full((4, places), OTHER, np.int32)
+
+    def prepare(begin: int, end: int) -> None:
+        roughness(pattern, begin, end, rough)
+        find_beside(pattern, begin, end, near)
+
+    pool.run(prepare, lines, LINES_AT_ONCE, threads)
+    score = np.zeros(places, np.float32)
+    pool.run(
+        lambda i, j: _first(pattern, rough, near, first, i, j, score), lines, LINES_AT_ONCE, threads
+    )
+    crowd = find_crowd(pattern, score)
+    result = score.copy()
+    low = np.float32(doubtful)
+    pool.run(
+        lambda i, j: _again(pattern, rough, near, score, crowd, again, low, i, j, result),
+        lines,
+        LINES_AT_ONCE,
+        threads,
+    )
+    return result
+
+
+@kernel
+def _first(
+    pattern: Pattern,
+    rough: Singles,
+    near: Places,
+    trees: Trees,
+    begin: int,
+    end: int,
+    score: Singles,
+) -> None:
+    room = make_room()
+    values, total = np.empty((COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    for line in range(begin, end):
+        for k in range(pattern.first[line], pattern.last[line], LANES):
+            look(pattern, rough, near, line, k, room, values)
+            add_up(trees, values, total)
+            for lane in range(min(pattern.last[line] - k, LANES)):
+                score[k + lane] = total[lane]
+
+
+@kernel
+def _again(
+    pattern: Pattern,
+    rough: Singles,
+    near: Places,
+    score: Singles,
+    crowd: Crowd,
+    trees: Trees,
+    doubtful: np.float32,
+    begin: int,
+    end: int,
+    result: Singles,
+) -> None:
+    room = make_room()
+    values, total = np.empty((COUNT_AGAIN, LANES), np.float32), np.empty(LANES, np.float32)
+    for line in range(begin, end):
+        for k in range(pattern.first[line], pattern.last[line], LANES):
+            count = min(pattern.last[line] - k, LANES)
+            asked = False
+            for lane in range(count):
+                asked |= score[k + lane] > doubtful
+            if not asked:
+                continue
+            look_again(pattern, rough, near, score, crowd, line, k, room, values)
+            add_up(trees, values, total)
+            for lane in range(count):
+                if score[k + lane] > doubtful:
+                    result[k + lane] = total[lane]

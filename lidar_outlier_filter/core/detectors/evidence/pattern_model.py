@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The taught model of :mod:`.pattern`: a file beside this one, which says how it was taught."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import AGAIN, FEATURES
+from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees
+from lidar_outlier_filter.errors import FilterError
+
+VERSION = 1
+NAME = 'pattern_model.json'
+
+
+class PatternModel(NamedTuple):
+    """What was taught.
+
+    Attributes
+    ----------
+    first, again : the trees of both looks; their sums are log-odds
+    doubtful : log-odds of the first look from which on a point is looked at again
+    threshold : log-odds from which on a point is rejected
+
+    """
+
+    first: Trees
+    again: Trees
+    doubtful: float
+    threshold: float
+
+
+@lru_cache
+def load() -> PatternModel:
+    """Read the model of this package.
+
+    Raises
+    ------
+    FilterError
+        If it is of another version, or asks for features that there are not.
+
+    """
+    text = (files(__package__) / NAME).read_text(encoding='utf-8')
+    data: dict[str, Any] = json.loads(text)
+    if data['version'] != VERSION:
+        raise FilterError(f'the version of {NAME}', f'{VERSION}', data['version'])
+    return PatternModel(
+        _trees(data['first'], FEATURES),
+        _trees(data['again'], (*FEATURES, *AGAIN)),
+        float(data['doubtful']),
+        float(data['threshold']),
+    )
+
+
+def _trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:
+    known = {name: number for number, name in enumerate(names)}
+    unknown = sorted({name for tree in data['features'] for name in tree} - set(known))
+    if unknown:
+        raise FilterError('the features of a model', 'known ones', ', '.join(unknown))
+    feature = np.array([[known[name] for name in tree] for tree in data['features']], np.int32)
+    limit = np.array(data['limits'], np.float32)
+    value = np.array(data['values'], np.float32)
+    shapes = feature.shape, limit.shape, value.shape
+    count = len(feature)
+    if shapes != ((count, QUESTIONS), (count, QUESTIONS), (count, VALUES)):
+        raise FilterError('the trees of a model', f'{QUESTIONS} questions, {VALUES} values', shapes)
+    return Trees(feature, limit, value, np.float32(data['start']))

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The scan pattern of a spinning sensor and its features in plain loops, one point at a time."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from statistics import median
+from typing import NamedTuple
+
+NOISE, SAME, SAME_M, MOST = 0.02, 1.5, 0.06, 1000.0
+
+
+class Point(NamedTuple):
+    """A return: its number as given, place, range, and how far the head has turned, rad."""
+
+    number: int
+    xyz: tuple[float, float, float]
+    range: float
+    phase: float
+
+
+class Ring(NamedTuple):
+    """The returns of a ring in order of their phase, and the angles between beams, rad."""
+
+    points: list[Point]
+    sine: float
+    step: float
+    gap: float
+
+
+def rings_of(
+    xyz: list[tuple[float, float, float]], t: list[int], line: list[int], rate: float
+) -> list[Ring]:
+    """Sort returns by ring, from below, and phase; ``rate`` is how fast the head turns, rad/ns."""
+    sign = 1.0 if rate > 0 else -1.0
+    order = sorted(range(len(t)), key=lambda i: (line[i], t[i]))
+    base, start = sign * math.atan2(xyz[order[0]][1], xyz[order[0]][0]), t[order[0]]
+    of_line: dict[int, list[Point]] = {}
+    for i in order:
+        expected = base + abs(rate) * (t[i] - start)
+        azimuth = sign * math.atan2(xyz[i][1], xyz[i][0])
+        turns = round((expected - azimuth) / (2 * math.pi))
+        point = Point(i, xyz[i], math.dist(xyz[i], (0, 0, 0)), azimuth + 2 * math.pi * turns)
+        of_line.setdefault(line[i], []).append(point)
+    found = []
+    for points in of_line.values():
+        points.sort(key=lambda p: (p.phase, p.range, p.xyz))
+        sine = median(p.xyz[2] / p.range for p in points)
+        steps = [b.phase - a.phase for a, b in itertools.pairwise(points)]
+        step = median(s for s in steps if s > 0) * math.sqrt(1 - sine**2)
+        found.append(Ring(points, sine, step, math.inf))
+    found.sort(key=lambda ring: ring.sine)
+    gaps = [
+        (b.sine - a.sine) / math.sqrt(1 - ((a.sine + b.sine) / 2) ** 2)
+        for a, b in itertools.pairwise(found)
+    ]
+    return [
+        ring._replace(gap=min([*gaps[max(n - 1, 0) : n + 1]], default=1.0))
+        for n, ring in enumerate(found)
+    ]
+
+
+def nearest(ring: Ring, phase: float) -> int:
+    """Return the place of the return nearest in phase; of two as near, the one before."""
+    return min(range(len(ring.points)), key=lambda j: (abs(ring.points[j].phase - phase), j))
+
+
+def window(rings: list[Ring], number: int, k: int) -> tuple[list[Point], list[Point]]:
+    """List the returns around a point in its ring, and those in the rings beside it."""
+    ring = rings[number]
+    me = ring.points[k]
+    own = [
+        ring.points[k + m]
+        for m in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)
+        if 0 <= k + m < len(ring.points)
+        and abs(ring.points[k + m].phase - me.phase) <= 10 * ring.step
+    ]
+    other = []
+    for beside in (number - 2, number - 1, number + 1, number + 2):
+        if 0 <= beside < len(rings):
+            points = rings[beside].points
+            j = nearest(rings[beside], me.phase)
+            other += [
+                points[j + m]
+                for m in range(-3, 4)
+                if 0 <= j + m < len(points)
+                and abs(points[j + m].phase - me.phase) <= 6 * max(ring.step, ring.gap)
+            ]
+    return own, other
+
+
+def features(rings: list[Ring], number: int, k: int) -> dict[str, float]:
+    """Return those features of a point that need no prediction."""
+    ring = rings[number]
+    me = ring.points[k]
+    own, other = window(rings, number, k)
+    unit = me.range * ring.gap + NOISE
+    same = SAME * unit + SAME_M
+    far = sorted(math.dist(me.xyz, p.xyz) for p in own + other) + [1e6] * 5
+    farthest = max([me.range, *(p.range for p in own + other)])
+    return {
+        'beside': min([*(math.dist(me.xyz, p.xyz) / unit for p in other), MOST]),
+        'near3': min(sum(far[:3]) / 3 / unit, MOST),
+        'near5': min(sum(far[:5]) / 5 / unit, MOST),
+        'before_own': sum(p.range - me.range < -same for p in own) / max(len(own), 1),
+        'behind_own': sum(p.range - me.range > same for p in own) / max(len(own), 1),
+        'before_other': sum(p.range - me.range < -same for p in other) / max(len(other), 1),
+        'behind_other': sum(p.range - me.range > same for p in other) / max(len(other), 1),
+        'level_own': sum(abs(p.range - me.range) <= same for p in own) / 10,
+        'level_other': sum(abs(p.range - me.range) <= same for p in other) / 28,
+        'there_own': len(own) / 10,
+        'there_other': len(other) / 28,
+        'range': me.range,
+        'glare': me.range**2 / farthest,
+        'depth': me.range / farthest,
+        'dense': sum(d <= 2 * unit for d in far) / 38,
+        'sparse': sum(d <= 6 * unit for d in far) / 38,
+    }
+
+
+def tree(feature: list[int], limit: list[float], value: list[float], point: list[float]) -> float:
+    """Return what a tree of three questions says of a point."""
+    place = 0
+    for _ in range(3):
+        place = 2 * place + (2 if point[feature[place]] > limit[place] else 1)
+    return value[place - 7]
