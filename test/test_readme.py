@@ -106,6 +106,16 @@ def test_commands_are_there(page: Path) -> None:
         assert {word for word in words if word.startswith('--')} <= known, line
 
 
+@pytest.mark.parametrize('command', ['replay', 'clean'])
+def test_options_are_listed(command: str) -> None:
+    """The page of bags and files has a row for each option of their commands."""
+    page = (ROOT / 'doc' / 'offline.md').read_text(encoding='utf-8')
+    part = page.partition('\n## Files\n')[0 if command == 'replay' else 2]
+    known = {text for action in commands()[command]._actions for text in action.option_strings}
+    listed = set(re.findall(r'^\| `(--\w[\w-]*)', part, re.MULTILINE))
+    assert listed == known - {'-h', '--help'}
+
+
 @EACH_PAGE
 def test_launch_arguments_are_there(page: Path) -> None:
     """Every argument that a page gives to the launch file is declared there."""
