@@ -389,8 +389,7 @@ def test_undecided() -> None:
             assert np.isnan(detect(xyz, window=window)).all()
 
 
-@pytest.mark.parametrize('start', ['robust', 'all'])
-def test_a_third_on_no_surface(start: str) -> None:
+def test_a_third_on_no_surface() -> None:
     """Exactly a third of a window may be off its surfaces; one more, and nothing is said of it."""
     rng = np.random.default_rng(21)
     x, y = (part.ravel() / 10 for part in np.mgrid[:8, :5])
@@ -398,9 +397,9 @@ def test_a_third_on_no_surface(start: str) -> None:
     strays = rng.uniform([0, 0, 0.3], [0.7, 0.4, 1.5], (21, 3))
     for count in (20, 21):
         xyz = np.vstack([plane, strays[:count]])
-        parameters = Quadric(surfaces=1, start=start)
+        parameters = Quadric(surfaces=1)
         expected = naive.judge(xyz, rules(parameters))
-        score = judge_window(xyz, surfaces=1, start=start)
+        score = judge_window(xyz, surfaces=1)
         assert_same(score, expected)
         if count == 20:
             assert_array_equal(score > 1, np.arange(60) >= 40)
