@@ -63,6 +63,7 @@ setup(
             'ros-jazzy-std-msgs>=5.3,<6',
             'ros-jazzy-std-srvs>=5.3,<6',
         ],
+        'train': ['scikit-learn>=1.4'],  # `tuning.train`: the trees on the scan pattern
         'audit': ['filterpy>=1.4.5'],  # `engine: filterpy`
         # `lidar-outlier-filter clean`: LAS, LAZ and PCD (1 MB); Parquet (170 MB). Others need none.
         'files': ['laspy[lazrs]>=2.5', 'python-neo-lzf>=0.3.5'],
