@@ -44,9 +44,8 @@ DETECTOR = Detector(
     neighbours=lambda _: neighbours(),
     needs_lines=True,
     colour='#000000',
-    rejects='eight features together condemn, each with its weight: distances against what '
-    'sensor, line and neighbours lead to expect, prediction along the line, distance from the '
-    'local surface, neighbours on other lines; again without the rejected, and by how many of the '
-    'neighbours those were; and slanted groups in the air',
+    rejects='is improbable by its features. Spinning sensors with evenly spaced rings: trees on '
+    'the scan pattern. Others: a weighted sum of distances, prediction along the line, distance '
+    'from the local surface and neighbours on other lines; slanted groups in the air, too',
     source='this project',
 )
