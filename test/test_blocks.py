@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.blocks import Stream
+from lidar_outlier_filter.core.blocks import MOST_BLOCKS, Stream
 from lidar_outlier_filter.core.points import SECOND, Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
@@ -560,3 +560,12 @@ def test_blocks_by_message_and_a_clock_set_back() -> None:
     made.push(points_at([SECOND]))
     assert made.resets == 1
     assert census.blocks == [[10 * SECOND], [SECOND]]
+
+
+def test_a_cloud_may_span_so_many_blocks_and_no_more() -> None:
+    """Exactly ``MOST_BLOCKS``; a nanosecond more is refused."""
+    stream = Stream(FilterParameters())
+    most = MOST_BLOCKS * round(FilterParameters().block * SECOND)
+    stream.refuse_span(0, most)
+    with pytest.raises(CloudError, match=r'^the time that a cloud spans must be at most'):
+        stream.refuse_span(0, most + 1)

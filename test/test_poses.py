@@ -355,3 +355,15 @@ def test_points_that_are_moved_while_a_pose_is_added(
     moved = result.result(PATIENCE)
     np.testing.assert_allclose(moved.xyz[:, 0], [7.5, 8.5])
     assert len(made) == (9 if most > 9 else 4)
+
+
+def test_opposite_quaternions_are_one_rotation() -> None:
+    """Between q and -q nothing turns; a norm that is 1 but for rounding makes nothing larger."""
+    still = (0.0, 0.0, 0.0, *turned(30))
+    opposite = (0.0, 0.0, 0.0, *(-value for value in turned(30)))
+    longer = (0.0, 0.0, 0.0, *(1.005 * value for value in turned(30)))
+    given = points((0.5, 1.0, 2.0, 3.0))
+    expected = move(track((0.0, still), (1.0, still)), given, NOWHERE)
+    for other in (opposite, longer):
+        moved = move(track((0.0, still), (1.0, other)), given, NOWHERE)
+        np.testing.assert_allclose(moved.xyz, expected.xyz, atol=1e-12)
