@@ -283,7 +283,7 @@ class Watched:
         self.clock.watch(lambda: add('on'), lambda: add('back'), lambda: add('changed'))
 
     def set(self, now: int) -> None:
-        """Tell the time, nanoseconds, and serve until the node has it."""
+        """Publish the time, nanoseconds, and serve until the node has it."""
         while not self.publisher.get_subscription_count():
             self.ros.executor.spin_once(0.05)
         msg = Clock()

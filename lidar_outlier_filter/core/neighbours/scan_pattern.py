@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 TURN = 2.0 * np.pi
 BESIDE = 4  # rings beside each: two below and two above
 LAG = 8  # returns of a ring, to measure how fast the head turns
-SAMPLES = 64  # returns of a ring that tell its elevation, its step and how fast the head turns
-FEWEST = 2 * LAG  # returns of a ring that tell how fast the head turns
+SAMPLES = 64  # returns of a ring that show its elevation, its step and how fast the head turns
+FEWEST = 2 * LAG  # returns of a ring that show how fast the head turns
 # Spacings of rings ÷ their median: these are even, and so are those of two halves as 2 to 3. A ring
 # without returns makes one that is not. Of a VLP-32C 55 % are even, of a Pandar64 76 %, of scanners
 # with evenly spaced rings 93 % and more.
@@ -172,7 +172,7 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
 
 
 def _is_interleaved(t: Ints, first: Ints) -> bool:
-    """Tell whether several lines are measured at once."""
+    """Return whether several lines are measured at once."""
     begins, ends = t[first[:-1]], t[first[1:] - 1]
     return bool((ends - begins).sum() > INTERLEAVED * (ends.max() - begins.min()))
 
@@ -184,7 +184,7 @@ def _spacings(sine: Floats) -> Floats:
 
 
 def _is_even(between: Floats) -> bool:
-    """Tell whether most angles between rings are near their median."""
+    """Return whether most angles between rings are near their median."""
     if len(between) == 0:
         return True
     middle = float(np.median(between))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
 
 TURN = 2.0 * np.pi
-FEWEST = 16  # returns of a ring that tell its angles
+FEWEST = 16  # returns of a ring that show its angles
 LAG = 8  # returns, to measure how fast the head turns
 GAP = 1.5  # steps between two returns from which on a beam is missing between them
 
@@ -102,7 +102,7 @@ def find_beams(
     Raises
     ------
     FilterError
-        If there are too few valid points to tell the pattern by.
+        If there are too few valid points to find the pattern.
 
     """
     index = np.flatnonzero(valid)

@@ -105,7 +105,7 @@ def _pane(
         centre = xyz[rng.integers(len(xyz))]
         size = rng.uniform(0.5, 1.0) * (0.15 * np.sqrt(centre @ centre) + 0.5)
         inside = np.array(tree.query_ball_point(centre, size), np.intp)
-        if len(inside) < 20:  # noqa: PLR2004  too few to tell a plane
+        if len(inside) < 20:  # noqa: PLR2004  too few to decide a plane
             continue
         mean = xyz[inside].mean(axis=0)
         value, vector = np.linalg.eigh(np.cov((xyz[inside] - mean).T))

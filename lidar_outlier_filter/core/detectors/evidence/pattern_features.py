@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the scan pattern tells of a spinning sensor's points: features, one number each.
+"""What the scan pattern says of a spinning sensor's points: features, one number each.
 
 The window of a point are the five returns before and after it in its ring, and seven around its
 azimuth in each of the two rings above and below; those that are too far in angle do not count.
@@ -290,7 +290,7 @@ def _compare(
 
 @kernel
 def _is_in_step(others: Places) -> bool:
-    """Tell whether the returns of another ring follow each other as those of the ring itself do."""
+    """Return whether returns of another ring follow each other as those of the ring itself do."""
     same = True
     for lane in range(len(others)):
         same &= others[lane] - others[0] == lane
@@ -353,7 +353,7 @@ def _count(reach: Singles, gap: Number, room: WindowRoom) -> None:
 
 @kernel
 def _along(pattern: Pattern, k: int, step: Number, values: Singles) -> None:
-    """Write what three predictions along the ring tell of the range."""
+    """Write what three predictions along the ring say of the range."""
     r0, p0 = pattern.range[k : k + LANES], pattern.phase[k : k + LANES]
     ra, pa = pattern.range[k - 1 : k - 1 + LANES], pattern.phase[k - 1 : k - 1 + LANES]
     rb, pb = pattern.range[k + 1 : k + 1 + LANES], pattern.phase[k + 1 : k + 1 + LANES]
