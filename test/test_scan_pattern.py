@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.core.detectors.evidence import pattern_features
 from lidar_outlier_filter.core.detectors.evidence.pattern import judge
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES, measure
+from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern, arctangent, find_pattern
 from lidar_outlier_filter.core.points import Points
@@ -70,12 +70,8 @@ def pattern_of(points: Points) -> Pattern:
 
 def measured(pattern: Pattern) -> NDArray[np.float32]:
     """Return the features of all places."""
-    places, lines = len(pattern.order), len(pattern.first)
-    rough, near = np.zeros(places, np.float32), np.full((4, places), 3, np.int32)
-    pattern_features.roughness(pattern, 0, lines, rough)
-    pattern_features.find_beside(pattern, 0, lines, near)
-    out = np.zeros((pattern_features.COUNT, places), np.float32)
-    pattern_features.measure(pattern, rough, near, 0, lines, out)
+    out = np.zeros((COUNT, len(pattern.order)), np.float32)
+    measure(prepare(pattern), 0, len(pattern.first), out)
     return out
 
 

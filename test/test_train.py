@@ -9,7 +9,8 @@ import pytest
 from sklearn.ensemble import HistGradientBoostingClassifier
 from test_scan_pattern import sweep
 
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import AGAIN, FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.tuning.train import Sweep, export, train

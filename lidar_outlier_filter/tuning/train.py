@@ -17,9 +17,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence import pattern_features as features
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import OTHER
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES, measure
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import VERSION
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
+    AGAIN,
+    COUNT_AGAIN,
+    count_scores,
+    measure_again,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
@@ -29,7 +35,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern
+    from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared
     from lidar_outlier_filter.core.points import Points
 
     Singles = NDArray[np.float32]
@@ -68,9 +74,7 @@ class _Seen(NamedTuple):
     """A sweep with the features of its points, in the order of the pattern."""
 
     kind: str
-    pattern: Pattern
-    rough: Singles
-    near: NDArray[np.int32]
+    prepared: Prepared
     values: Singles
     outlier: Mask
 
@@ -123,7 +127,6 @@ def train(
         _again(one, score)[:, part.rows] for one, score, part in zip(seen, odds, parts, strict=True)
     ]
     again = _fit(tables, seen, parts, rounds[1])
-    names = features.FEATURES
     data = {
         'version': VERSION,
         **about,
@@ -131,8 +134,8 @@ def train(
         'sweeps': [sweep.name for sweep in sweeps],
         'doubtful': DOUBTFUL,
         'threshold': THRESHOLD,
-        'first': export(first, names),
-        'again': export(again, (*names, *features.AGAIN)),
+        'first': export(first, FEATURES),
+        'again': export(again, (*FEATURES, *AGAIN)),
     }
     return json.dumps(data, separators=(',', ':'))
 
@@ -141,27 +144,23 @@ def _look(sweep: Sweep) -> _Seen:
     pattern = find_pattern(sweep.points, spins=True)
     if pattern is None:
         raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
-    places, lines = len(pattern.order), len(pattern.first)
-    rough, near = np.zeros(places, np.float32), np.full((4, places), OTHER, np.int32)
-    features.roughness(pattern, 0, lines, rough)
-    features.find_beside(pattern, 0, lines, near)
-    out = np.zeros((features.COUNT, places), np.float32)
-    features.measure(pattern, rough, near, 0, lines, out)
+    prepared = prepare(pattern)
+    out = np.zeros((COUNT, len(pattern.order)), np.float32)
+    measure(prepared, 0, len(pattern.first), out)
     there = pattern.order >= 0
     outlier = sweep.outlier[pattern.order[there]]
-    return _Seen(sweep.kind, pattern, rough, near, out[:, there], outlier)
+    return _Seen(sweep.kind, prepared, out[:, there], outlier)
 
 
 def _again(seen: _Seen, odds: Singles) -> Singles:
     """Return the features of the second pass, (COUNT_AGAIN, N)."""
-    pattern = seen.pattern
+    pattern = seen.prepared.pattern
     there = pattern.order >= 0
     score = np.zeros(len(there), np.float32)
     score[there] = odds
-    out = np.zeros((features.COUNT_AGAIN, len(there)), np.float32)
-    crowd = features.find_crowd(pattern, score)
-    lines = len(pattern.first)
-    features.measure_again(pattern, seen.rough, seen.near, score, crowd, 0, lines, out)
+    out = np.zeros((COUNT_AGAIN, len(there)), np.float32)
+    first = count_scores(pattern, score)
+    measure_again(seen.prepared, first, 0, len(pattern.first), out)
     return out[:, there]
 
 

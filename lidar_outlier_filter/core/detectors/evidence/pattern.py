@@ -14,30 +14,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import (
-    COUNT,
-    COUNT_AGAIN,
-    OTHER,
-    Crowd,
-    find_beside,
-    find_crowd,
-    look,
-    look_again,
-    make_room,
-    roughness,
-)
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, write_features
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
+    COUNT_AGAIN,
+    FirstPass,
+    count_scores,
+    write_scores,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
+    Prepared,
+    gather,
+    make_window,
+    prepare,
+)
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.lanes import LANES
-from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE, Pattern
+from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern
+
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
-    Places = NDArray[np.int32]
 
 LEAST = -8.0  # log-odds that make a score of 0
 
@@ -73,23 +75,14 @@ def log_odds(
 
     The second trees are asked of points of which the first say more than ``doubtful``.
     """
-    places, lines = len(pattern.order), len(pattern.first)
-    rough, near = np.zeros(places, np.float32), np.full((4, places), OTHER, np.int32)
-
-    def prepare(begin: int, end: int) -> None:
-        roughness(pattern, begin, end, rough)
-        find_beside(pattern, begin, end, near)
-
-    pool.run(prepare, lines, LINES_AT_ONCE, threads)
-    score = np.zeros(places, np.float32)
-    pool.run(
-        lambda i, j: _first(pattern, rough, near, first, i, j, score), lines, LINES_AT_ONCE, threads
-    )
-    crowd = find_crowd(pattern, score)
+    prepared, lines = prepare(pattern, threads), len(pattern.first)
+    score = np.zeros(len(pattern.order), np.float32)
+    pool.run(lambda i, j: _first(prepared, first, i, j, score), lines, LINES_AT_ONCE, threads)
+    passed = count_scores(pattern, score)
     result = score.copy()
     low = np.float32(doubtful)
     pool.run(
-        lambda i, j: _again(pattern, rough, near, score, crowd, again, low, i, j, result),
+        lambda i, j: _again(prepared, passed, again, low, i, j, result),
         lines,
         LINES_AT_ONCE,
         threads,
@@ -98,20 +91,13 @@ def log_odds(
 
 
 @kernel
-def _first(
-    pattern: Pattern,
-    rough: Singles,
-    near: Places,
-    trees: Trees,
-    begin: int,
-    end: int,
-    score: Singles,
-) -> None:
-    room = make_room()
+def _first(prepared: Prepared, trees: Trees, begin: int, end: int, score: Singles) -> None:
+    pattern, window = prepared.pattern, make_window()
     values, total = np.empty((COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
-            look(pattern, rough, near, line, k, room, values)
+            gather(prepared, line, k, window)
+            write_features(pattern, line, k, window, values)
             add_up(trees, values, total)
             for lane in range(min(pattern.last[line] - k, LANES)):
                 score[k + lane] = total[lane]
@@ -119,18 +105,15 @@ def _first(
 
 @kernel
 def _again(
-    pattern: Pattern,
-    rough: Singles,
-    near: Places,
-    score: Singles,
-    crowd: Crowd,
+    prepared: Prepared,
+    first: FirstPass,
     trees: Trees,
     doubtful: np.float32,
     begin: int,
     end: int,
     result: Singles,
 ) -> None:
-    room = make_room()
+    pattern, window, score = prepared.pattern, make_window(), first.score
     values, total = np.empty((COUNT_AGAIN, LANES), np.float32), np.empty(LANES, np.float32)
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
@@ -140,7 +123,9 @@ def _again(
                 asked |= score[k + lane] > doubtful
             if not asked:
                 continue
-            look_again(pattern, rough, near, score, crowd, line, k, room, values)
+            gather(prepared, line, k, window)
+            write_features(pattern, line, k, window, values)
+            write_scores(prepared, first, line, k, window, values)
             add_up(trees, values, total)
             for lane in range(count):
                 if score[k + lane] > doubtful:

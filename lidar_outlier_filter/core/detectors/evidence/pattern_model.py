@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import AGAIN, FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees
 from lidar_outlier_filter.errors import FilterError
 
