@@ -15,6 +15,7 @@ from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter import __version__
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 
 if TYPE_CHECKING:
@@ -186,7 +187,7 @@ def test_stopped_while_it_compiles(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
-    """Without a single cloud the node goes as quietly."""
+    """Without a single cloud the node says that it is ready, and goes as quietly."""
     env = environment()
     with (
         collector(tmp_path, ['/points/cleaned', '/points/outliers'], env) as collecting,
@@ -195,7 +196,8 @@ def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
         collecting.wait_for('matched')
         node.signal(signal.SIGINT)
         assert node.wait() == 0
-    assert node.output == []
+    (ready,) = node.output
+    assert f'version {__version__} is ready: inputs /points; chain evidence; ' in ready
 
 
 @pytest.mark.parametrize(
