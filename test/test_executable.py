@@ -42,7 +42,7 @@ def filter_process(folder: Path, env: dict[str, str], parameters: str = PARAMETE
     path.write_text(parameters, encoding='utf-8')
     remap = [word for old, new in remappings(TOPIC) for word in ('-r', f'{old}:={new}')]
     arguments = ['--ros-args', '--params-file', str(path), *remap]
-    return Program('-m', 'lidar_outlier_filter.ros.executable', *arguments, env=env)
+    return Program('-m', 'lidar_outlier_filter.cli.node', *arguments, env=env)
 
 
 def direct_answers(recording: Path) -> list[Answer]:
@@ -167,7 +167,7 @@ def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) ->
 def test_stopped_while_it_loads(module: str, number: signal.Signals) -> None:
     """In the midst of the imports: status 0, and not a word."""
     env = environment() | {'PYTHONPROFILEIMPORTTIME': '1'}
-    with Program('-m', 'lidar_outlier_filter.ros.executable', env=env) as node:
+    with Program('-m', 'lidar_outlier_filter.cli.node', env=env) as node:
         node.wait_for('| lidar_outlier_filter')
         node.wait_for(f' {module}')
         node.signal(number)
@@ -191,7 +191,7 @@ def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
     env = environment()
     with (
         collector(tmp_path, ['/points/cleaned', '/points/outliers'], env) as collecting,
-        Program('-m', 'lidar_outlier_filter.ros.executable', env=env) as node,
+        Program('-m', 'lidar_outlier_filter.cli.node', env=env) as node,
     ):
         collecting.wait_for('matched')
         node.signal(signal.SIGINT)
