@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weather in a cloud: statistics are those of the equations; the same seed gives the same."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -95,6 +98,86 @@ def test_hazard_has_its_peak_away_from_the_sensor() -> None:
     assert distance[np.argmax(clear)] == pytest.approx(np.sqrt(scale), rel=0.03)
     near = distance < 2 * np.sqrt(scale)
     assert np.ptp(ratio[near]) / ratio[near].mean() < 0.1
+
+
+@pytest.mark.parametrize('fall', [drops.rain(20.0), drops.snow(0.2), drops.snow(3.0)])
+def test_extinction_of_a_fall(fall: drops.Precipitation) -> None:
+    """Twice the cross-section of all drops: the integral of 2 π/4 D² N(D), whatever the rate."""
+    size = np.linspace(0.0, 60.0 / fall.slope, 200_001)
+    number = fall.number * np.exp(-fall.slope * size)
+    whole = np.trapezoid(2.0 * np.pi / 4.0 * (size * 1e-3) ** 2 * number, size)
+    assert fall.extinction == pytest.approx(whole, rel=1e-4)
+
+
+def test_least_diameter() -> None:
+    """Closed form without extinction: D = θ r² √(ρt ÷ ρp) ÷ R."""
+    plain = Optics(divergence=0.003, aperture=0.0, blind=1e-6)
+    fall = drops.Precipitation(1e-6, 2.0, 0.9, 1000.0)
+    distance, wall, target = np.linspace(1.0, 25.0, 50), 40.0, 0.3
+    least = drops.power(np.full(50, wall), np.full(50, target), 0.0)
+    found = drops.least_diameter(fall, plain, distance, least) * 1e-3
+    np.testing.assert_allclose(found, 0.003 * distance**2 * np.sqrt(target / 0.9) / wall, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('name', 'fall', 'cause'),
+    [('heavy_snow', drops.snow, Cause.SNOW), ('rain', drops.rain, Cause.RAIN)],
+)
+def test_share_of_beams_without_a_surface(
+    name: str, fall: Callable[[float], drops.Precipitation], cause: Cause
+) -> None:
+    """It is 1 - e^(-H), H the sum of the chances along the beam, for the rate that is drawn."""
+    beams = hall()
+    beams = replace(beams, range=np.full(len(beams), np.inf))
+    number = list(kinds.WEATHERS).index(name)
+    low, high = {'heavy_snow': (0.6, 5.0), 'rain': (5.0, 80.0)}[name]
+    drawn = np.random.default_rng([7, number]).uniform(np.log(low), np.log(high))
+    edges = np.linspace(OPTICS.nearest, drops.REACH, 100_001)
+    noise = np.full(len(edges), OPTICS.floor)
+    chance = drops.hazard(fall(float(np.exp(drawn))), OPTICS, edges, noise)
+    share = float(-np.expm1(-np.trapezoid(chance, edges)))
+    site = kinds.WeatherSite(-1.8, 20.0)
+    found = kinds.make(name, beams, 7, around=site)
+    met = found.cause == cause
+    assert met.any()
+    assert met.mean() == pytest.approx(share, abs=float(5 * np.sqrt(share / len(beams))))
+    # The first return is as far as the chances say.
+    first = kinds.make(name, beams, 7, returns='first', around=site)
+    total = np.concatenate([[0.0], np.cumsum((chance[1:] + chance[:-1]) / 2 * np.diff(edges))])
+    far = first.distance[first.cause == cause]
+    law = stats.kstest(far, lambda d: np.interp(d, edges, -np.expm1(-total) / share))
+    assert law.statistic < 0.02 + 1.6 / np.sqrt(len(far))
+
+
+def test_what_snow_leaves_of_a_surface() -> None:
+    """Beer and Lambert: ρ e^(-2αR) ÷ R² comes back; far surfaces fall below the noise."""
+    near, far = hall(30.0, 0.3), hall(90.0, 0.55)
+    drawn = np.random.default_rng([2, 1]).uniform(np.log(0.6), np.log(5.0))
+    alpha = drops.snow(float(np.exp(drawn))).extinction
+    one = kinds.make('heavy_snow', near, 2, returns='last')
+    np.testing.assert_allclose(one.power, 0.3 / 900.0 * np.exp(-2 * alpha * 30.0))
+    assert 0.55 / 90.0**2 > OPTICS.floor > 0.55 / 90.0**2 * np.exp(-2 * alpha * 90.0)
+    assert not (np.abs(kinds.make('heavy_snow', far, 2).distance - 90.0) < 1.0).any()
+
+
+def test_fog_is_a_soft_target() -> None:
+    """As Hahner et al. (2021): β = 0.046 ÷ MOR, and the echo is the pulse on e^(-2αr) ÷ r²."""
+    sight = 60.0
+    alpha = np.log(20.0) / sight
+    assert alpha / 65.0 == pytest.approx(0.046 / sight, rel=0.005)
+    beams = hall(100.0)
+    cloud = plumes.Plume(density=alpha, ratio=65.0, uneven=0.0, grains=1e9, cell=0.02)
+    rng = np.random.default_rng(1)
+    distance, power, _ = plumes.strike(cloud, OPTICS, beams, beams.range, rng)
+    middle = np.arange(OPTICS.nearest, plumes.FARTHEST, 0.001)
+    echo = np.pi / 65.0 * alpha * OPTICS.overlap(middle) * np.exp(-2 * alpha * (middle - 0.8))
+    echo /= middle**2
+    half = int(OPTICS.pulse / 0.001 / 2)
+    sums = np.cumsum(echo) * 0.001
+    pulse = sums[2 * half :] - sums[: -2 * half]
+    best = int(np.argmax(pulse))
+    assert power == pytest.approx(np.full(len(beams), pulse[best]), rel=0.03)
+    assert distance == pytest.approx(np.full(len(beams), middle[best + half]), abs=0.3)
 
 
 def test_heavier_fall_is_more() -> None:

@@ -9,15 +9,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.terminal import DONE
+from lidar_outlier_filter.cli.terminal import (
+    DONE,
+    INCOMPLETE,
+    add_parameter_options,
+    progress_bar,
+    read_parameters,
+    say,
+    stopping,
+)
+from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.simulation.presets import PRESETS
+from lidar_outlier_filter.simulation.weather.names import RETURN_NAMES, WEATHER_NAMES
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Mapping
 
     from rich.table import Table
 
-    from lidar_outlier_filter.simulation.recording import Cloud, Truth
+    from lidar_outlier_filter.simulation.recording import Cloud
+    from lidar_outlier_filter.simulation.scene import Cause
 
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
 
@@ -26,19 +38,22 @@ STEPS = 1000  # of the bar
 
 def add_simulate(commands: Commands) -> None:
     """Add the command ``simulate``."""
-    width = max(map(len, PRESETS))
-    listed = '\n'.join(f'  {name:{width}}  {preset.sentence}' for name, preset in PRESETS.items())
     parser = commands.add_parser(
         'simulate',
         help='make a recording whose outliers are known',
-        description='Write a bag of simulated clouds. Their field "label" says outliers by their\n'
-        'cause (0: none), their field "surface" what a good point lies on.\n\n'
-        f'presets:\n{listed}',
+        description='Write a bag of simulated clouds, or put weather into a recording of a sensor\n'
+        'that spins (--onto). The field "label" says outliers by their cause (0: none). Of a\n'
+        'preset, the field "surface" says what a good point lies on.\n\n'
+        f'presets:\n{_listed({name: preset.sentence for name, preset in PRESETS.items()})}\n\n'
+        f'weathers:\n{_listed(WEATHER_NAMES)}',
         formatter_class=_raw(),
     )
-    parser.add_argument('preset', metavar='PRESET', help='one of those above')
+    parser.add_argument('preset', nargs='?', metavar='PRESET', help='one of those above')
     parser.add_argument(
-        '--output', type=Path, metavar='DIR', help='new folder; default: PRESET, here'
+        '--output',
+        type=Path,
+        metavar='DIR',
+        help='new folder; default: PRESET, here, or RECORDING_WEATHER, beside it',
     )
     parser.add_argument(
         '--seed', type=int, default=1, metavar='N', help='of all chances, from 0; default: 1'
@@ -49,7 +64,40 @@ def add_simulate(commands: Commands) -> None:
         metavar='S',
         help="share of the points that are to be outliers, 0 to 1; default: the preset's own",
     )
+    _add_onto(parser)
     parser.set_defaults(run=_simulate)
+
+
+def _add_onto(parser: argparse.ArgumentParser) -> None:
+    """Add the options for weather in a recording."""
+    parser.add_argument(
+        '--onto',
+        type=Path,
+        metavar='RECORDING',
+        help='bag folder, .mcap, .db3 or ROS 1 .bag to put weather into, in place of PRESET',
+    )
+    parser.add_argument('--weather', metavar='WEATHER', help='one of those above')
+    parser.add_argument(
+        '--topic',
+        action='append',
+        default=[],
+        dest='topics',
+        metavar='T',
+        help='put weather into this topic only; may be repeated; default: all PointCloud2 topics',
+    )
+    parser.add_argument(
+        '--return',
+        dest='returns',
+        default='strongest',
+        metavar='R',
+        help=f'which echo is measured: {", ".join(RETURN_NAMES)}; default: strongest',
+    )
+    add_parameter_options(parser)
+
+
+def _listed(sentences: Mapping[str, str]) -> str:
+    width = max(map(len, sentences))
+    return '\n'.join(f'  {name:{width}}  {sentence}' for name, sentence in sentences.items())
 
 
 def _raw() -> type[argparse.HelpFormatter]:
@@ -60,12 +108,20 @@ def _raw() -> type[argparse.HelpFormatter]:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    if (options.preset is None) == (options.onto is None):
+        given = 'both' if options.preset else 'neither'
+        raise FilterError('the arguments', 'a PRESET, or --onto RECORDING --weather WEATHER', given)
+    return _preset(options) if options.onto is None else _onto(options)
+
+
+def _preset(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lidar_outlier_filter.cli.terminal import progress_bar, stopping
     from lidar_outlier_filter.simulation.presets import make
     from lidar_outlier_filter.simulation.recording import write
 
+    if options.weather is not None:
+        raise FilterError('--weather', 'given with --onto', repr(options.weather))
     output = options.output or Path(options.preset)
     with stopping() as leave_if_asked, progress_bar(options.preset) as show:
 
@@ -78,22 +134,62 @@ def _simulate(options: argparse.Namespace) -> int:
 
         truth = write(make(options.preset, options.seed, options.share, progress), output, written)
     console = Console()
-    console.print(_table(truth))
+    console.print(_table(truth.points, truth.outliers, truth.causes))
     console.print(f'written to {output}', markup=False, highlight=False, soft_wrap=True)
     return DONE
 
 
-def _table(truth: Truth) -> Table:
+def _onto(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from lidar_outlier_filter.simulation.weather.onto import put_onto
+
+    if options.weather not in WEATHER_NAMES:
+        raise FilterError('--weather', f'one of {", ".join(WEATHER_NAMES)}', options.weather)
+    if options.share is not None:
+        raise FilterError('--share', 'given with a PRESET', options.share)
+    path = options.onto.resolve()
+    stem = path.name if path.is_dir() else path.stem
+    with stopping() as leave_if_asked, progress_bar(options.onto.name) as show:
+
+        def progress(done: int, total: int) -> None:
+            leave_if_asked()
+            show(done, total)
+
+        report = put_onto(
+            options.onto,
+            options.output or path.with_name(f'{stem}_{options.weather}'),
+            options.weather,
+            options.topics,
+            options.seed,
+            options.returns,
+            read_parameters(options.params, options.settings),
+            progress=progress,
+            inform=say,
+        )
+    console = Console()
+    console.print(_table(report.points, report.outliers, report.causes))
+    console.print(f'surfaces that are hidden now: {report.hidden:,}', highlight=False)
+    console.print(f'written to {report.output}', markup=False, highlight=False, soft_wrap=True)
+    if report.untouched:
+        clouds = f'{report.untouched} of {report.messages} clouds'
+        say(f'{clouds} have too few points to show how their sensor turns: no weather in these')
+    if report.unread:
+        say(f'{report.unread} messages that the recording counts were not found in it')
+    return INCOMPLETE if report.unread else DONE
+
+
+def _table(points: int, outliers: int, causes: Mapping[Cause, int]) -> Table:
     """Lay out what a recording holds."""
     from rich.table import Table
 
     table = Table('', 'points', '')
     for column in table.columns[1:]:
         column.justify = 'right'
-    rows = {'all': truth.points, 'outliers': truth.outliers}
-    bad = {cause: count for cause, count in truth.causes.items() if cause and count}
+    rows = {'all': points, 'outliers': outliers}
+    bad = {cause: count for cause, count in causes.items() if cause and count}
     rows |= {f'  {cause.name.lower().replace("_", " ")}': count for cause, count in bad.items()}
     for name, count in rows.items():
-        share = count / truth.points if truth.points else 0.0
+        share = count / points if points else 0.0
         table.add_row(name, f'{count:,}', f'{share:.3%}')
     return table

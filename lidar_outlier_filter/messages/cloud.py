@@ -18,6 +18,8 @@ import numpy as np
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.verdict import Verdict
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 _FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
 # PointField.datatype by numpy's name without byte order
 DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(_FORMATS[:11]) if name}}
-UINT16, FLOAT32 = DATATYPES['u2'], DATATYPES['f4']
+UINT8, UINT16, FLOAT32 = DATATYPES['u1'], DATATYPES['u2'], DATATYPES['f4']
 AXES = ('x', 'y', 'z')
 SCORE, DETECTORS = 'outlier_score', 'outlier_detectors'
 BYTES_OF_SCORES = 6
@@ -124,23 +126,26 @@ def split(
     """
     if not any(wanted):
         return None, None
-    rows, step, fields = _rows(msg), msg.point_step, msg.fields
+    rows, step, fields = plain_rows(msg), msg.point_step, msg.fields
     if scores and fields:
-        rows, fields = _rows_with_scores(msg, rows, verdict), _fields_with_scores(msg)
+        rows, fields = (
+            _rows_with_scores(msg, rows, verdict),
+            more_fields(msg, {SCORE: FLOAT32, DETECTORS: UINT16}),
+        )
         step += BYTES_OF_SCORES
     rejected = verdict.rejected
-    outliers = _with_rows(msg, rows[rejected], fields, step) if wanted[1] else None
+    outliers = with_rows(msg, rows[rejected], fields, step) if wanted[1] else None
     if not wanted[0]:
         return None, outliers
     if keep_organized and msg.height > 1 and len(rows):
         holes = _with_holes(rows, structured(msg).dtype, rejected)
-        organised = _with_rows(msg, holes, fields, step, msg.height)
+        organised = with_rows(msg, holes, fields, step, msg.height)
         organised.is_dense = bool(msg.is_dense) and not rejected.any()
         return organised, outliers
-    return _with_rows(msg, rows[~rejected], fields, step), outliers
+    return with_rows(msg, rows[~rejected], fields, step), outliers
 
 
-def _rows(msg: Any) -> Rows:
+def plain_rows(msg: Any) -> Rows:
     """Give each point as plain bytes: a copy of a structured array would lose its padding."""
     if is_empty(msg):
         return np.empty(0, np.dtype((np.void, 1)))
@@ -159,13 +164,14 @@ def _rows_with_scores(msg: Any, rows: Rows, verdict: Verdict) -> Rows:
     return wider.view(np.dtype((np.void, wider.dtype.itemsize)))
 
 
-def _fields_with_scores(msg: Any) -> list[Any]:
-    """Append the two fields of a verdict behind those of the points."""
-    fields, step = list(msg.fields), msg.point_step
-    for name, offset, datatype in ((SCORE, step, FLOAT32), (DETECTORS, step + 4, UINT16)):
+def more_fields(msg: Any, added: Mapping[str, int]) -> list[Any]:
+    """Append fields, one number each, behind those of the points: their names and datatypes."""
+    fields, offset = list(msg.fields), msg.point_step
+    for name, datatype in added.items():
         item = copy.copy(msg.fields[0])
         item.name, item.offset, item.datatype, item.count = name, offset, datatype, 1
         fields.append(item)
+        offset += np.dtype(_FORMATS[datatype]).itemsize
     return fields
 
 
@@ -179,7 +185,7 @@ def _with_holes(rows: Rows, dtype: np.dtype[np.void], rejected: NDArray[np.bool_
     return holes
 
 
-def _with_rows(msg: Any, rows: Rows, fields: Any, step: int, height: int = 1) -> Any:
+def with_rows(msg: Any, rows: Rows, fields: Any, step: int, height: int = 1) -> Any:
     """Copy a message with other points."""
     result = copy.copy(msg)
     result.height = height

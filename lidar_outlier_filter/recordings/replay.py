@@ -101,7 +101,7 @@ def replay(  # noqa: PLR0913  what the command line offers
     """
     given = FilterParameters().changed(parameters or {})
     with Recording(recording) as source, NewBag(output, source.custom_data) as bag:
-        chosen = _choose(source, topics)
+        chosen = choose_clouds(source, topics, 'a topic to filter')
         _check_motion(source, chosen, given)
         streams = {topic: _Stream(topic, given, inform) for topic in chosen}
         started = perf_counter()
@@ -146,8 +146,15 @@ def _copy(
     return done
 
 
-def _choose(source: Recording, wanted: Collection[str]) -> list[Topic]:
-    """Find the topics to filter."""
+def choose_clouds(source: Recording, wanted: Collection[str], what: str) -> list[Topic]:
+    """Find topics of clouds, which errors call ``what``; none wanted: all of them.
+
+    Raises
+    ------
+    RecordingError
+        If there is none, or not one of those wanted.
+
+    """
     clouds = {topic.name: topic for topic in source.topics if topic.msgtype == CLOUD}
     if not clouds:
         found = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in source.topics)
@@ -156,8 +163,8 @@ def _choose(source: Recording, wanted: Collection[str]) -> list[Topic]:
     names = dict.fromkeys(wanted or clouds)
     for name in names:
         if name not in clouds:
-            raise RecordingError('a topic to filter', f'one of {", ".join(clouds)}', repr(name))
-        check_name('a topic to filter', name)  # ROS 1 allowed more
+            raise RecordingError(what, f'one of {", ".join(clouds)}', repr(name))
+        check_name(what, name)  # ROS 1 allowed more
     return [clouds[name] for name in names]
 
 

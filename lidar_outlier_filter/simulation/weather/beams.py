@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,11 +16,14 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
+    Mask = NDArray[np.bool_]
 
 TURN = 2.0 * np.pi
 FEWEST = 16  # returns of a ring that show its angles
 LAG = 8  # returns, to measure how fast the head turns
 GAP = 1.5  # steps between two returns from which on a beam is missing between them
+STEADY = 0.9  # share of the returns that follow the pattern: less is none
+LEVEL = 0.05  # rad, at most, between a return and the elevation of its ring
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class Beams:
     ring, t : (N,) int64
         Line, and time in nanoseconds.
     source : (N,) int64
-        Row of the point in the cloud it is from; -1 where nothing came back.
+        Row in the cloud it is from; -1 where the cloud has none, and nothing came back.
 
     """
 
@@ -91,18 +94,32 @@ class Beams:
         return len(self.t)
 
 
-def find_beams(
-    xyz: Floats, t: Ints, ring: Ints, reflectance: Floats, valid: NDArray[np.bool_]
+def find_beams(  # noqa: PLR0913  the columns of a cloud
+    xyz: Floats,
+    t: Ints,
+    ring: Ints,
+    reflectance: Floats,
+    valid: Mask,
+    empty: Mask | None = None,
+    *,
+    adds: bool = True,
 ) -> Beams:
     """Take the beams of a cloud, and add those that are missing in its pattern.
 
     A ring's returns follow each other at one angular step. Where the step between two is a
     multiple, beams are put between them; and at the ring's ends, as far as other rings reach.
 
+    Parameters
+    ----------
+    xyz, t, ring, reflectance : (N, ...) as in :class:`Beams`
+    valid : (N,) bool, of the points that came back
+    empty : (N,) bool, of rows without a return whose ring and time are known
+    adds : False: only the cloud's own rows
+
     Raises
     ------
     FilterError
-        If there are too few valid points to find the pattern.
+        If there are too few valid points to find the pattern, or if they have none.
 
     """
     index = np.flatnonzero(valid)
@@ -114,35 +131,111 @@ def find_beams(
     if (distance == 0).any():
         raise FilterError('a valid point', 'away from the sensor', '0, 0, 0')
     direction = points / distance[:, None]
-    source = Beams(direction, distance, reflectance[index], ring[index], t[index], index)
-    missing = _missing(source)
-    return source if missing is None else _join(source, missing)
+    some = Beams(direction, distance, reflectance[index], ring[index], t[index], index)
+    rings, rate = _rings(some)
+    if empty is not None and empty.any():
+        rows = _EmptyRows(*(values[empty] for values in (ring, t, np.arange(len(t)))))
+        found = [_of_rows(one, rows, rate) for one in rings]
+        some = _join([some, *found])
+        rings = [_merge(one, new, rate) for one, new in zip(rings, found, strict=True)]
+    if not adds:
+        return some
+    ends = int(some.t.min()), int(some.t.max())
+    return _join([some, *(_between(one, rate, ends) for one in rings if one.turns)])
 
 
-def _missing(some: Beams) -> Beams | None:
-    """Find the beams without a return."""
+class _Ring(NamedTuple):
+    """The beams of one ring in the order of time; ``phase`` (M,) grows along them, rad.
+
+    ``step`` is the angle between two shots, ``up`` the sine of the elevation.
+    """
+
+    beams: Beams
+    phase: Floats
+    step: float
+    up: float
+
+    @property
+    def turns(self) -> bool:
+        """Whether its beams show how it turns."""
+        return len(self.phase) >= FEWEST and self.step > 0.0
+
+
+class _EmptyRows(NamedTuple):
+    """Rows of a cloud without a return: (M,) each."""
+
+    ring: Ints
+    t: Ints
+    row: Ints
+
+
+def _rings(some: Beams) -> tuple[list[_Ring], float]:
+    """Cut beams into rings; return how fast the head turns too, rad/ns.
+
+    Raises
+    ------
+    FilterError
+        If no head turns about the z axis.
+
+    """
     azimuth = np.arctan2(some.direction[:, 1], some.direction[:, 0])
     first = np.flatnonzero(np.diff(some.ring, prepend=some.ring[0] - 1))
     parts = [slice(a, b) for a, b in zip(first, [*first[1:], len(some)], strict=True)]
     rate = _rate(azimuth, some.t, parts)
-    phases = [_unwrap(azimuth[part], some.t[part], rate) for part in parts]
-    pairs = [(s, p) for s, p in zip(parts, phases, strict=True) if len(p) >= FEWEST]
-    if not pairs or rate == 0.0:
-        return None
-    parts, phases = [s for s, _ in pairs], [p for _, p in pairs]
-    begin, end = int(some.t.min()), int(some.t.max())
-    found = []
-    for part, phase in zip(parts, phases, strict=True):
-        if (np.diff(phase) > 0).any():
-            found.append(_of_ring(some, part, phase, rate, (begin, end)))
-    return _stack(found) if found else None
+    rings, steady, level = [], 0, 0
+    for part in parts:
+        phase = _unwrap(azimuth[part], some.t[part], rate)
+        gaps = np.diff(phase)
+        forward = gaps[gaps > 0]
+        step = float(np.median(forward)) if len(forward) else 0.0
+        elevation = np.arcsin(np.clip(some.direction[part, 2], -1.0, 1.0))
+        middle = float(np.median(elevation))
+        steady += 1 + int((gaps > -step).sum())
+        level += int((np.abs(elevation - middle) < LEVEL).sum())
+        rings.append(_Ring(_take(some, part), phase, step, np.sin(middle)))
+    share = min(steady, level) / len(some)
+    if rate == 0.0 or share < STEADY:
+        must_be = 'rings of a sensor that spins, in its own frame'
+        raise FilterError('the lines of a cloud', must_be, 'others')
+    return rings, rate
 
 
-def _of_ring(some: Beams, part: slice, phase: Floats, rate: float, ends: tuple[int, int]) -> Beams:
-    """Find those of one ring; ``phase`` grows along it."""
-    gaps = np.diff(phase)
-    step = float(np.median(gaps[gaps > 0]))
-    t = some.t[part].astype(np.float64)
+def _of_rows(ring: _Ring, rows: _EmptyRows, rate: float) -> Beams:
+    """Give directions to rows without a return: they lie evenly between those with one."""
+    mine = rows.ring == ring.beams.ring[0]
+    t, row = rows.t[mine], rows.row[mine]
+    if not ring.turns or not len(t):
+        return _take(ring.beams, slice(0, 0))
+    every_t, every_row = np.append(ring.beams.t, t), np.append(ring.beams.source, row)
+    order = np.lexsort((every_row, every_t))
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    known, wanted = place[: len(ring.phase)], place[len(ring.phase) :]
+    phase = np.interp(wanted, known, ring.phase)
+    phase += ring.step * (np.minimum(wanted - known[0], 0) + np.maximum(wanted - known[-1], 0))
+    # So many between two returns there can only be if the angle between these is as large.
+    after = np.searchsorted(known, wanted)
+    inside = (after > 0) & (after < len(known))
+    after = np.clip(after, 1, len(known) - 1)
+    steps = (ring.phase[after] - ring.phase[after - 1]) / ring.step
+    count = known[after] - known[after - 1]
+    fits = ~inside | ((steps > count / GAP) & (steps < count * GAP))
+    return _nothing(ring, phase[fits], t[fits], rate, row[fits])
+
+
+def _merge(ring: _Ring, found: Beams, rate: float) -> _Ring:
+    """Put beams without a return into their ring."""
+    if not len(found):
+        return ring
+    beams = _join([ring.beams, found])
+    azimuth = np.arctan2(beams.direction[:, 1], beams.direction[:, 0])
+    return ring._replace(beams=beams, phase=_unwrap(azimuth, beams.t, rate))
+
+
+def _between(ring: _Ring, rate: float, ends: tuple[int, int]) -> Beams:
+    """Find the beams that a ring lacks: where the step is a multiple, and before its ends."""
+    phase, step = ring.phase, ring.step
+    t = ring.beams.t.astype(np.float64)
     # One more at either end, where the ring's sweep begins and ends.
     before = phase[0] - abs(rate) * (t[0] - ends[0]) - step
     after = phase[-1] + abs(rate) * (ends[1] - t[-1]) + step
@@ -153,17 +246,20 @@ def _of_ring(some: Beams, part: slice, phase: Floats, rate: float, ends: tuple[i
     which = np.repeat(np.arange(len(many)), many)
     number = np.arange(len(which)) - np.repeat(np.cumsum(many) - many, many) + 1
     share = number / (many[which] + 1)
-    azimuth = np.sign(rate) * (phase[which] + share * gap[which])
-    up = float(np.median(some.direction[part, 2]))
-    level = np.sqrt(1.0 - up * up)
-    direction = np.stack(
-        [level * np.cos(azimuth), level * np.sin(azimuth), np.full(len(which), up)], axis=1
-    )
     time = np.rint(t[which] + share * (t[which + 1] - t[which])).astype(np.int64)
-    count = len(which)
-    ring = np.full(count, some.ring[part.start])
-    nothing = np.full(count, np.inf)
-    return Beams(direction, nothing, np.zeros(count), ring, time, np.full(count, -1))
+    row = np.full(len(which), -1)
+    return _nothing(ring, phase[which] + share * gap[which], time, rate, row)
+
+
+def _nothing(ring: _Ring, phase: Floats, t: Ints, rate: float, source: Ints) -> Beams:
+    """Make beams of a ring from which nothing came back."""
+    azimuth = np.sign(rate) * phase
+    level, count = np.sqrt(1.0 - ring.up**2), len(phase)
+    direction = np.stack(
+        [level * np.cos(azimuth), level * np.sin(azimuth), np.full(count, ring.up)], axis=1
+    )
+    number = np.full(count, ring.beams.ring[0])
+    return Beams(direction, np.full(count, np.inf), np.zeros(count), number, t, source)
 
 
 def _rate(azimuth: Floats, t: Ints, parts: list[slice]) -> float:
@@ -196,15 +292,14 @@ def _wrap(angle: Floats) -> Floats:
     return wrapped
 
 
-def _stack(parts: list[Beams]) -> Beams:
+def _take(beams: Beams, part: slice) -> Beams:
+    return Beams(**{name: values[part] for name, values in vars(beams).items()})
+
+
+def _join(parts: list[Beams]) -> Beams:
+    """Join all, sorted by ring and time."""
     columns = {
         name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])
     }
-    return Beams(**columns)
-
-
-def _join(first: Beams, second: Beams) -> Beams:
-    """Join both, sorted by ring and time."""
-    joined = _stack([first, second])
-    order = np.lexsort((joined.t, joined.ring))
-    return Beams(**{name: values[order] for name, values in vars(joined).items()})
+    order = np.lexsort((columns['t'], columns['ring']))
+    return Beams(**{name: values[order] for name, values in columns.items()})

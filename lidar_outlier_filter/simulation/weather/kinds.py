@@ -9,66 +9,61 @@ same cloud, the same weather and the same seed, the same is made.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.simulation.scene import Cause
-from lidar_outlier_filter.simulation.weather import drops, mirrors, plumes
+from lidar_outlier_filter.simulation.weather import drops, echoes, mirrors, plumes
 from lidar_outlier_filter.simulation.weather.beams import Optics
+from lidar_outlier_filter.simulation.weather.echoes import BothEchoes, WeatherEchoes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.simulation.weather.beams import Beams
 
     Floats = NDArray[np.float64]
-    Weather = Callable[['_Sweep'], 'WeatherEchoes']
+    Weather = Callable[['_Sweep'], BothEchoes]
 
-RETURNS = ('strongest', 'first', 'last')
+ONE_RETURN = ('strongest', 'first', 'last')
 BESIDE_EDGES = 0.35  # share of the beams at edges that are mixed
 MIRRORED = (0.15, 0.6)  # share of the beams at a pane that are, at least and most
+LEFT = 0.3  # share of the light that is left after two mirrors
 
 
-@dataclass(frozen=True)
-class WeatherEchoes:
-    """What N beams measure.
+class WeatherSite(NamedTuple):
+    """Where vehicles may be: the height of the ground, and how far 80 % of the surfaces are, m."""
 
-    Attributes
-    ----------
-    distance : (N,) float64
-        Metres; inf where nothing comes back.
-    power : (N,) float64
-        Reflectance ÷ m², what is lost on the way taken off.
-    cause : (N,) uint8
-        :class:`Cause`; 0 where it is the surface.
-
-    """
-
-    distance: Floats
-    power: Floats
-    cause: NDArray[np.uint8]
+    ground: float
+    room: float
 
 
 class _Sweep(NamedTuple):
-    """What a weather is made for, and all chances."""
+    """What a weather is made for, and all chances.
+
+    ``fixed`` draws what stays the same from sweep to sweep, ``rng`` all else.
+    """
 
     beams: Beams
     optics: Optics
+    fixed: np.random.Generator
     rng: np.random.Generator
     returns: str
+    around: WeatherSite
 
 
-def make(
+def make(  # noqa: PLR0913  what a weather depends on
     weather: str,
     beams: Beams,
     seed: int,
     optics: Optics | None = None,
     returns: str = 'strongest',
+    sweep: Sequence[int] = (),
+    around: WeatherSite | None = None,
 ) -> WeatherEchoes:
     """Let beams go through a weather.
 
@@ -78,7 +73,9 @@ def make(
     beams : of one sweep, sorted by ring and time
     seed : from 0
     optics : of the sensor; None: the usual
-    returns : which echo is measured, one of ``RETURNS``
+    returns : which echo is measured: strongest, first or last
+    sweep : its numbers in its recording: the particles of each are others, the weather is the same
+    around : the site of the first sweep; None: those of this one
 
     Raises
     ------
@@ -86,91 +83,103 @@ def make(
         If there is no such weather or return, or the seed is negative.
 
     """
+    if returns not in ONE_RETURN:
+        raise FilterError('the return', f'one of {", ".join(ONE_RETURN)}', returns)
+    both = make_both(weather, beams, seed, optics, returns, sweep, around)
+    return echoes.choose(both, returns)
+
+
+def make_both(  # noqa: PLR0913  what a weather depends on
+    weather: str,
+    beams: Beams,
+    seed: int,
+    optics: Optics | None = None,
+    returns: str = 'dual',
+    sweep: Sequence[int] = (),
+    around: WeatherSite | None = None,
+) -> BothEchoes:
+    """Let beams go through a weather, and give what surfaces and particles send back, both.
+
+    Of several particles in a beam it is the nearest for the first return, the farthest for the
+    last, and the strongest otherwise. With ``strongest`` drops that the surface outshines are not
+    made. For the rest see :func:`make`.
+    """
+    check(weather, seed)
+    optics, number = optics or Optics(), list(WEATHERS).index(weather)
+    fixed = np.random.default_rng([seed, number])
+    rng = np.random.default_rng([seed, number, 1, *sweep])
+    around = around or survey(beams)
+    return WEATHERS[weather](_Sweep(beams, optics, fixed, rng, returns, around))
+
+
+def check(weather: str, seed: int) -> None:
+    """Refuse a weather that there is not, and a negative seed.
+
+    Raises
+    ------
+    FilterError
+        If one of them is wrong.
+
+    """
     if weather not in WEATHERS:
         raise FilterError('the weather', f'one of {", ".join(WEATHERS)}', weather)
-    if returns not in RETURNS:
-        raise FilterError('the return', f'one of {", ".join(RETURNS)}', returns)
     if seed < 0:
         raise FilterError('the seed', 'at least 0', seed)
-    rng = np.random.default_rng([seed, list(WEATHERS).index(weather)])
-    return WEATHERS[weather](_Sweep(beams, optics or Optics(), rng, returns))
 
 
-def _surface(beams: Beams, extinction: float = 0.0) -> WeatherEchoes:
-    """Give what the surfaces alone send back."""
-    echo = drops.power(beams.range, beams.reflectance, extinction)
-    return WeatherEchoes(beams.range.copy(), echo, np.zeros(len(beams), np.uint8))
+def survey(beams: Beams) -> WeatherSite:
+    """Find the ground, and how much room there is."""
+    known = np.isfinite(beams.range)
+    up, far = beams.direction[known, 2], beams.range[known]
+    ground = float(np.percentile(up * far, 2.0))
+    return WeatherSite(ground, float(np.percentile(far * np.sqrt(1.0 - up**2), 80.0)))
 
 
-def _compete(
-    sweep: _Sweep,
-    surface: WeatherEchoes,
-    distance: Floats,
-    power: Floats,
-    cause: Cause,
-) -> WeatherEchoes:
-    """Choose between the surface and what is before it; neither above the noise: nothing."""
-    there = np.isfinite(surface.distance) & (surface.power >= sweep.optics.floor)
-    before = np.isfinite(distance) & (power >= sweep.optics.floor)
-    if sweep.returns == 'strongest':
-        taken = before & (~there | (power > surface.power))
-    elif sweep.returns == 'first':
-        taken = before & (~there | (distance < surface.distance))
-    else:
-        taken = before & ~there
-    nothing = ~taken & ~there
-    far = np.where(taken, distance, surface.distance)
-    echo = np.where(taken, power, surface.power)
-    causes = np.where(taken, np.uint8(cause), surface.cause)
-    return WeatherEchoes(
-        np.where(nothing, np.inf, far),
-        np.where(nothing, 0.0, echo),
-        np.where(nothing, 0, causes).astype(np.uint8),
-    )
-
-
-def _falling(fall: drops.Precipitation, cause: Cause, sweep: _Sweep) -> WeatherEchoes:
+def _falling(fall: drops.Precipitation, cause: Cause, sweep: _Sweep) -> BothEchoes:
     beams, optics = sweep.beams, sweep.optics
-    surface = _surface(beams, fall.extinction)
+    surface = echoes.surfaces(beams, fall.extinction)
     least = surface.power if sweep.returns == 'strongest' else np.zeros(len(beams))
     where, far, echo = drops.strike(fall, optics, beams.range, least, sweep.rng)
     # Of several drops, that which is measured.
-    rank = np.lexsort((far if sweep.returns == 'first' else -echo, where))
-    first = rank[np.flatnonzero(np.diff(where[rank], prepend=-1))]
-    distance, power = np.full(len(beams), np.inf), np.zeros(len(beams))
-    distance[where[first]], power[where[first]] = far[first], echo[first]
-    return _compete(sweep, surface, distance, power, cause)
+    wanted = {'first': far, 'last': -far}.get(sweep.returns, -echo)
+    rank = np.lexsort((wanted, where))
+    chosen = rank[np.flatnonzero(np.diff(where[rank], prepend=-1))]
+    before = echoes.nothing(len(beams))
+    before.distance[where[chosen]], before.power[where[chosen]] = far[chosen], echo[chosen]
+    before.cause[where[chosen]] = cause
+    return BothEchoes(surface.above(optics.floor), before.above(optics.floor))
 
 
-def _hanging(cloud: plumes.Plume, cause: Cause, sweep: _Sweep) -> WeatherEchoes:
-    beams = sweep.beams
+def _hanging(cloud: plumes.Plume, cause: Cause, sweep: _Sweep) -> BothEchoes:
+    beams, noise = sweep.beams, sweep.optics.floor
     distance, power, left = plumes.strike(cloud, sweep.optics, beams, beams.range, sweep.rng)
-    surface = _surface(beams)
+    surface = echoes.surfaces(beams)
     surface = WeatherEchoes(surface.distance, surface.power * left, surface.cause)
-    return _compete(sweep, surface, distance, power, cause)
+    before = WeatherEchoes(distance, power, np.full(len(beams), cause, np.uint8))
+    return BothEchoes(surface.above(noise), before.above(noise))
 
 
-def _rain(sweep: _Sweep) -> WeatherEchoes:
-    rng = sweep.rng
+def _rain(sweep: _Sweep) -> BothEchoes:
+    rng = sweep.fixed
     fall = drops.rain(float(np.exp(rng.uniform(np.log(5.0), np.log(80.0)))))
     return _falling(fall, Cause.RAIN, sweep)
 
 
-def _light_snow(sweep: _Sweep) -> WeatherEchoes:
-    rng = sweep.rng
+def _light_snow(sweep: _Sweep) -> BothEchoes:
+    rng = sweep.fixed
     fall = drops.snow(float(np.exp(rng.uniform(np.log(0.05), np.log(0.4)))))
     return _falling(fall, Cause.SNOW, sweep)
 
 
-def _heavy_snow(sweep: _Sweep) -> WeatherEchoes:
-    rng = sweep.rng
+def _heavy_snow(sweep: _Sweep) -> BothEchoes:
+    rng = sweep.fixed
     fall = drops.snow(float(np.exp(rng.uniform(np.log(0.6), np.log(5.0)))))
     return _falling(fall, Cause.SNOW, sweep)
 
 
-def _fog(sweep: _Sweep) -> WeatherEchoes:
+def _fog(sweep: _Sweep) -> BothEchoes:
     """Hang fog: meteorological optical range MOR = ln 20 ÷ α (Hahner et al. 2021, eq. 4)."""
-    rng = sweep.rng
+    rng = sweep.fixed
     sight = float(np.exp(rng.uniform(np.log(25.0), np.log(150.0))))
     cloud = plumes.Plume(
         density=np.log(20.0) / sight,
@@ -183,12 +192,11 @@ def _fog(sweep: _Sweep) -> WeatherEchoes:
     return _hanging(cloud, Cause.FOG, sweep)
 
 
-def _spray(sweep: _Sweep) -> WeatherEchoes:
+def _spray(sweep: _Sweep) -> BothEchoes:
     """Whirl water up behind the wheels of vehicles."""
-    beams, rng = sweep.beams, sweep.rng
-    ground = _ground(beams)
+    ground, rng = sweep.around.ground, sweep.fixed
     puffs: list[plumes.PlumePuff] = []
-    for start, heading in _vehicles(beams, ground, rng):
+    for start, heading in _vehicles(sweep.around, rng):
         for side in (-0.8, 0.8):
             wheel = (
                 start[0] - side * np.sin(heading),
@@ -207,13 +215,12 @@ def _spray(sweep: _Sweep) -> WeatherEchoes:
     return _hanging(cloud, Cause.SPRAY, sweep)
 
 
-def _dust(sweep: _Sweep) -> WeatherEchoes:
+def _dust(sweep: _Sweep) -> BothEchoes:
     """Whirl dust up: broad plumes behind vehicles."""
-    beams, rng = sweep.beams, sweep.rng
-    ground = _ground(beams)
+    ground, rng = sweep.around.ground, sweep.fixed
     density = float(np.exp(rng.uniform(np.log(0.15), np.log(1.5))))
     puffs: list[plumes.PlumePuff] = []
-    for start, heading in _vehicles(beams, ground, rng):
+    for start, heading in _vehicles(sweep.around, rng):
         puffs += plumes.trail(
             (*start, ground),
             heading,
@@ -234,12 +241,11 @@ def _dust(sweep: _Sweep) -> WeatherEchoes:
     return _hanging(cloud, Cause.DUST, sweep)
 
 
-def _exhaust(sweep: _Sweep) -> WeatherEchoes:
+def _exhaust(sweep: _Sweep) -> BothEchoes:
     """Let pipes smoke: small, dense clouds near the ground."""
-    beams, rng = sweep.beams, sweep.rng
-    ground = _ground(beams)
+    ground, rng = sweep.around.ground, sweep.fixed
     puffs: list[plumes.PlumePuff] = []
-    for start, heading in _vehicles(beams, ground, rng):
+    for start, heading in _vehicles(sweep.around, rng):
         puffs += plumes.trail(
             (*start, ground + 0.25),
             heading,
@@ -261,40 +267,35 @@ def _exhaust(sweep: _Sweep) -> WeatherEchoes:
     return _hanging(cloud, Cause.EXHAUST, sweep)
 
 
-def _mixed(sweep: _Sweep) -> WeatherEchoes:
+def _mixed(sweep: _Sweep) -> BothEchoes:
     far, mixed = mirrors.mix(sweep.beams, BESIDE_EDGES, sweep.rng)
-    return _moved(sweep.beams, far, mixed, Cause.MIXED)
+    return _moved(sweep.beams, far, mixed, Cause.MIXED, 1.0)
 
 
-def _ghosts(sweep: _Sweep) -> WeatherEchoes:
-    share = sweep.rng.uniform(*MIRRORED)
+def _ghosts(sweep: _Sweep) -> BothEchoes:
+    share = sweep.fixed.uniform(*MIRRORED)
     far, mirrored = mirrors.mirror(sweep.beams, sweep.optics, share, sweep.rng)
-    return _moved(sweep.beams, far, mirrored, Cause.GHOST)
+    return _moved(sweep.beams, far, mirrored, Cause.GHOST, LEFT)
 
 
-def _moved(beams: Beams, far: Floats, moved: NDArray[np.bool_], cause: Cause) -> WeatherEchoes:
-    surface = _surface(beams)
-    return WeatherEchoes(far, surface.power, np.where(moved, cause, 0).astype(np.uint8))
-
-
-def _ground(beams: Beams) -> float:
-    """Return the height of the lowest surfaces, metres."""
-    known = np.isfinite(beams.range)
-    return float(np.percentile(beams.direction[known, 2] * beams.range[known], 2.0))
+def _moved(
+    beams: Beams, far: Floats, moved: NDArray[np.bool_], cause: Cause, share: float
+) -> BothEchoes:
+    """Put surfaces elsewhere, with a share of their light."""
+    echo = drops.power(far, beams.reflectance * np.where(moved, share, 1.0), 0.0)
+    causes = np.where(moved, cause, 0).astype(np.uint8)
+    return BothEchoes(WeatherEchoes(far, echo, causes), echoes.nothing(len(beams)))
 
 
 def _vehicles(
-    beams: Beams, ground: float, rng: np.random.Generator
+    around: WeatherSite, rng: np.random.Generator
 ) -> list[tuple[tuple[float, float], float]]:
     """Place vehicles where there is room: the point that a plume begins at, and where it goes."""
-    known = np.isfinite(beams.range)
-    level = np.sqrt(1.0 - beams.direction[known, 2] ** 2)
-    room = float(np.percentile(beams.range[known] * level, 80.0))
     found = []
     for number in range(int(rng.integers(1, 5))):
         # The first is the vehicle that carries the sensor.
-        far = rng.uniform(3.0, max(min(room, 25.0), 5.0))
-        far = max(2.0, -1.5 * ground) if number == 0 else far
+        far = rng.uniform(3.0, max(min(around.room, 25.0), 5.0))
+        far = max(2.0, -1.5 * around.ground) if number == 0 else far
         place, turn = rng.uniform(-np.pi, np.pi, 2)
         heading = place + 0.2 * turn if number == 0 else turn
         found.append(((float(far * np.cos(place)), float(far * np.sin(place))), float(heading)))

@@ -4,11 +4,12 @@
 
 A cloud has an extinction α(x) per metre, which is uneven. A cell of length L of a beam sends back
 (π / S) (1 - e^(-αL)) e^(-2τ) ÷ r² as much as a white surface would, τ the optical depth before it
-and S the ratio of extinction and backscatter. So fog is that of Hahner et al. 2021 (eq. 7 to 10:
-soft target), cut into cells; its β = 0.046 / MOR is the same as S = 65. Echoes that are closer
-than a pulse add up, the number of grains fluctuates (a Gamma law), and the strongest cell is
-measured if it is above the noise and above what is left of the surface's echo. Spray comes off
-wheels in clumps that trail behind (Linnhoff et al., arXiv 2312.12772).
+and S the ratio of extinction and backscatter. So fog is that of Hahner et al. 2021 (arXiv
+2108.05249, eq. 7 to 10: soft target), cut into cells; its β = 0.046 / MOR is the same as S = 65.
+Echoes that are closer than a pulse add up, the number of grains fluctuates (a Gamma law), and the
+strongest cell is measured if it is above the noise and above what is left of the surface's echo.
+Spray comes off wheels in clumps that trail behind: it is emitted there by Yang et al. 2023 (arXiv
+2312.12772), too.
 """
 
 from __future__ import annotations
