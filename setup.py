@@ -98,7 +98,7 @@ setup(
     entry_points={
         'console_scripts': [
             f'lidar-outlier-filter = {NAME}.cli.main:main',
-            f'outlier_filter_node = {NAME}.ros.executable:main',
+            f'outlier_filter_node = {NAME}.cli.node:main',
         ],
     },
 )

@@ -166,7 +166,7 @@ def measure(options: argparse.Namespace) -> int:
     seen = Seconds()
     with (
         diagnoser(env) as listening,
-        Program('-m', 'lidar_outlier_filter.ros.executable', *arguments, env=env) as node,
+        Program('-m', 'lidar_outlier_filter.cli.node', *arguments, env=env) as node,
         Program(__file__, '--publish', *shape, env=env | thrifty) as sensor,
         counter('/points/cleaned', env | thrifty) as collecting,
     ):

@@ -11,15 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
 from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.ros.namespaces import split_namespaces
 from lidar_outlier_filter.ros.node import NODE_NAME, remappings
 
 PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'  # of Fast DDS before 3: that of Jazzy
+RESPAWN_DELAY = 2.0  # seconds: one that ends at once does not fill the log
 CONFIG = Path(__file__).parents[1] / 'config'
 ARGUMENTS = [
     DeclareLaunchArgument(
@@ -37,7 +39,7 @@ ARGUMENTS = [
         'namespace',
         default_value='',
         description='Namespace of the node, and of an input_topic without a leading slash. '
-        'Several, with commas between: a process in each.',
+        'Several, with commas between: a process in each, and no topic has a leading slash.',
     ),
     DeclareLaunchArgument(
         'use_sim_time',
@@ -65,6 +67,12 @@ ARGUMENTS = [
         description='Frame in which RViz shows the clouds: their own where there is no tf.',
     ),
     DeclareLaunchArgument(
+        'respawn',
+        default_value='false',
+        choices=['true', 'false'],
+        description='Start a node that has ended anew; else its end shuts down the whole launch.',
+    ),
+    DeclareLaunchArgument(
         'log_level',
         default_value='info',
         choices=['debug', 'info', 'warn', 'error', 'fatal'],
@@ -89,9 +97,12 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
         parameters.append({'scores': True})
     use_profile = argument['large_clouds'] == 'true' and PROFILE not in os.environ
     environment = {PROFILE: str(CONFIG / 'fastdds_large_clouds.xml')} if use_profile else {}
+    at_end: dict[str, Any] = {'on_exit': Shutdown(reason=f'{NODE_NAME} has ended')}
+    if argument['respawn'] == 'true':
+        at_end = {'respawn': True, 'respawn_delay': RESPAWN_DELAY}
     nodes = []
-    for namespace in argument['namespace'].split(','):
-        common: dict[str, Any] = {'namespace': namespace.strip(), 'additional_env': environment}
+    for namespace in split_namespaces(argument['namespace'], topics):
+        common: dict[str, Any] = {'namespace': namespace, 'additional_env': environment}
         if argument['rviz'] == 'true':
             nodes.append(viewer(topics[0], argument['fixed_frame'], use_sim_time, common))
         nodes.append(
@@ -103,6 +114,7 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
                 remappings=remappings(topics[0]) if len(topics) == 1 else [],
                 ros_arguments=['--log-level', argument['log_level']],
                 output='screen',
+                **at_end,
                 **common,
             )
         )

@@ -15,6 +15,7 @@ from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter import __version__
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def filter_process(folder: Path, env: dict[str, str], parameters: str = PARAMETE
     path.write_text(parameters, encoding='utf-8')
     remap = [word for old, new in remappings(TOPIC) for word in ('-r', f'{old}:={new}')]
     arguments = ['--ros-args', '--params-file', str(path), *remap]
-    return Program('-m', 'lidar_outlier_filter.ros.executable', *arguments, env=env)
+    return Program('-m', 'lidar_outlier_filter.cli.node', *arguments, env=env)
 
 
 def direct_answers(recording: Path) -> list[Answer]:
@@ -166,7 +167,7 @@ def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) ->
 def test_stopped_while_it_loads(module: str, number: signal.Signals) -> None:
     """In the midst of the imports: status 0, and not a word."""
     env = environment() | {'PYTHONPROFILEIMPORTTIME': '1'}
-    with Program('-m', 'lidar_outlier_filter.ros.executable', env=env) as node:
+    with Program('-m', 'lidar_outlier_filter.cli.node', env=env) as node:
         node.wait_for('| lidar_outlier_filter')
         node.wait_for(f' {module}')
         node.signal(number)
@@ -186,16 +187,17 @@ def test_stopped_while_it_compiles(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
-    """Without a single cloud the node goes as quietly."""
+    """Without a single cloud the node says that it is ready, and goes as quietly."""
     env = environment()
     with (
         collector(tmp_path, ['/points/cleaned', '/points/outliers'], env) as collecting,
-        Program('-m', 'lidar_outlier_filter.ros.executable', env=env) as node,
+        Program('-m', 'lidar_outlier_filter.cli.node', env=env) as node,
     ):
         collecting.wait_for('matched')
         node.signal(signal.SIGINT)
         assert node.wait() == 0
-    assert node.output == []
+    (ready,) = node.output
+    assert f'version {__version__} is ready: inputs /points; chain evidence; ' in ready
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,8 @@ from rclpy.context import Context
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.threads import cores
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros import node as node_module
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
@@ -65,6 +67,34 @@ def test_subscribes_when_started_only(ros: Ros) -> None:
     assert '/points' not in [item.topic_name for item in node.subscriptions]
     node.start()
     assert '/points' in [item.topic_name for item in node.subscriptions]
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'blocks', 'threads'),
+    [
+        ({'block': 0.25, 'threads': 3}, 'blocks time (0.25 s)', '3'),
+        ({'blocks': 'message'}, 'blocks message', str(cores())),
+    ],
+)
+def test_says_once_that_it_is_ready(
+    ros: Ros,
+    capfd: pytest.CaptureFixture[str],
+    parameters: dict[str, object],
+    blocks: str,
+    threads: str,
+) -> None:
+    """One line at the start: version, inputs, chain, blocks, threads."""
+    names = {'inputs': ['left/points', '/right'], 'chain': ['alpha_beta_gamma', 'lof']}
+    node = ros.filter('-r', '__ns:=/car', parameters=names | parameters)
+    assert 'ready' not in capfd.readouterr().err
+    node.start()
+    expected = (
+        f'version {__version__} is ready: inputs /car/left/points, /right; '
+        f'chain alpha_beta_gamma, lof; {blocks}; threads {threads}\n'
+    )
+    said = capfd.readouterr().err
+    assert said.endswith(expected)
+    assert said.count('ready') == 1
 
 
 # Clouds

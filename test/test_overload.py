@@ -139,6 +139,36 @@ def test_drop_oldest(ros: Ros) -> None:
     assert node.channels[0].health._dropped == 15
 
 
+@pytest.mark.parametrize(
+    ('policy', 'lost'),
+    [('drop_oldest', '15 dropped'), ('pass_through', '15 dropped, 9 passed unfiltered')],
+)
+def test_losses_are_in_the_log(
+    ros: Ros, capfd: pytest.CaptureFixture[str], policy: str, lost: str
+) -> None:
+    """A line at the end names the policy and counts what no look at the health has seen."""
+    node, sensor = start(ros, load__policy=policy)
+    with held_up(node):
+        send(ros, node, sensor, 25)
+    node.finish()
+    said = [line for line in capfd.readouterr().err.splitlines() if 'not filtered as asked' in line]
+    (line_,) = said
+    assert line_.endswith(f'since the last warning: {lost} (load.policy is {policy})')
+    assert '/points: ' in line_
+
+
+def test_losses_are_in_the_log_at_once(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
+    """The first look at the health warns; the next ones do not repeat it."""
+    node, sensor = start(ros)
+    with held_up(node):
+        send(ros, node, sensor, 12)
+    channel = node.channels[0]
+    for _ in range(2):
+        channel.look(1.0)
+    node.finish()
+    assert capfd.readouterr().err.count('2 dropped (load.policy is drop_oldest)') == 1
+
+
 def test_what_has_waited_too_long_is_dropped(ros: Ros) -> None:
     """Also where there is room: it could not be answered within max_delay."""
     node, sensor = start(ros, max_delay=0.4, load__clouds=100)

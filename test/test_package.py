@@ -212,6 +212,7 @@ def test_launch_arguments_are_described() -> None:
         'large_clouds',
         'rviz',
         'fixed_frame',
+        'respawn',
         'log_level',
     }
     assert all({'default_value', 'description'} <= given for given in declared.values())

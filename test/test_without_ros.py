@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
@@ -13,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from lidar_outlier_filter import __version__
 
 ROOT = Path(__file__).parents[1]
 SESSION = ROOT / 'doc' / 'examples' / 'numpy_session.py'
@@ -29,6 +32,11 @@ sys.meta_path.insert(0, WithoutRos())
 """
 COMMAND = """
 from lidar_outlier_filter.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+NODE = """
+from lidar_outlier_filter.cli.node import main
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -142,3 +150,23 @@ def test_commands(tmp_path: Path) -> None:
     assert '656' in output(COMMAND, 'simulate', 'sotoodeh-hod', '--output', bag)
     options = ['--set', 'chain=[hierarchical]', '--folds', 2, '--output', tmp_path / 'y.yaml']
     assert 'hierarchical.' in output(COMMAND, 'tune', bag, *options)
+
+
+def test_the_node_says_what_it_does() -> None:
+    """Its help names the topics and where the parameters are; no ROS is needed for it."""
+    text = output(NODE, '--help')
+    assert text.startswith('usage: outlier_filter_node [-h] [--version] [--ros-args ...]\n')
+    for word in ('points/cleaned', 'points/outliers', '/diagnostics', '-r points:=', 'chain:='):
+        assert word in text
+    for path in re.findall(r'share/lidar_outlier_filter/(\S+\.yaml)', text):
+        assert (ROOT / path).is_file()
+    assert output(NODE, '--version').strip() == __version__
+
+
+def test_the_node_refuses_arguments_that_it_has_not() -> None:
+    """Those of ROS are left to ROS, wherever they stand."""
+    refused = run(NODE, '--ros-args', '-r', 'points:=/p', '--', '--parms-file', 'my.yaml')
+    assert refused.returncode == 2
+    assert refused.stderr.splitlines()[-1] == (
+        'outlier_filter_node: error: unrecognized arguments: --parms-file my.yaml'
+    )

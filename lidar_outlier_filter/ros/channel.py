@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.clocks import DelayClock
 from lidar_outlier_filter.ros.health import Backlog, Health, Report
+from lidar_outlier_filter.ros.losses import LossWarning
 from lidar_outlier_filter.ros.publisher import AnswerPublisher
 from lidar_outlier_filter.ros.receiver import CloudReceiver
 from lidar_outlier_filter.ros.tf import make_motion
@@ -38,6 +40,7 @@ class Channel:
         self.topic = topic
         self.resolved: str = node.resolve_topic_name(topic)
         self.health = Health()
+        self._losses = LossWarning()
         self._node = node
         self._log = node.get_logger()
         self._parameters = parameters
@@ -82,6 +85,7 @@ class Channel:
             self.worker.hurry()
         inbox = self.worker.inbox
         publishers = self._node.count_publishers(self.resolved)
+        self._warn_of_losses(seconds)
         backlog = Backlog(inbox.clouds, inbox.size / MEGABYTE, self._filter.waiting, publishers)
         limits, max_delay = self._parameters.health, self._parameters.max_delay
         return self.health.look(seconds, limits, max_delay, backlog, self._remarks())
@@ -94,6 +98,7 @@ class Channel:
         """Answer and publish all that was received, before the node goes."""
         self.close()
         self.worker.finish()
+        self._warn_of_losses(math.inf)
 
     def stop(self) -> None:
         """Let go of all that was received: there is nobody to send the answers to."""
@@ -117,6 +122,12 @@ class Channel:
         if self._clock.has_stopped:
             remarks.append('use_sim_time is set and nobody publishes /clock')
         return remarks
+
+    def _warn_of_losses(self, seconds: float) -> None:
+        """Warn of what was not filtered as asked, where it is time to: seconds since last asked."""
+        policy = self._parameters.load.policy
+        if warning := self._losses.look(self.health.losses(), policy, seconds):
+            self._log_warning(warning)
 
     def _log_refusal(self, err: CloudError) -> None:
         self._log.warning(

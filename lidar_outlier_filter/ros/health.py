@@ -119,6 +119,18 @@ class Health:
         with self._lock:
             self._counts = counts
 
+    def losses(self) -> dict[str, int]:
+        """Count the clouds since the start that were not filtered as asked, by what happened."""
+        with self._lock:
+            counts = self._counts
+            return {
+                'lost on the way': self._lost,
+                'dropped': self._dropped,
+                'passed unfiltered': counts.passed['overload'] + counts.passed['failure'],
+                'filtered by the smoother alone': counts.shed,
+                'judged without poses': counts.unmoved,
+            }
+
     def look(
         self,
         seconds: float,

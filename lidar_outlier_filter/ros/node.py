@@ -22,6 +22,7 @@ from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
 from lidar_outlier_filter.ros.live_parameters import TunableNode
+from lidar_outlier_filter.ros.ready import ready_line
 from lidar_outlier_filter.ros.signals import leave, on_stop
 from lidar_outlier_filter.stream.topics import answers
 
@@ -122,12 +123,14 @@ class OutlierFilterNode(TunableNode):
         return self.channels[0].publisher.outliers
 
     def start(self) -> None:
-        """Subscribe, watch over ``max_delay``, and offer the services."""
+        """Subscribe, watch over ``max_delay``, offer the services, and log that it is ready."""
         self._serve_parameters()
         self.create_service(SetBool, '~/enable', self._enable)
         self._diagnostics = Diagnostics(self, self.channels)
         for channel in self.channels:
             channel.start()
+        topics = [channel.resolved for channel in self.channels]
+        self.get_logger().info(ready_line(self.filter_parameters, topics))
 
     def process(self, msg: PointCloud2, tag: object = None) -> list[Answer]:
         """Filter the next cloud; return the answers that are finished by it, the oldest first.

@@ -236,6 +236,7 @@ class Worker:
         self.join()
         self.raise_failure()
         self._publish(self._filter.flush())
+        self._health.counted(self._filter.statistics)
         self._publisher.wait()
 
     def _process(self, msg: PointCloud2, tag: object, passed: str) -> list[Answer]:

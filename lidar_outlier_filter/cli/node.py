@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The arguments of ``outlier_filter_node``. ROS is imported when the node runs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.ros.executable import main as run
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+DESCRIPTION = """\
+Split each cloud of a lidar into a cleaned and an outlier cloud, until SIGINT or SIGTERM.
+
+topics:
+  points           sensor_msgs/PointCloud2, the input; -r renames it
+  points/cleaned   what is kept, missing returns included
+  points/outliers  what was rejected
+  /diagnostics     once in a second, a status for each input
+
+ROS arguments follow --ros-args. Some of them:
+  -r points:=/velodyne_points                 the topic of the sensor
+  -p chain:="['alpha_beta_gamma', 'lof']"     a parameter
+  --params-file my.yaml                       a file of parameters
+  --log-level warn                            the least severe message that is logged
+
+All parameters are in share/lidar_outlier_filter/config/defaults.yaml, and of a running node:
+  ros2 param list /outlier_filter_node
+  ros2 param describe /outlier_filter_node chain
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog='outlier_filter_node',
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage='%(prog)s [-h] [--version] [--ros-args ...]',
+        allow_abbrev=False,
+    )
+    parser.add_argument('--version', action='version', version=__version__)
+    parser.parse_args(_own(sys.argv[1:] if arguments is None else arguments))
+    return run()
+
+
+def _own(arguments: Sequence[str]) -> list[str]:
+    """Leave out what is for ROS: from ``--ros-args`` to ``--``, or to the end."""
+    own, is_ros = [], False
+    for argument in arguments:
+        if argument == '--ros-args':
+            is_ros = True
+        elif is_ros:
+            is_ros = argument != '--'
+        else:
+            own.append(argument)
+    return own
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The namespaces of a launch: each process has topics of its own, or the launch is refused."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.ros.namespaces import split_namespaces
+
+
+@pytest.mark.parametrize(
+    ('text', 'topics', 'names'),
+    [
+        ('', ['/points'], ['']),
+        ('left', ['/points', 'points'], ['left']),
+        ('left, right', ['points', 'more/points'], ['left', 'right']),
+        ('/car/left,/car/right', ['points'], ['/car/left', '/car/right']),
+    ],
+)
+def test_accepted(text: str, topics: list[str], names: list[str]) -> None:
+    """One process may have any topic; several have relative ones."""
+    assert split_namespaces(text, topics) == names
+
+
+@pytest.mark.parametrize('topics', [['/points'], ['points', '/more/points']])
+def test_a_topic_that_all_would_share(topics: list[str]) -> None:
+    """Each process would filter the same clouds."""
+    sentence = (
+        'input_topic must be without a leading slash, because namespace names several, got '
+        + repr(topics[-1])
+    )
+    with pytest.raises(ParameterError, match=f'^{re.escape(sentence)}$'):
+        split_namespaces('left,right', topics)
+
+
+@pytest.mark.parametrize('text', ['left,left', 'left,/left', 'left,', ','])
+def test_namespaces_that_are_not_different(text: str) -> None:
+    """Two nodes of one name would answer for each other."""
+    with pytest.raises(ParameterError, match=r'^namespace must be different names with commas'):
+        split_namespaces(text, ['points'])
