@@ -13,18 +13,23 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATUR
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.tuning.train import Sweep, export, train
+from lidar_outlier_filter.tuning.held_out import LIMITS, choose_threshold, figures, judge_at_all
+from lidar_outlier_filter.tuning.learner import export
+from lidar_outlier_filter.tuning.train import Recipe, Sweep, train
+
+FEW = (3, 4)  # trees
 
 
 def sweeps() -> list[Sweep]:
-    """Return a few sweeps of a room, some of whose points are off its walls."""
+    """Return a few sweeps of a room by two sensors; some of the points are off its walls."""
     found = []
-    for seed in range(3):
-        points = sweep(seed, 0.1, columns=120)
+    for seed in range(4):
+        points = sweep(seed, 0.1, columns=300 + 60 * (seed % 2))
         level = np.hypot(points.xyz[:, 0], points.xyz[:, 1])
         azimuth = np.arctan2(points.xyz[:, 1], points.xyz[:, 0])
         wall = np.minimum(8.0 / np.abs(np.cos(azimuth)), 5.0 / np.abs(np.sin(azimuth)))
-        found.append(Sweep(f'room {seed}', 'dust', points, level < 0.93 * wall))
+        name = f'room {seed}'
+        found.append(Sweep(name, f'sensor {seed % 2}', 'dust', points, level < 0.93 * wall))
     return found
 
 
@@ -54,22 +59,85 @@ def test_exported_trees_are_the_learner(rows: int, least: int) -> None:
 def test_file_is_complete_and_repeats() -> None:
     """The same seed gives the same bytes, another one others; the file says what it is."""
     about = {'about': 'a test', 'trained_on': {'weather': ['dust']}}
-    text = train(sweeps(), 1, about, rounds=(3, 4))
-    assert train(sweeps(), 1, about, rounds=(3, 4)) == text
-    assert train(sweeps(), 2, about, rounds=(3, 4)) != text
+    text = train(sweeps(), about, Recipe(1, FEW)).text
+    assert train(sweeps(), about, Recipe(1, FEW)).text == text
+    assert train(sweeps(), about, Recipe(2, FEW)).text != text
     data = json.loads(text)
     assert data.items() >= about.items()
-    assert (data['seed'], data['sweeps']) == (1, ['room 0', 'room 1', 'room 2'])
+    assert (data['seed'], data['sweeps']) == (1, ['room 0', 'room 1', 'room 2', 'room 3'])
+    assert data['uses'] == [*FEATURES, *AGAIN]
     assert [len(data[key]['values']) for key in ('first', 'again')] == [3, 4]
     assert {name for tree in data['first']['features'] for name in tree} <= {*FEATURES}
     assert {name for tree in data['again']['features'] for name in tree} <= {*FEATURES, *AGAIN}
 
 
+def test_features_are_left_out() -> None:
+    """No question is about a feature that is left out, in either pass; the file does not use it."""
+    every = json.loads(train(sweeps(), {}, Recipe(1, FEW)).text)
+    without = {every[key]['features'][0][0] for key in ('first', 'again')}
+    data = json.loads(train(sweeps(), {}, Recipe(1, FEW, without)).text)
+    asked = {name for key in ('first', 'again') for tree in data[key]['features'] for name in tree}
+    assert asked
+    assert not asked & without
+    assert not {*data['uses']} & without
+
+
+def test_sensor_that_is_left_out_does_not_train() -> None:
+    """Wrong labels of one sensor change what is said of others, and of itself only by judging."""
+    some = sweeps()
+    inverse = [
+        one._replace(outlier=~one.outlier) if one.sensor == 'sensor 1' else one for one in some
+    ]
+    right = train(some, {}, Recipe(1, (12, 12))).held_out['weather']['dust']['best_f1']
+    wrong = train(inverse, {}, Recipe(1, (12, 12))).held_out['weather']['dust']['best_f1']
+    # Each is judged by trees that know the other one only.
+    assert right > 0.7
+    assert wrong < right - 0.2
+
+
+def test_what_does_not_train_changes_nothing_that_is_learnt() -> None:
+    """A sweep that is judged only changes the figures, and no tree."""
+    some = sweeps()
+    extra = some[0]._replace(name='more', kind='rain', trains=False)
+    alone, more = (json.loads(train(s, {}, Recipe(1, FEW)).text) for s in (some, [*some, extra]))
+    assert (alone['first'], alone['again']) == (more['first'], more['again'])
+    assert alone['sweeps'] == more['sweeps']
+    assert {*more['held_out']['weather']} - {*alone['held_out']['weather']} == {'rain'}
+
+
+def test_threshold_and_figures() -> None:
+    """The best mean F1 counts, of thresholds that leave clean sweeps alone; sensors count alike."""
+    outlier = np.arange(1000) < 300
+    odds = np.where(outlier, 2.0, -2.0).astype(np.float32)
+    odds[:30] = 0.45  # found at low thresholds only
+    dust = [judge_at_all('a', 'dust', outlier, odds), judge_at_all('a', 'dust', outlier, odds)]
+    clean = np.full(1000, -3.0, np.float32)
+    nothing = np.zeros(1000, np.bool_)
+    assert choose_threshold([*dust, judge_at_all('a', 'clean', nothing, clean)]) == -1.0
+    clean[:2] = 1.05
+    one = judge_at_all('b', 'clean', nothing, clean)
+    assert choose_threshold([*dust, one]) == pytest.approx(1.1)
+    clean[:] = 9.0
+    all_wrong = judge_at_all('b', 'clean', nothing, clean)
+    assert choose_threshold([*dust, all_wrong]) == LIMITS[-1]
+    other = judge_at_all('b', 'dust', outlier, np.full(1000, -5.0, np.float32))
+    said = figures([*dust, other, one], 1.1)
+    assert said['weather']['dust']['f1'] == pytest.approx(540 / 570 / 2, abs=1e-4)
+    assert said['weather']['dust']['best_f1'] == pytest.approx(0.5, abs=1e-4)
+    assert said['clean_rejected'] == {'b': 0.0}
+    few = judge_at_all('a', 'rain', np.arange(1000) < 99, odds)
+    assert 'rain' not in figures([few], 1.0)['weather']
+
+
 def test_what_cannot_be_trained_on() -> None:
-    """Sweeps without outliers, and one without a pattern, are refused."""
+    """Sweeps without outliers, one sensor, unknown features, and no pattern are refused."""
     some = sweeps()
     with pytest.raises(FilterError, match='outliers'):
-        train([one._replace(outlier=np.zeros_like(one.outlier)) for one in some], 1, {})
+        train([one._replace(outlier=np.zeros_like(one.outlier)) for one in some], {})
+    with pytest.raises(FilterError, match='sensors'):
+        train([one._replace(sensor='one') for one in some], {})
+    with pytest.raises(FilterError, match='got colour'):
+        train(some, {}, Recipe(without=['colour', 'step']))
     few = some[0].points.take(slice(0, 8))
     with pytest.raises(FilterError, match='room 0'):
-        train([*some[1:], Sweep('room 0', 'dust', few, some[0].outlier[:8])], 1, {})
+        train([*some[1:], some[0]._replace(points=few, outlier=some[0].outlier[:8])], {})

@@ -17,6 +17,7 @@ from lidar_outlier_filter.cli.replay import add_replay
 from lidar_outlier_filter.cli.results import add_results
 from lidar_outlier_filter.cli.simulate import add_simulate
 from lidar_outlier_filter.cli.terminal import INTERRUPTED, REFUSED, say
+from lidar_outlier_filter.cli.train import add_train
 from lidar_outlier_filter.cli.tune import add_tune
 from lidar_outlier_filter.errors import FilterError
 
@@ -53,6 +54,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_simulate,
     add_evaluate,
     add_tune,
+    add_train,
     add_results,
     add_demo,
     add_bench,

@@ -2,23 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Train the trees on the scan pattern from labelled sweeps, and write their file.
 
-Two ensembles are trained by scikit-learn's histogram boosting: one on each point's window, and one
-on the points that the first does not call clearly good, with the first's results around them.
-
-The package's own model differs in one step: there, the second saw results of a first that was
-trained without the sweep's sensor. Here it sees those of the one first ensemble.
+Two ensembles are trained: one on each point's window, and one on the points that the first does not
+call clearly good, with the first's results around them. Sensors are in four folds, each of which is
+left out once: what the second ensemble sees of a sweep is what a first one says that never saw the
+sweep's sensor. The threshold and the figures of the file are of ensembles, too, that never saw it.
 """
 
 from __future__ import annotations
 
 import json
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES, measure
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import VERSION
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import VERSION, read_trees
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
     AGAIN,
     COUNT_AGAIN,
@@ -26,219 +24,264 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
     measure_again,
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
-from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES
+from lidar_outlier_filter.core.detectors.evidence.trees import add_up
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.tuning.held_out import CLEAN, choose_threshold, figures, judge_at_all
+from lidar_outlier_filter.tuning.learner import export, fit
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared
+    from lidar_outlier_filter.core.detectors.evidence.trees import Trees
     from lidar_outlier_filter.core.points import Points
 
     Singles = NDArray[np.float32]
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
     Mask = NDArray[np.bool_]
-    Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
+    Progress = Callable[[int, int, str], object]
 
-DEPTH = 3  # questions from the root of a tree to a value
+FOLDS = 4  # of sensors, in turn
 ROUNDS = (100, 120)  # trees of both ensembles
-RATE = 0.2
-DOUBTFUL = -3.0  # log-odds of the first from which on a point is looked at again
-THRESHOLD = 1.2  # log-odds from which on a point is rejected
+LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
+DOUBTFUL = -1.0  # from which on a point is looked at again
 BAD, GOOD = 400, 900  # points of a sweep that are drawn
 GOOD_OF_CLEAN = (4000, 5000)  # of a clean sweep, in both passes
 ENOUGH = 500  # outliers of a sweep from which on all sweeps count the same
 # How much a sweep's outliers, and its good points, count; 1 for every other kind.
 BAD_COUNTS = {'ghosts': 0.15, 'mixed': 0.3, 'street': 1.5}
-GOOD_COUNTS = {'clean': 5.0, 'street': 1.5}
-NEVER = 3.0e38  # a limit that no feature exceeds
+GOOD_COUNTS = {CLEAN: 5.0, 'street': 1.5}
+GOOD_COUNT = (2.0, 8.0)  # how much good points count, in both passes
 
 
 class Sweep(NamedTuple):
     """Points of one sweep in the sensor's own frame, and which of them are outliers.
 
-    ``kind`` is a weather, ``clean`` or ``street``.
+    ``kind`` is a weather, ``clean`` or ``street``. It trains, or is only judged, or both.
     """
 
     name: str
+    sensor: str
     kind: str
     points: Points
     outlier: Mask
+    trains: bool = True
+    judged: bool = True
+
+
+class Recipe(NamedTuple):
+    """How the ensembles are trained.
+
+    Attributes
+    ----------
+    seed : of the points drawn, from 0
+    rounds : trees of both ensembles
+    without : features that are left out
+
+    """
+
+    seed: int = 1
+    rounds: tuple[int, int] = ROUNDS
+    without: Collection[str] = ()
 
 
 class _Seen(NamedTuple):
-    """A sweep with the features of its points, in the order of the pattern."""
+    """A sweep with its scan pattern; outliers in the order of that."""
 
-    kind: str
+    sweep: Sweep
     prepared: Prepared
-    values: Singles
     outlier: Mask
 
 
 class _Drawn(NamedTuple):
-    """Points that are drawn from a sweep, and what each counts."""
+    """Points that are drawn from a sweep: features (F, N), whether outliers, what each counts."""
 
-    rows: Ints
+    values: Singles
+    outlier: Mask
     weight: Floats
+
+
+class Trained(NamedTuple):
+    """The text of a model's file, and the threshold and the held-out figures that it says."""
+
+    text: str
+    threshold: float
+    held_out: Mapping[str, Any]
 
 
 def train(
     sweeps: Sequence[Sweep],
-    seed: int,
     about: Mapping[str, Any],
-    rounds: tuple[int, int] = ROUNDS,
-) -> str:
+    recipe: Recipe = Recipe(),  # noqa: B008  it is immutable
+    progress: Progress = lambda _done, _total, _what: None,
+) -> Trained:
     """Train both ensembles.
 
     Parameters
     ----------
     sweeps : of spinning sensors, with and without outliers
-    seed : of the points drawn, from 0
     about : what the file says of its training
-    rounds : trees of both ensembles
+    recipe : how
+    progress : is called before every step: how many of how many are done, and of what; it may leave
 
     Returns
     -------
-    str
-        The model's file: the same for the same arguments.
+    Trained
+        The same for the same arguments.
 
     Raises
     ------
     FilterError
-        If a sweep has no scan pattern, or no point is an outlier.
+        If a sweep has no scan pattern, no point is an outlier, there is one sensor only, or a
+        feature is not known.
 
     """
-    if not any(sweep.outlier.any() for sweep in sweeps):
+    if not any(sweep.outlier.any() for sweep in sweeps if sweep.trains):
         raise FilterError('the training sweeps', 'ones with outliers', 'none')
     seen = [_look(sweep) for sweep in sweeps]
-    rng = np.random.default_rng([seed, 0])
-    parts = [_draw(one, rng) for one in seen]
-    first = _fit(
-        [s.values[:, p.rows] for s, p in zip(seen, parts, strict=True)], seen, parts, rounds[0]
-    )
-    odds = [first.decision_function(one.values.T).astype(np.float32) for one in seen]
-    rng = np.random.default_rng([seed, 1])
-    parts = [_draw(one, rng, score) for one, score in zip(seen, odds, strict=True)]
-    tables = [
-        _again(one, score)[:, part.rows] for one, score, part in zip(seen, odds, parts, strict=True)
+    first, odds = _pass(seen, None, recipe, progress)
+    again, results = _pass(seen, odds, recipe, progress)
+    held = [
+        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
+        for one, result in zip(seen, results, strict=True)
+        if one.sweep.judged
     ]
-    again = _fit(tables, seen, parts, rounds[1])
+    threshold = choose_threshold(held)
+    held_out = figures(held, threshold)
     data = {
         'version': VERSION,
         **about,
-        'seed': seed,
-        'sweeps': [sweep.name for sweep in sweeps],
+        'seed': recipe.seed,
+        'uses': _used(_names(again=True), recipe),
+        'sweeps': [sweep.name for sweep in sweeps if sweep.trains],
+        'held_out': held_out,
         'doubtful': DOUBTFUL,
-        'threshold': THRESHOLD,
-        'first': export(first, FEATURES),
-        'again': export(again, (*FEATURES, *AGAIN)),
+        'threshold': threshold,
+        'first': first,
+        'again': again,
     }
-    return json.dumps(data, separators=(',', ':'))
+    return Trained(json.dumps(data, separators=(',', ':')), threshold, held_out)
+
+
+def _pass(
+    seen: Sequence[_Seen], odds: Sequence[Singles] | None, recipe: Recipe, progress: Progress
+) -> tuple[dict[str, Any], list[Singles]]:
+    """Train one ensemble on all sensors, and say what others say of the sensor they leave out.
+
+    ``odds`` is what the first pass says of each sweep; None: this is the first.
+    """
+    again = odds is not None
+    before = [None] * len(seen) if odds is None else odds
+    drawn = [
+        _draw(one, recipe.seed, number, said)
+        for number, (one, said) in enumerate(zip(seen, before, strict=True))
+    ]
+    fold, count = _folds([one.sweep.sensor for one in seen])
+    results = [np.empty(0, np.float32)] * len(seen)
+    for k in range(count):
+        progress(again * (count + 1) + k, 2 * (count + 1), f'without fold {k + 1} of {count}')
+        some = [table for table, mine in zip(drawn, fold, strict=True) if mine != k]
+        trees = read_trees(_learn(some, recipe, again=again), _names(again=again))
+        for number, one in enumerate(seen):
+            if fold[number] == k:
+                results[number] = _judge(one, trees, before[number])
+    progress(again * (count + 1) + count, 2 * (count + 1), 'with every sensor')
+    return _learn(drawn, recipe, again=again), results
+
+
+def _folds(sensors: Sequence[str]) -> tuple[list[int], int]:
+    """Give each sweep the fold of its sensor, and count the folds."""
+    number = {sensor: k for k, sensor in enumerate(dict.fromkeys(sensors))}
+    if len(number) == 1:
+        raise FilterError('the sensors to train on', 'at least 2: each is left out once', 1)
+    count = min(FOLDS, len(number))
+    return [number[sensor] % count for sensor in sensors], count
 
 
 def _look(sweep: Sweep) -> _Seen:
     pattern = find_pattern(sweep.points, spins=True)
     if pattern is None:
         raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
-    prepared = prepare(pattern)
-    out = np.zeros((COUNT, len(pattern.order)), np.float32)
-    measure(prepared, 0, len(pattern.first), out)
-    there = pattern.order >= 0
-    outlier = sweep.outlier[pattern.order[there]]
-    return _Seen(sweep.kind, prepared, out[:, there], outlier)
+    outlier = sweep.outlier[pattern.order[pattern.order >= 0]]
+    return _Seen(sweep, prepare(pattern), outlier)
 
 
-def _again(seen: _Seen, odds: Singles) -> Singles:
-    """Return the features of the second pass, (COUNT_AGAIN, N)."""
+def _values(seen: _Seen, odds: Singles | None) -> Singles:
+    """Return the features (F, N) of a pass."""
     pattern = seen.prepared.pattern
-    there = pattern.order >= 0
+    there, lines = pattern.order >= 0, len(pattern.first)
+    if odds is None:
+        out = np.zeros((COUNT, len(there)), np.float32)
+        measure(seen.prepared, 0, lines, out)
+        return out[:, there]
     score = np.zeros(len(there), np.float32)
     score[there] = odds
     out = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-    first = count_scores(pattern, score)
-    measure_again(seen.prepared, first, 0, len(pattern.first), out)
+    measure_again(seen.prepared, count_scores(pattern, score), 0, lines, out)
     return out[:, there]
 
 
-def _draw(seen: _Seen, rng: np.random.Generator, odds: Singles | None = None) -> _Drawn:
-    """Draw points: of the second pass, only those that the first does not call clearly good."""
-    asked = np.ones(len(seen.outlier), np.bool_) if odds is None else odds > DOUBTFUL
+def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> _Drawn:
+    """Draw points: in the second pass, only those that the first does not call clearly good."""
+    again = odds is not None
+    asked = np.full(len(seen.outlier), seen.sweep.trains)
+    if odds is not None:
+        asked &= odds > LEARN_FROM
+    rng = np.random.default_rng([seed, number, again])
     bad, good = np.flatnonzero(seen.outlier & asked), np.flatnonzero(~seen.outlier & asked)
     all_bad = int(seen.outlier.sum())
     all_good = len(seen.outlier) - all_bad
-    most = GOOD if seen.kind != 'clean' else GOOD_OF_CLEAN[odds is not None]
+    kind = seen.sweep.kind
+    most = GOOD_OF_CLEAN[again] if kind == CLEAN else GOOD
     some_bad = rng.choice(bad, min(BAD, len(bad)), replace=False)
     some_good = rng.choice(good, min(most, len(good)), replace=False)
-    counts = BAD_COUNTS.get(seen.kind, 1.0) * min(1.0, all_bad / ENOUGH)
+    counts = BAD_COUNTS.get(kind, 1.0) * min(1.0, all_bad / ENOUGH)
     of_bad = counts * len(bad) / max(all_bad, 1) / max(len(some_bad), 1)
-    counts = 2.0 * GOOD_COUNTS.get(seen.kind, 1.0) * (1.0 if odds is None else 4.0)
+    counts = GOOD_COUNT[again] * GOOD_COUNTS.get(kind, 1.0)
     of_good = counts * len(good) / max(all_good, 1) / max(len(some_good), 1)
+    rows = np.concatenate([some_bad, some_good])
     return _Drawn(
-        np.concatenate([some_bad, some_good]),
+        _values(seen, odds)[:, rows],
+        seen.outlier[rows],
         np.repeat([of_bad, of_good], [len(some_bad), len(some_good)]),
     )
 
 
-def _fit(tables: list[Singles], seen: list[_Seen], parts: list[_Drawn], rounds: int) -> Learner:
-    weight = np.concatenate([part.weight for part in parts])
-    outlier = np.concatenate([s.outlier[p.rows] for s, p in zip(seen, parts, strict=True)])
-    learner: Learner = import_module('sklearn.ensemble').HistGradientBoostingClassifier(
-        max_iter=rounds,
-        max_leaf_nodes=2**DEPTH,
-        max_depth=DEPTH,
-        learning_rate=RATE,
-        max_bins=128,
-        early_stopping=False,
-        min_samples_leaf=40,
-        l2_regularization=1.0,
-        random_state=0,
+def _learn(drawn: Sequence[_Drawn], recipe: Recipe, *, again: bool) -> dict[str, Any]:
+    """Train an ensemble; leave out the features that the recipe leaves out."""
+    names = _names(again=again)
+    used = _used(names, recipe)
+    rows = [names.index(name) for name in used]
+    learner = fit(
+        np.concatenate([one.values[rows] for one in drawn], axis=1),
+        np.concatenate([one.outlier for one in drawn]),
+        np.concatenate([one.weight for one in drawn]),
+        recipe.rounds[again],
     )
-    table = np.concatenate(tables, axis=1).T
-    learner.fit(table, outlier, sample_weight=weight / weight.mean())
-    return learner
+    return export(learner, used)
 
 
-def export(learner: Learner, names: Sequence[str]) -> dict[str, Any]:
-    """Write an ensemble as full trees of three questions, in single precision."""
-    start = float(np.float32(learner._baseline_prediction.ravel()[0]))  # noqa: SLF001
-    trees = [_tree(stage[0].nodes, names) for stage in learner._predictors]  # noqa: SLF001
-    return {
-        'start': start,
-        'features': [feature for feature, _, _ in trees],
-        'limits': [limit for _, limit, _ in trees],
-        'values': [value for _, _, value in trees],
-    }
+def _names(*, again: bool) -> tuple[str, ...]:
+    return (*FEATURES, *(AGAIN if again else ()))
 
 
-def _tree(nodes: Any, names: Sequence[str]) -> tuple[list[str], list[float], list[float]]:
-    """Fill a tree up: below an early leaf all values are the leaf's."""
-    feature = [names[0]] * QUESTIONS
-    limit = [float(np.float32(NEVER))] * QUESTIONS
-    value = [0.0] * VALUES
-    pending = [(0, 0)]  # nodes, and their places in the full tree
-    while pending:
-        number, place = pending.pop()
-        node = nodes[number]
-        if node['is_leaf']:
-            low = high = place
-            while low < QUESTIONS:
-                low, high = 2 * low + 1, 2 * high + 2
-            for k in range(low, high + 1):
-                value[k - QUESTIONS] = float(np.float32(node['value']))
-        else:
-            feature[place] = names[node['feature_idx']]
-            limit[place] = _not_above(float(node['num_threshold']))
-            pending += [(node['left'], 2 * place + 1), (node['right'], 2 * place + 2)]
-    return feature, limit, value
+def _used(names: Sequence[str], recipe: Recipe) -> list[str]:
+    unknown = sorted({*recipe.without} - {*_names(again=True)})
+    if unknown:
+        known = ', '.join(_names(again=True))
+        raise FilterError('a feature to leave out', f'one of {known}', ', '.join(unknown))
+    return [name for name in names if name not in recipe.without]
 
 
-def _not_above(limit: float) -> float:
-    """Return the greatest number of single precision up to a limit: it parts the same numbers."""
-    single = np.float32(limit)
-    if float(single) > limit:
-        single = np.nextafter(single, np.float32(-np.inf))
-    return float(single)
+def _judge(seen: _Seen, trees: Trees, odds: Singles | None) -> Singles:
+    """Return what a pass says of all points: the second only of those that are not clearly good."""
+    asked = np.ones(len(seen.outlier), np.bool_) if odds is None else odds > DOUBTFUL
+    result = np.empty(len(asked), np.float32) if odds is None else odds.copy()
+    said = np.empty(int(asked.sum()), np.float32)
+    add_up(trees, np.ascontiguousarray(_values(seen, odds)[:, asked]), said)
+    result[asked] = said
+    return result

@@ -52,14 +52,15 @@ def load() -> PatternModel:
     if data['version'] != VERSION:
         raise FilterError(f'the version of {NAME}', f'{VERSION}', data['version'])
     return PatternModel(
-        _trees(data['first'], FEATURES),
-        _trees(data['again'], (*FEATURES, *AGAIN)),
+        read_trees(data['first'], FEATURES),
+        read_trees(data['again'], (*FEATURES, *AGAIN)),
         float(data['doubtful']),
         float(data['threshold']),
     )
 
 
-def _trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:
+def read_trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:
+    """Read an ensemble whose questions name these features."""
     known = {name: number for number, name in enumerate(names)}
     unknown = sorted({name for tree in data['features'] for name in tree} - set(known))
     if unknown:

@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``train``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lidar_outlier_filter.cli.terminal import (
+    DONE,
+    add_parameter_options,
+    progress_bar,
+    read_parameters,
+    say,
+    stopping,
+)
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Mapping
+
+    from rich.table import Table
+
+    from lidar_outlier_filter.core.points import Points
+
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
+
+DATA = Path('../shared/data')
+OUTPUT = Path('pattern_model.json')
+BOTH = ('recordings', 'streets')
+
+
+def add_train(commands: Commands) -> None:
+    """Add the command ``train``."""
+    parser = commands.add_parser(
+        'train',
+        help="train the default's trees on weather in clean recordings of spinning sensors",
+        description='Put weather into clean recordings of spinning sensors, simulate streets, '
+        'train the trees of `evidence` on both, and write their file. Sensors are left out in '
+        'four folds; the figures printed are of the sensors left out. Takes about ten minutes. '
+        'Needs the extra "train".',
+    )
+    parser.add_argument(
+        '--data',
+        type=Path,
+        metavar='DIR',
+        help=f'folder of the known clean recordings; default: {DATA}, none with --onto',
+    )
+    parser.add_argument(
+        '--onto',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='RECORDING',
+        help='clean recordings of your own, each of another spinning sensor',
+    )
+    parser.add_argument(
+        '--train-on',
+        nargs='+',
+        choices=BOTH,
+        default=BOTH,
+        metavar='S',
+        help=f'{" and ".join(BOTH)}, or only one; the other is judged only; default: both',
+    )
+    parser.add_argument(
+        '--without', nargs='+', default=[], metavar='FEATURE', help='features to leave out'
+    )
+    add_parameter_options(parser)
+    parser.add_argument(
+        '--output', type=Path, default=OUTPUT, metavar='FILE', help=f'new; default: {OUTPUT}'
+    )
+    parser.add_argument(
+        '--seed', type=int, default=1, metavar='N', help='of all chances, from 0; default: 1'
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from lidar_outlier_filter.tuning.learner import check_learner
+    from lidar_outlier_filter.tuning.scenes import make_sweeps
+    from lidar_outlier_filter.tuning.train import Recipe, train
+
+    check_learner()
+    if options.seed < 0:
+        raise FilterError('--seed', 'at least 0', options.seed)
+    if options.output.exists():
+        raise FilterError('--output', 'a new file', options.output)
+    recipe = Recipe(options.seed, without=options.without)
+    with stopping() as leave_if_asked, progress_bar('training') as show:
+
+        def progress(done: int, total: int, what: str) -> None:
+            leave_if_asked()
+            show(done, total, what)
+
+        progress(0, 1, 'reading')
+        recordings = _recordings(options)
+        sweeps = make_sweeps(recordings, options.seed, options.train_on, progress)
+        about = _about([name for name, _ in recordings], options.train_on)
+        result = train(sweeps, about, recipe, progress)
+    options.output.write_text(result.text, encoding='utf-8')
+    console = Console()
+    for table in _tables(result.held_out):
+        console.print(table)
+        console.print()
+    for line in (f'threshold: log-odds of {result.threshold:g}', f'written to {options.output}'):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    return DONE
+
+
+def _recordings(options: argparse.Namespace) -> list[tuple[str, list[Points]]]:
+    """Read clean clouds of each sensor; known recordings without a pattern are left out."""
+    from lidar_outlier_filter.tuning.scenes import (
+        CleanRecording,
+        has_pattern,
+        known_recordings,
+        read_sweeps,
+    )
+
+    found = []
+    folder = options.data or (None if options.onto else DATA)
+    if folder is not None:
+        known = known_recordings(folder / 'bags')
+        if not known:
+            raise FilterError('--data', 'a folder with bags/ of the known recordings', folder)
+        for recording in known:
+            clouds = read_sweeps(recording)
+            if all(map(has_pattern, clouds)):
+                found.append((recording.sensor, clouds))
+            else:
+                say(f'{recording.sensor} is left out: its rings have no scan pattern')
+    values = read_parameters(options.params, options.settings)
+    for path in options.onto:
+        clouds = read_sweeps(CleanRecording(path.stem, path, values))
+        if not all(map(has_pattern, clouds)):
+            raise FilterError('--onto', 'of spinning sensors with a scan pattern', path)
+        found.append((path.stem, clouds))
+    return found
+
+
+def _about(sensors: list[str], train_on: list[str]) -> dict[str, Any]:
+    from lidar_outlier_filter import __version__
+    from lidar_outlier_filter.simulation.weather.kinds import WEATHERS
+    from lidar_outlier_filter.tuning.scenes import (
+        OF_EACH,
+        STREET_SEED_HELD_OUT,
+        STREET_SEEDS,
+        STREETS,
+    )
+
+    return {
+        'about': 'Two ensembles of trees for spinning sensors, by lidar-outlier-filter train',
+        'package': __version__,
+        'trained_on': {
+            'recordings': sensors if 'recordings' in train_on else [],
+            'weather': list(WEATHERS),
+            'sweeps_of_each': OF_EACH,
+            'streets': list(STREETS) if 'streets' in train_on else [],
+            'street_seeds': list(STREET_SEEDS),
+            'street_seed_held_out': STREET_SEED_HELD_OUT,
+        },
+    }
+
+
+def _tables(held_out: Mapping[str, Any]) -> list[Table]:
+    """Lay out the figures of the sensors left out."""
+    from rich.table import Table
+
+    weather = Table('weather, sensor left out', 'F1', 'best F1', 'good points lost', box=None)
+    for kind, one in held_out['weather'].items():
+        weather.add_row(kind, f'{one["f1"]:.3f}', f'{one["best_f1"]:.3f}', f'{one["lost"]:.3%}')
+    clean = Table('clean, sensor left out', 'rejected', box=None)
+    for sensor, share in held_out['clean_rejected'].items():
+        clean.add_row(sensor, f'{share:.4%}')
+    street = Table('street, sensor left out', 'F1', box=None)
+    for name, f1 in held_out['street_f1'].items():
+        street.add_row(name, f'{f1:.3f}')
+    tables = [weather, clean, street]
+    for table in tables:
+        for column in table.columns[1:]:
+            column.justify = 'right'
+    return tables

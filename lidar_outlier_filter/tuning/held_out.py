@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What trees find on sensors that they were not trained on, and the threshold chosen by that."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Singles = NDArray[np.float32]
+
+CLEAN, STREET = 'clean', 'street'  # kinds of sweeps that are no weather
+LIMITS = np.arange(-10, 51) / 10.0  # log-odds tried as thresholds
+MOST_CLEAN = 0.0015  # share of clean sweeps that may be rejected, mean over the sensors
+ENOUGH = 100  # outliers of a sweep from which on it is judged
+CHOOSE_BY = ('light_snow', 'heavy_snow', 'rain', 'fog', 'spray', 'dust', 'exhaust')
+DIGITS = 4
+
+
+class HeldOut(NamedTuple):
+    """A sweep of a sensor that was left out, judged at every threshold of ``LIMITS``.
+
+    Attributes
+    ----------
+    sensor, kind : of the sweep
+    f1 : (T,) float64
+    lost : (T,) float64
+        Share of the good points that are rejected.
+    outliers : how many there are
+
+    """
+
+    sensor: str
+    kind: str
+    f1: Floats
+    lost: Floats
+    outliers: int
+
+
+def judge_at_all(sensor: str, kind: str, outlier: NDArray[np.bool_], odds: Singles) -> HeldOut:
+    """Count what every threshold rejects: points whose log-odds are greater."""
+    bad, good = np.sort(odds[outlier]), np.sort(odds[~outlier])
+    found = len(bad) - np.searchsorted(bad, LIMITS, 'right')
+    lost = len(good) - np.searchsorted(good, LIMITS, 'right')
+    f1 = 2.0 * found / np.maximum(found + lost + len(bad), 1)
+    return HeldOut(sensor, kind, f1, lost / max(len(good), 1), len(bad))
+
+
+def choose_threshold(sweeps: Sequence[HeldOut]) -> float:
+    """Choose the threshold with the best mean F1 in weather that leaves clean sweeps alone.
+
+    Where no threshold does, the greatest one.
+    """
+    clean = _by_group([s for s in sweeps if s.kind == CLEAN], lambda s: s.sensor, lambda s: s.lost)
+    weather = _weather([s for s in sweeps if s.kind in CHOOSE_BY], lambda s: s.f1)
+    worth = np.mean(list(weather.values()), axis=0) if weather else np.zeros(len(LIMITS))
+    rejected = np.mean(list(clean.values()), axis=0) if clean else np.zeros(len(LIMITS))
+    allowed = rejected <= MOST_CLEAN
+    if not allowed.any():
+        return float(LIMITS[-1])
+    return float(LIMITS[int(np.argmax(np.where(allowed, worth, -1.0)))])
+
+
+def figures(sweeps: Sequence[HeldOut], threshold: float) -> dict[str, Any]:
+    """Say what a threshold gives: by weather, by clean recording, and by street."""
+    at = int(np.argmin(np.abs(LIMITS - threshold)))
+    weather = [s for s in sweeps if s.kind not in {CLEAN, STREET}]
+    f1, lost = _weather(weather, lambda s: s.f1), _weather(weather, lambda s: s.lost)
+    best = _weather(weather, lambda s: np.array([s.f1.max()]))
+    clean = _by_group([s for s in sweeps if s.kind == CLEAN], lambda s: s.sensor, lambda s: s.lost)
+    streets = [s for s in sweeps if s.kind == STREET]
+    street = _by_group(streets, lambda s: s.sensor, lambda s: s.f1)
+    return {
+        'weather': {
+            kind: {
+                'f1': round(float(f1[kind][at]), DIGITS),
+                'best_f1': round(float(best[kind][0]), DIGITS),
+                'lost': round(float(lost[kind][at]), DIGITS + 1),
+            }
+            for kind in f1
+        },
+        'clean_rejected': {name: round(float(v[at]), DIGITS + 2) for name, v in clean.items()},
+        'street_f1': {name: round(float(v[at]), DIGITS) for name, v in street.items()},
+    }
+
+
+def _weather(sweeps: Sequence[HeldOut], value: Callable[[HeldOut], Floats]) -> dict[str, Floats]:
+    """Return the mean of each weather over sensors, each of which counts the same."""
+    found: dict[str, Floats] = {}
+    judged = [sweep for sweep in sweeps if sweep.outliers >= ENOUGH]
+    for kind in dict.fromkeys(sweep.kind for sweep in judged):
+        some = [sweep for sweep in judged if sweep.kind == kind]
+        means = _by_group(some, lambda s: s.sensor, value)
+        found[kind] = np.mean(list(means.values()), axis=0)
+    return found
+
+
+def _by_group(
+    sweeps: Sequence[HeldOut],
+    group: Callable[[HeldOut], str],
+    value: Callable[[HeldOut], Floats],
+) -> dict[str, Floats]:
+    """Return the mean value of each group."""
+    names = dict.fromkeys(group(sweep) for sweep in sweeps)
+    return {
+        name: np.mean([value(sweep) for sweep in sweeps if group(sweep) == name], axis=0)
+        for name in names
+    }

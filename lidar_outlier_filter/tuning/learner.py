@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""One ensemble of trees: learnt by scikit-learn's histogram boosting, written for our kernel."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Singles = NDArray[np.float32]
+    Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
+
+DEPTH = 3  # questions from the root of a tree to a value
+RATE = 0.2
+EDGES = 128  # of a feature's histogram
+FEWEST = 40  # points behind a value
+NEVER = 3.0e38  # a limit that no feature exceeds
+
+
+def check_learner() -> None:
+    """Refuse to begin where scikit-learn is not installed."""
+    if find_spec('sklearn') is None:
+        raise FilterError('scikit-learn', 'installed: the extra "train"', 'none')
+
+
+def fit(
+    values: Singles, outlier: NDArray[np.bool_], weight: NDArray[np.float64], rounds: int
+) -> Learner:
+    """Learn so many trees from points with these features (F, N)."""
+    learner: Learner = import_module('sklearn.ensemble').HistGradientBoostingClassifier(
+        max_iter=rounds,
+        max_leaf_nodes=2**DEPTH,
+        max_depth=DEPTH,
+        learning_rate=RATE,
+        max_bins=EDGES,
+        early_stopping=False,
+        min_samples_leaf=FEWEST,
+        l2_regularization=1.0,
+        random_state=0,
+    )
+    # On a busy machine its threads wait for each other much longer than one works alone.
+    with import_module('threadpoolctl').threadpool_limits(1):
+        learner.fit(values.T, outlier, sample_weight=weight / weight.mean())
+    return learner
+
+
+def export(learner: Learner, names: Sequence[str]) -> dict[str, Any]:
+    """Write an ensemble as full trees of three questions, in single precision."""
+    start = float(np.float32(learner._baseline_prediction.ravel()[0]))  # noqa: SLF001
+    trees = [_tree(stage[0].nodes, names) for stage in learner._predictors]  # noqa: SLF001
+    return {
+        'start': start,
+        'features': [feature for feature, _, _ in trees],
+        'limits': [limit for _, limit, _ in trees],
+        'values': [value for _, _, value in trees],
+    }
+
+
+def _tree(nodes: Any, names: Sequence[str]) -> tuple[list[str], list[float], list[float]]:
+    """Fill a tree up: below an early leaf all values are the leaf's."""
+    feature = [names[0]] * QUESTIONS
+    limit = [float(np.float32(NEVER))] * QUESTIONS
+    value = [0.0] * VALUES
+    pending = [(0, 0)]  # nodes, and their places in the full tree
+    while pending:
+        number, place = pending.pop()
+        node = nodes[number]
+        if node['is_leaf']:
+            low = high = place
+            while low < QUESTIONS:
+                low, high = 2 * low + 1, 2 * high + 2
+            for k in range(low, high + 1):
+                value[k - QUESTIONS] = float(np.float32(node['value']))
+        else:
+            feature[place] = names[node['feature_idx']]
+            limit[place] = _not_above(float(node['num_threshold']))
+            pending += [(node['left'], 2 * place + 1), (node['right'], 2 * place + 2)]
+    return feature, limit, value
+
+
+def _not_above(limit: float) -> float:
+    """Return the greatest number of single precision up to a limit: it parts the same numbers."""
+    single = np.float32(limit)
+    if float(single) > limit:
+        single = np.nextafter(single, np.float32(-np.inf))
+    return float(single)

@@ -1,0 +1,183 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the trees are trained on: real recordings in all weathers, and simulated streets."""
+
+from __future__ import annotations
+
+import zlib
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.simulation import presets
+from lidar_outlier_filter.simulation.recording import to_message
+from lidar_outlier_filter.simulation.weather.beams import Optics, find_beams
+from lidar_outlier_filter.simulation.weather.kinds import WEATHERS, make
+from lidar_outlier_filter.tuning.held_out import CLEAN, STREET
+from lidar_outlier_filter.tuning.recorded import RecordedClouds
+from lidar_outlier_filter.tuning.train import Sweep
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    Progress = Callable[[int, int, str], object]
+
+# Clean recordings of spinning sensors in a folder of real data, and how they are read.
+RECORDINGS: Mapping[str, tuple[str, Mapping[str, object]]] = {
+    'VLP-16': ('vlp16_mrpt_mcap', {}),
+    'HDL-32E': ('hdl32_mrpt_mcap', {}),
+    'VLP-32C': ('vlp32_nebula_db3', {}),
+    'OS1-128': ('os1_128_db3', {}),
+    'OS0-32': ('os0_32.bag', {}),
+    'XT32': ('hesai_xt32_nebula_mcap', {'time_field': 'stamp'}),
+    'lidar_link': ('cloudini_lidar_link_mcap', {}),
+}
+STREETS = ('street-16', 'street-32', 'street-64', 'street-128')
+STREET_SEEDS, STREET_SEED_HELD_OUT = (11, 12), 101
+MOST_CLEAN = 4  # sweeps of a recording that are taken as they are
+OF_EACH = 3  # sweeps with each weather
+FIRST = 2  # turn of a street from which on turns are taken
+
+
+class CleanRecording(NamedTuple):
+    """A recording in dry air, and the filter's parameters that it is read with."""
+
+    sensor: str
+    path: Path
+    values: Mapping[str, object]
+
+
+def known_recordings(folder: Path) -> list[CleanRecording]:
+    """List the recordings of ``RECORDINGS`` that a folder has, with a scan pattern or without."""
+    return [
+        CleanRecording(sensor, folder / name, values)
+        for sensor, (name, values) in RECORDINGS.items()
+        if (folder / name).exists()
+    ]
+
+
+def read_sweeps(recording: CleanRecording, most: int = MOST_CLEAN) -> list[Points]:
+    """Read up to so many clouds, evenly spread: every second of them, every fourth and so on.
+
+    Raises
+    ------
+    RecordingError
+        If it has no clouds.
+
+    """
+    parameters = FilterParameters().changed(recording.values)
+    kept: list[Points] = []
+    every = 1
+    for taken in RecordedClouds(recording.path, parameters):
+        if taken.number % every == 0:
+            kept.append(taken.points.take(taken.points.valid))
+        if len(kept) > most:
+            kept, every = kept[::2], 2 * every
+    if not kept:
+        raise RecordingError(f'the clouds of {recording.path}', 'at least one', 'none')
+    return kept
+
+
+def has_pattern(points: Points) -> bool:
+    """Return whether trees can be trained on a cloud."""
+    return find_pattern(points, spins=True) is not None
+
+
+def recorded_sweeps(
+    sensor: str, clouds: Sequence[Points], seed: int, *, trains: bool = True
+) -> list[Sweep]:
+    """Take clouds as they are, and put every weather into some of them."""
+    sweeps = [
+        Sweep(f'{sensor} {CLEAN} {k}', sensor, CLEAN, points, np.zeros(len(points), bool), trains)
+        for k, points in enumerate(clouds)
+    ]
+    for weather in WEATHERS:
+        for k in range(OF_EACH):
+            name = f'{sensor} {weather} {k}'
+            points, outlier = put_weather(clouds[k % len(clouds)], weather, [seed, _number(name)])
+            sweeps.append(Sweep(name, sensor, weather, points, outlier, trains))
+    return sweeps
+
+
+def _number(name: str) -> int:
+    return zlib.crc32(name.encode())
+
+
+def put_weather(
+    points: Points, weather: str, seed: Sequence[int]
+) -> tuple[Points, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """Let the beams of a cloud go through a weather; reflectances and optics are drawn.
+
+    Returns
+    -------
+    points : of the beams that measure something
+    outlier : (N,) bool
+
+    """
+    rng = np.random.default_rng([*seed, 0])
+    reflectance = np.clip(0.25 * np.exp(0.5 * rng.standard_normal(len(points))), 0.02, 1.0)
+    beams = find_beams(points.xyz, points.t, points.line, reflectance, points.valid)
+    # Sensors differ.
+    optics = Optics(
+        divergence=rng.uniform(0.0015, 0.004),
+        nearest=rng.uniform(0.3, 1.0),
+        farthest=rng.uniform(60.0, 150.0),
+        blind=rng.uniform(1.0, 3.0),
+        pulse=rng.uniform(0.5, 1.5),
+    )
+    echoes = make(weather, beams, int(rng.integers(1 << 31)), optics)
+    there = np.isfinite(echoes.distance)
+    xyz = beams.direction[there] * echoes.distance[there, None]
+    single = xyz.astype(np.float32).astype(np.float64)
+    found = Points(single, beams.t[there], beams.ring[there], np.ones(len(single), np.bool_))
+    return found, echoes.cause[there] > 0
+
+
+def street_sweeps(name: str, *, trains: bool = True) -> list[Sweep]:
+    """Simulate a street: some turns of two seeds to train on, and of a third to judge."""
+    found = []
+    for seed in (*STREET_SEEDS, STREET_SEED_HELD_OUT):
+        clouds = list(presets.make(name, seed))
+        decoder = Decoder(FilterParameters())
+        for turn in (FIRST, len(clouds) // 2, len(clouds) - FIRST):
+            cloud = clouds[turn]
+            points = decoder.decode(to_message(cloud.stamp, cloud.points, cloud.frame))
+            outlier = cloud.points['label'][points.valid] > 0
+            judged = seed == STREET_SEED_HELD_OUT
+            title = f'{name} seed {seed} turn {turn}'
+            some = points.take(points.valid)
+            found.append(Sweep(title, name, STREET, some, outlier, trains and not judged, judged))
+    return found
+
+
+def make_sweeps(
+    recordings: Sequence[tuple[str, Sequence[Points]]],
+    seed: int,
+    train_on: Iterable[str],
+    progress: Progress = lambda _done, _total, _what: None,
+) -> list[Sweep]:
+    """Make everything that trees are trained on and judged by.
+
+    Parameters
+    ----------
+    recordings : names of sensors, and clean clouds of each
+    seed : of the weather, from 0
+    train_on : 'recordings', 'streets' or both; the others are judged only
+    progress : is called before every sensor: how many of how many are done, and of what
+
+    """
+    wanted, total = {*train_on}, len(recordings) + len(STREETS)
+    sweeps = []
+    for number, (sensor, clouds) in enumerate(recordings):
+        progress(number, total, f'weather for {sensor}')
+        sweeps += recorded_sweeps(sensor, clouds, seed, trains='recordings' in wanted)
+    for number, name in enumerate(STREETS, len(recordings)):
+        progress(number, total, name)
+        sweeps += street_sweeps(name, trains='streets' in wanted)
+    return sweeps

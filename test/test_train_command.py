@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``train``: weather on recordings and streets become a file of trees."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.simulation.weather.kinds import WEATHERS
+from lidar_outlier_filter.tuning import scenes, train
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make few scenes and few trees."""
+    monkeypatch.setattr(scenes, 'STREETS', ())
+    monkeypatch.setattr(scenes, 'OF_EACH', 1)
+    monkeypatch.setattr(scenes, 'WEATHERS', {'dust': WEATHERS['dust']})
+    monkeypatch.setattr(train.Recipe.__new__, '__defaults__', (1, (3, 4), ()))
+
+
+def sensor(recordings: Path, name: str) -> scenes.CleanRecording:
+    """Find one of the known recordings."""
+    known = {one.sensor: one for one in scenes.known_recordings(recordings / 'bags')}
+    return known[name]
+
+
+def test_sweeps_are_spread_over_a_recording(recordings: Path) -> None:
+    """Of many clouds every second is taken, or every fourth; of few all."""
+    recording = sensor(recordings, 'XT32')
+    every = scenes.read_sweeps(recording, 100)
+    assert len(every) > 3
+    for most in (1, 2, 3):
+        some = scenes.read_sweeps(recording, most)
+        stride = next(2**k for k in range(9) if len(every[:: 2**k]) <= most)
+        assert len(some) == len(every[::stride])
+        for one, other in zip(some, every[::stride], strict=True):
+            assert np.array_equal(one.xyz, other.xyz)
+
+
+def test_weather_is_put_into_a_cloud(recordings: Path) -> None:
+    """Same seed, same points; outliers are what the weather makes, and the others are the cloud."""
+    cloud = scenes.read_sweeps(sensor(recordings, 'VLP-16'), 1)[0]
+    points, outlier = scenes.put_weather(cloud, 'heavy_snow', [1, 2])
+    again, same = scenes.put_weather(cloud, 'heavy_snow', [1, 2])
+    assert np.array_equal(points.xyz, again.xyz)
+    assert np.array_equal(outlier, same)
+    other, _ = scenes.put_weather(cloud, 'heavy_snow', [1, 3])
+    assert not np.array_equal(points.xyz[:100], other.xyz[:100])
+    assert 0.01 < outlier.mean() < 0.9
+    given = {tuple(row) for row in cloud.xyz.astype(np.float32).round(3).tolist()}
+    good = [tuple(row) for row in points.xyz[~outlier].astype(np.float32).round(3).tolist()]
+    assert np.mean([row in given for row in good]) > 0.95
+    assert points.valid.all()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('few')
+def test_command(recordings: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Recordings given or known train; the same seed gives the same bytes."""
+    bags = recordings / 'bags'
+    texts = []
+    for name in ('a.json', 'b.json'):
+        output = tmp_path / name
+        onto = [str(bags / 'vlp16_mrpt_mcap'), str(bags / 'os0_32.bag')]
+        assert main(['train', '--onto', *onto, '--output', str(output)]) == 0
+        texts.append(output.read_bytes())
+    assert texts[0] == texts[1]
+    data = json.loads(texts[0])
+    assert data['trained_on']['recordings'] == ['vlp16_mrpt_mcap', 'os0_32']
+    assert {*data['held_out']['weather']} == {'dust'}
+    said = capsys.readouterr().out
+    assert 'written to' in said
+    assert 'vlp16_mrpt_mcap' in said
+
+
+@pytest.mark.slow
+def test_streets_of_one_seed_are_never_trained_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Turns of one seed train, those of another are judged; outliers are labelled."""
+    monkeypatch.setattr(scenes, 'STREET_SEEDS', (11,))
+    sweeps = scenes.street_sweeps('street-16')
+    assert [one.trains for one in sweeps] == [True] * 3 + [False] * 3
+    assert [one.judged for one in sweeps] == [False] * 3 + [True] * 3
+    assert len({one.name for one in sweeps}) == 6
+    for one in sweeps:
+        assert ('101' in one.name) == one.judged
+        assert 0 < one.outlier.sum() < len(one.points) == len(one.outlier)
+
+
+def test_what_the_command_refuses(tmp_path: Path, capsys: Capture) -> None:
+    """A file that exists, a seed below 0, and a folder without recordings are refused."""
+    there = tmp_path / 'there.json'
+    there.write_text('{}')
+    assert main(['train', '--output', str(there)]) == 1
+    assert '--output must be a new file' in capsys.readouterr().err
+    new = ['train', '--output', str(tmp_path / 'new.json')]
+    assert main([*new, '--seed', '-1']) == 1
+    assert '--seed must be at least 0' in capsys.readouterr().err
+    assert main([*new, '--data', str(tmp_path)]) == 1
+    assert '--data must be a folder' in capsys.readouterr().err
+    assert not (tmp_path / 'new.json').exists()
