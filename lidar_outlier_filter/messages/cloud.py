@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidar_outlier_filter.core.verdict import ALL
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
@@ -28,10 +29,11 @@ if TYPE_CHECKING:
 _FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
 # PointField.datatype by numpy's name without byte order
 DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(_FORMATS[:11]) if name}}
-UINT16, FLOAT32 = DATATYPES['u2'], DATATYPES['f4']
 AXES = ('x', 'y', 'z')
-SCORE, DETECTORS = 'outlier_score', 'outlier_detectors'
-BYTES_OF_SCORES = 6
+SCORE, DETECTORS, NUMBER = 'outlier_score', 'outlier_detectors', 'outlier_detector_number'
+# What `scores` adds behind each point, by numpy's names of the types
+SCORE_FIELDS = {SCORE: 'f4', DETECTORS: 'u2', NUMBER: 'u1'}
+BYTES_OF_SCORES = sum(np.dtype(kind).itemsize for kind in SCORE_FIELDS.values())
 
 
 def structured(msg: Any) -> Rows:
@@ -117,7 +119,7 @@ def split(
     keep_organized : bool
         The cleaned cloud of an organised one keeps its shape; rejected points become NaN.
     scores : bool
-        Both clouds gain ``outlier_score`` (float32) and ``outlier_detectors`` (uint16).
+        Both clouds gain ``SCORE_FIELDS``.
     wanted : (bool, bool)
         Which of the two to make; the other is None.
 
@@ -148,24 +150,36 @@ def _rows(msg: Any) -> Rows:
     return np.ascontiguousarray(plain).reshape(-1)
 
 
+def first_numbers(detectors: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """Find the first detector in each sum of bits: 1 for bit 1, 2 for 2, 3 for 4; 0 for none.
+
+    Viewers give numbers evenly spaced colours; in sums of bits most detectors look alike.
+    """
+    bits = detectors & ALL
+    lowest = bits & (~bits + np.uint16(1))
+    return np.frexp(lowest.astype(np.float32))[1].astype(np.uint8)
+
+
 def _rows_with_scores(msg: Any, rows: Rows, verdict: Verdict) -> Rows:
-    """Append the two values of a verdict behind each point."""
+    """Append the values of a verdict behind each point."""
     order = '>' if msg.is_bigendian else '<'
-    layout = [('point', rows.dtype), (SCORE, order + 'f4'), (DETECTORS, order + 'u2')]
-    wider = np.empty(len(rows), np.dtype(layout))
+    added = [(name, order + kind) for name, kind in SCORE_FIELDS.items()]
+    wider = np.empty(len(rows), np.dtype([('point', rows.dtype), *added]))
     wider['point'] = rows
     wider[SCORE] = verdict.score
     wider[DETECTORS] = verdict.detectors
+    wider[NUMBER] = first_numbers(verdict.detectors)
     return wider.view(np.dtype((np.void, wider.dtype.itemsize)))
 
 
 def _fields_with_scores(msg: Any) -> list[Any]:
-    """Append the two fields of a verdict behind those of the points."""
-    fields, step = list(msg.fields), msg.point_step
-    for name, offset, datatype in ((SCORE, step, FLOAT32), (DETECTORS, step + 4, UINT16)):
+    """Append the fields of a verdict behind those of the points."""
+    fields, offset = list(msg.fields), msg.point_step
+    for name, kind in SCORE_FIELDS.items():
         item = copy.copy(msg.fields[0])
-        item.name, item.offset, item.datatype, item.count = name, offset, datatype, 1
+        item.name, item.offset, item.datatype, item.count = name, offset, DATATYPES[kind], 1
         fields.append(item)
+        offset += np.dtype(kind).itemsize
     return fields
 
 
