@@ -174,10 +174,11 @@ def test_organised() -> None:
     assert answer.cleaned.shape == (4, 200)
     holes = np.isnan(answer.cleaned['x'])
     assert np.count_nonzero(holes) == answer.outliers.size > 0
-    added = ('outlier_score', 'outlier_detectors')
+    added = ('outlier_score', 'outlier_detectors', 'outlier_detector_number')
     assert answer.cleaned.dtype.names == (*(rows.dtype.names or ()), *added)
     assert (answer.outliers['outlier_score'] > 1).all()
     assert set(answer.outliers['outlier_detectors'].tolist()) == {4}
+    assert set(answer.outliers['outlier_detector_number'].tolist()) == {3}
     for name in ('note', 'flags', 'when', 'half', 'ring'):
         np.testing.assert_array_equal(answer.cleaned[name], rows[name])
     np.testing.assert_array_equal(answer.outliers['x'], rows['x'][holes])

@@ -26,7 +26,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.cloud import split, structured
+from lidar_outlier_filter.messages.cloud import first_numbers, split, structured
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -252,6 +252,17 @@ def test_split_of_a_blank_message(options: dict[str, Any]) -> None:
             assert result.header == msg.header
 
 
+def number_of(bits: int) -> int:
+    """Count up to the lowest bit of a detector; the bit of the second phase is none."""
+    return next((n + 1 for n in range(15) if bits & 1 << n), 0)
+
+
+def test_numbers_of_detectors() -> None:
+    """Every sum of bits has the number of its lowest one."""
+    bits = np.arange(1 << 16).astype(np.uint16)
+    assert first_numbers(bits).tolist() == [number_of(one) for one in bits.tolist()]
+
+
 @BOTH_KINDS
 @pytest.mark.parametrize('order', ['<', '>'])
 def test_scores(kind: Callable[..., Any], order: str) -> None:
@@ -262,7 +273,7 @@ def test_scores(kind: Callable[..., Any], order: str) -> None:
     clouds = split(msg, verdict, scores=True)
     assert dump(msg) == before
     rows = [
-        point + struct.pack(order + 'fH', score, bits)
+        point + struct.pack(order + 'fHB', score, bits, number_of(bits))
         for point, score, bits in zip(
             point_bytes(msg), verdict.score, verdict.detectors, strict=True
         )
@@ -272,10 +283,14 @@ def test_scores(kind: Callable[..., Any], order: str) -> None:
     ):
         expected = [row for row, is_in in zip(rows, chosen, strict=True) if is_in]
         assert bytes(result.data) == b''.join(expected)
-        assert (result.point_step, result.row_step) == (41, 41 * len(expected))
-        assert result.fields[:-2] == msg.fields
-        added = [(f.name, f.offset, f.datatype, f.count) for f in result.fields[-2:]]
-        assert added == [('outlier_score', 35, 7, 1), ('outlier_detectors', 39, 4, 1)]
+        assert (result.point_step, result.row_step) == (42, 42 * len(expected))
+        assert result.fields[:-3] == msg.fields
+        added = [(f.name, f.offset, f.datatype, f.count) for f in result.fields[-3:]]
+        assert added == [
+            ('outlier_score', 35, 7, 1),
+            ('outlier_detectors', 39, 4, 1),
+            ('outlier_detector_number', 41, 2, 1),
+        ]
         sent = structured(as_sent(result))['outlier_detectors']
         np.testing.assert_array_equal(sent, [verdict.detectors[chosen]])
 

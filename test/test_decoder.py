@@ -525,12 +525,17 @@ def test_empty_cloud(shape: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize(
-    'rows', [table(3, outlier_score=('f4', 0)), table(3, outlier_detectors=('u2', 0))]
+    'rows',
+    [
+        table(3, outlier_score=('f4', 0)),
+        table(3, outlier_detectors=('u2', 0)),
+        table(3, outlier_detector_number=('u1', 0)),
+    ],
 )
 @pytest.mark.parametrize('count', [0, 3])
 def test_scores_are_not_overwritten(rows: Any, count: int) -> None:
     """A cloud that has scores already is refused where they are to be added, without points too."""
-    with pytest.raises(CloudError, match='must be without outlier_score and outlier_detectors'):
+    with pytest.raises(CloudError, match='must be without outlier_score, outlier_detectors, '):
         decode(cloud(rows[:count]), scores=True)
     assert len(decode(cloud(rows[:count]))) == count
 

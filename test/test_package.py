@@ -28,17 +28,13 @@ ROOT = Path(__file__).resolve().parents[1]
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
     'catkin_pkg': 'python3-catkin-pkg',
-    'filterpy': 'python3-filterpy-pip',
     'hypothesis': 'python3-hypothesis',
     'matplotlib': 'python3-matplotlib',
     'numba': 'python3-numba',
-    'mcap': 'mcap-ros2-support',
-    'mcap_ros2': 'mcap-ros2-support',
     'numpy': 'python3-numpy',
     'psutil': 'python3-psutil',
     'pytest': 'python3-pytest',
     'rich': 'python3-rich',
-    'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
     'sklearn': 'python3-sklearn',
     'yaml': 'python3-yaml',
@@ -62,7 +58,26 @@ EXTRAS = {
 }
 # Of ROS, and needed by rclpy itself, or by nav_msgs
 WITH_RCLPY = {'geometry_msgs', 'rosgraph_msgs'}
-WITHOUT_KEY = {'laspy', 'lzf', 'pyarrow'}  # unknown to rosdep: pip only
+# Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
+PIP_ONLY = {'filterpy', 'laspy', 'lzf', 'mcap', 'mcap_ros2', 'pyarrow', 'rosbags'}
+SINCE_NUMPY_2 = {
+    'astype',
+    'bitwise_count',
+    'bool',
+    'concat',
+    'cumulative_prod',
+    'cumulative_sum',
+    'isdtype',
+    'matrix_transpose',
+    'matvec',
+    'permute_dims',
+    'pow',
+    'trapezoid',
+    'unique_counts',
+    'unique_inverse',
+    'unique_values',
+    'vecdot',
+}
 # All of the package that the core may know.
 BELOW_CORE = ('errors', 'parameters', 'detector_parameters', 'core')
 BUILD = 'import sys; from colcon_core.command import main; sys.exit(main())'
@@ -122,9 +137,28 @@ def test_versions_agree() -> None:
 
 def test_package_xml_lists_what_is_imported() -> None:
     """Every module of others that is imported is an exec_depend, and nothing else is."""
-    imported = foreign(NAME, 'launch') - set(EXTRAS)
+    imported = foreign(NAME, 'launch') - set(EXTRAS) - PIP_ONLY
     stated = {depend.name for depend in parse_package(str(ROOT)).exec_depends}
     assert stated == {ROSDEP_KEYS.get(name, name) for name in imported} | {'tf2_ros'}
+
+
+def test_rosdep_calls_no_pip() -> None:
+    """What rosdep installs by default, which is all but doc_depend, comes from apt."""
+    package = parse_package(str(ROOT))
+    keys = {item.name for item in [*package.exec_depends, *package.test_depends]}
+    assert not [key for key in keys if key.endswith('-pip') or key == 'mcap-ros2-support']
+
+
+def test_numpy_is_that_of_ubuntu() -> None:
+    """Nothing of NumPy is used that 1.26 has not, which setup.py allows and Ubuntu packages."""
+    used = {
+        node.attr
+        for path in (ROOT / NAME).rglob('*.py')
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == 'np'
+    }
+    assert 'flatnonzero' in used
+    assert used & SINCE_NUMPY_2 == set()
 
 
 def test_setup_lists_what_is_imported() -> None:
@@ -132,8 +166,8 @@ def test_setup_lists_what_is_imported() -> None:
     extras = setup_argument('extras_require')
     assert isinstance(extras, dict)
     imported = foreign(NAME)
-    ros = imported - set(ROSDEP_KEYS) - set(EXTRAS)
-    always = imported & set(ROSDEP_KEYS)
+    ros = imported - set(ROSDEP_KEYS) - set(EXTRAS) - PIP_ONLY
+    always = imported - ros - set(EXTRAS)
     wheels = {f'ros-jazzy-{name.replace("_", "-")}' for name in ros}
     assert requirement_names(setup_argument('install_requires')) == {
         PYPI_NAMES.get(name, name) for name in always
@@ -151,7 +185,7 @@ def test_what_tests_import_is_listed() -> None:
     package = parse_package(str(ROOT))
     ours = {path.stem for path in (ROOT / 'test').rglob('*')}  # folders, too
     imported = foreign('test') - foreign(NAME, 'launch') - ours | foreign('test') & set(EXTRAS)
-    assert {ROSDEP_KEYS.get(name, name) for name in imported - WITHOUT_KEY} <= {
+    assert {ROSDEP_KEYS.get(name, name) for name in imported - PIP_ONLY} <= {
         depend.name for depend in package.test_depends
     }
     extras = setup_argument('extras_require')

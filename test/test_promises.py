@@ -28,7 +28,7 @@ from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import PointCloud2, PointField
 
 from lidar_outlier_filter.errors import CloudError, ParameterError
-from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.messages.cloud import BYTES_OF_SCORES, structured
 from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
 from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
 
@@ -212,8 +212,9 @@ def test_chunk_invariance(way: str) -> None:
         messages = [cloud(part, int(t)) for part, t in zip(parts, stamps, strict=True)]
         assert joined(run(messages, extra)) == expected
         plain = joined(run(messages, WAYS[way]))
-        assert [part[:37] for part in chunks(expected[0], 43)] == chunks(plain[0], 37)
-        assert [part[:37] for part in chunks(expected[1], 43)] == chunks(plain[1], 37)
+        step = 37 + BYTES_OF_SCORES
+        assert [part[:37] for part in chunks(expected[0], step)] == chunks(plain[0], 37)
+        assert [part[:37] for part in chunks(expected[1], step)] == chunks(plain[1], 37)
 
 
 def chunks(data: bytes, size: int) -> list[bytes]:
@@ -603,7 +604,7 @@ def test_change() -> None:
     answers += clean.push(cloud(parts[2]), 'scored')
     answers += clean.flush()
     assert [answer.tag for answer in answers] == ['plain', 'scored', 'scored']
-    assert [len(answer.cleaned.fields) - 7 for answer in answers] == [0, 2, 2]
+    assert [len(answer.cleaned.fields) - 7 for answer in answers] == [0, 3, 3]
     expected = run([cloud(rows)], tolerant)[0].outliers.width
     plain = run([cloud(rows)])[0].outliers.width
     found = sum(answer.outliers.width for answer in answers)

@@ -170,3 +170,23 @@ def test_the_node_refuses_arguments_that_it_has_not() -> None:
     assert refused.stderr.splitlines()[-1] == (
         'outlier_filter_node: error: unrecognized arguments: --parms-file my.yaml'
     )
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ['replay', 'drive', '--output', 'out'],
+        ['simulate', 'street-16', '--output', 'out'],
+        ['evaluate', 'drive'],
+        ['tune', 'drive'],
+    ],
+)
+def test_recordings_need_rosbags(arguments: list[str], tmp_path: Path) -> None:
+    """Where it is not installed, as by rosdep on Ubuntu, its commands say so in one sentence."""
+    code = f'import os\nos.chdir({str(tmp_path)!r})\nsys.modules["rosbags"] = None'
+    refused = run(code + COMMAND, *arguments)
+    assert refused.returncode == 1, refused.stderr
+    assert refused.stderr == (
+        'the module rosbags must be installed for recordings (the page on installation has the '
+        'line), got none\n'
+    )

@@ -42,6 +42,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except FilterError as err:
         say(str(err))
         return REFUSED
+    except ModuleNotFoundError as err:
+        # Of what the commands need, Ubuntu packages all but this.
+        if (err.name or '').partition('.')[0] != 'rosbags':
+            raise
+        must_be = 'installed for recordings (the page on installation has the line)'
+        say(str(FilterError('the module rosbags', must_be, 'none')))
+        return REFUSED
     except KeyboardInterrupt:
         return INTERRUPTED
     return status

@@ -82,7 +82,9 @@ class Verdict:
         if needed == 1:
             np.not_equal(self.detectors, 0, out=self.rejected)
         else:
-            votes = np.bitwise_count(self.detectors & ALL)
+            # NumPy counts bits by itself from 2.0 on; Ubuntu 24.04 has 1.26.
+            bits = (self.detectors & ALL).view(np.uint8).reshape(-1, 2)
+            votes = np.unpackbits(bits, axis=1).sum(axis=1)
             np.greater_equal(votes, needed, out=self.rejected)
 
     def take(self, part: Part) -> Verdict:

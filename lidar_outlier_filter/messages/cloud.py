@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidar_outlier_filter.core.verdict import ALL
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
@@ -30,10 +31,11 @@ if TYPE_CHECKING:
 _FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
 # PointField.datatype by numpy's name without byte order
 DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(_FORMATS[:11]) if name}}
-UINT8, UINT16, FLOAT32 = DATATYPES['u1'], DATATYPES['u2'], DATATYPES['f4']
 AXES = ('x', 'y', 'z')
-SCORE, DETECTORS = 'outlier_score', 'outlier_detectors'
-BYTES_OF_SCORES = 6
+SCORE, DETECTORS, NUMBER = 'outlier_score', 'outlier_detectors', 'outlier_detector_number'
+# What `scores` adds behind each point, by numpy's names of the types
+SCORE_FIELDS = {SCORE: 'f4', DETECTORS: 'u2', NUMBER: 'u1'}
+BYTES_OF_SCORES = sum(np.dtype(kind).itemsize for kind in SCORE_FIELDS.values())
 
 
 def structured(msg: Any) -> Rows:
@@ -119,7 +121,7 @@ def split(
     keep_organized : bool
         The cleaned cloud of an organised one keeps its shape; rejected points become NaN.
     scores : bool
-        Both clouds gain ``outlier_score`` (float32) and ``outlier_detectors`` (uint16).
+        Both clouds gain ``SCORE_FIELDS``.
     wanted : (bool, bool)
         Which of the two to make; the other is None.
 
@@ -128,10 +130,7 @@ def split(
         return None, None
     rows, step, fields = plain_rows(msg), msg.point_step, msg.fields
     if scores and fields:
-        rows, fields = (
-            _rows_with_scores(msg, rows, verdict),
-            more_fields(msg, {SCORE: FLOAT32, DETECTORS: UINT16}),
-        )
+        rows, fields = _rows_with_scores(msg, rows, verdict), more_fields(msg, SCORE_FIELDS)
         step += BYTES_OF_SCORES
     rejected = verdict.rejected
     outliers = with_rows(msg, rows[rejected], fields, step) if wanted[1] else None
@@ -153,25 +152,36 @@ def plain_rows(msg: Any) -> Rows:
     return np.ascontiguousarray(plain).reshape(-1)
 
 
+def first_numbers(detectors: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """Find the first detector in each sum of bits: 1 for bit 1, 2 for 2, 3 for 4; 0 for none.
+
+    Viewers give numbers evenly spaced colours; in sums of bits most detectors look alike.
+    """
+    bits = detectors & ALL
+    lowest = bits & (~bits + np.uint16(1))
+    return np.frexp(lowest.astype(np.float32))[1].astype(np.uint8)
+
+
 def _rows_with_scores(msg: Any, rows: Rows, verdict: Verdict) -> Rows:
-    """Append the two values of a verdict behind each point."""
+    """Append the values of a verdict behind each point."""
     order = '>' if msg.is_bigendian else '<'
-    layout = [('point', rows.dtype), (SCORE, order + 'f4'), (DETECTORS, order + 'u2')]
-    wider = np.empty(len(rows), np.dtype(layout))
+    added = [(name, order + kind) for name, kind in SCORE_FIELDS.items()]
+    wider = np.empty(len(rows), np.dtype([('point', rows.dtype), *added]))
     wider['point'] = rows
     wider[SCORE] = verdict.score
     wider[DETECTORS] = verdict.detectors
+    wider[NUMBER] = first_numbers(verdict.detectors)
     return wider.view(np.dtype((np.void, wider.dtype.itemsize)))
 
 
-def more_fields(msg: Any, added: Mapping[str, int]) -> list[Any]:
-    """Append fields, one number each, behind those of the points: their names and datatypes."""
+def more_fields(msg: Any, added: Mapping[str, str]) -> list[Any]:
+    """Append fields, one number each, behind those of the points: names, and numpy's of types."""
     fields, offset = list(msg.fields), msg.point_step
-    for name, datatype in added.items():
+    for name, kind in added.items():
         item = copy.copy(msg.fields[0])
-        item.name, item.offset, item.datatype, item.count = name, offset, datatype, 1
+        item.name, item.offset, item.datatype, item.count = name, offset, DATATYPES[kind], 1
         fields.append(item)
-        offset += np.dtype(_FORMATS[datatype]).itemsize
+        offset += np.dtype(kind).itemsize
     return fields
 
 

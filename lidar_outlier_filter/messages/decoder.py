@@ -13,7 +13,7 @@ import numpy as np
 from lidar_outlier_filter.core.points import SECOND, Points, check_sigma, returns
 from lidar_outlier_filter.core.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE, is_empty, structured
+from lidar_outlier_filter.messages.cloud import AXES, SCORE_FIELDS, is_empty, structured
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -137,8 +137,9 @@ class Decoder:
     def _refuse_scores(self, msg: Any) -> None:
         """Refuse a cloud that has the scores already, where they are to be added."""
         names = [item.name for item in msg.fields]
-        if self.parameters.scores and (SCORE in names or DETECTORS in names):
-            raise CloudError('the fields', f'without {SCORE} and {DETECTORS}', ', '.join(names))
+        if self.parameters.scores and not SCORE_FIELDS.keys().isdisjoint(names):
+            must_be = 'without ' + ', '.join(SCORE_FIELDS)
+            raise CloudError('the fields', must_be, ', '.join(names))
 
     def _refuse_holes(self, view: NDArray[np.void]) -> None:
         """Refuse an organised cloud that could not keep its shape, where it is to."""

@@ -169,7 +169,8 @@ class FilterParameters(DetectorSections):
     )
     scores: bool = declare(
         default=False,
-        text='Add outlier_score (float32) and outlier_detectors (uint16) to both clouds.',
+        text='Add outlier_score (float32), outlier_detectors (uint16), and for viewers '
+        'outlier_detector_number (uint8) to both clouds.',
     )
     save_to: str = declare(
         '',

@@ -11,7 +11,6 @@ import numpy as np
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import (
     AXES,
-    UINT8,
     is_empty,
     more_fields,
     plain_rows,
@@ -186,7 +185,7 @@ class LabelledCloud:
         msg, step = self._msg, self._rows.dtype.itemsize
         if not msg.fields:
             return msg
-        fields = more_fields(msg, {LABEL: UINT8})
+        fields = more_fields(msg, {LABEL: 'u1'})
         result = with_rows(msg, rows, fields, step, msg.height if len(rows) else 1)
         if msg.height > 1:
             result.is_dense = bool(msg.is_dense) and not np.isnan(self.column('x')).any()
