@@ -62,7 +62,8 @@ def _raw() -> type[argparse.HelpFormatter]:
 def _simulate(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lidar_outlier_filter.cli.terminal import progress_bar, stopping
+    from lidar_outlier_filter.cli.interrupts import stopping
+    from lidar_outlier_filter.cli.terminal import progress_bar
     from lidar_outlier_filter.simulation.presets import make
     from lidar_outlier_filter.simulation.recording import write
 
