@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
@@ -35,6 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command as the last thing of a process: after it, signals are ignored."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')  # a name of a file may be no text
     parser = argparse.ArgumentParser(
         prog='lidar-outlier-filter', description='Clean lidar clouds from a moving vehicle.'
     )

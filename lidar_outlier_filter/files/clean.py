@@ -169,7 +169,7 @@ def clean(
             versions=_versions(),
             parameters=parameters.flat(),
         )
-        built[-2].write_text(as_text(report), encoding='utf-8')
+        built[-2].write_text(as_text(report), encoding='utf-8', errors='surrogateescape')
         built[-1].write_text(json.dumps(asdict(report), indent=2) + '\n', encoding='utf-8')
     return report
 
