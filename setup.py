@@ -97,7 +97,7 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            f'lidar-outlier-filter = {NAME}.cli.main:main',
+            f'lidar-outlier-filter = {NAME}.cli.start:start',
             f'outlier_filter_node = {NAME}.cli.node:main',
         ],
     },

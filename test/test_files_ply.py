@@ -193,7 +193,7 @@ def test_truncated(tmp_path: Path, form: str, length: int) -> None:
         ('property float x', 'property list uchar int x', 'must be without lists, got a list'),
         ('property double y', 'property double x', 'must be of different names, got x'),
         ('property float x', 'property x', "got 'property x\\n'"),
-        ('property float x', 'property half x', 'got "\'half\'"'),
+        ('property float x', 'property half x', "got 'half'"),
         ('0.25 ', 'no ', 'must be readable, got "could not convert'),
     ],
 )

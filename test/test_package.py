@@ -42,6 +42,7 @@ ROSDEP_KEYS = {
 PYPI_NAMES = {
     'PIL': 'Pillow',
     'catkin_pkg': 'catkin-pkg',
+    'lazrs': 'laspy',  # in its brackets
     'lzf': 'python-neo-lzf',
     'mcap': 'mcap-ros2-support',
     'mcap_ros2': 'mcap-ros2-support',
@@ -52,6 +53,7 @@ PYPI_NAMES = {
 EXTRAS = {
     'filterpy': 'audit',
     'laspy': 'files',
+    'lazrs': 'files',
     'lzf': 'files',
     'open3d': 'bench',
     'pyarrow': 'parquet',

@@ -42,7 +42,7 @@ OUTSIDE = {
     'messages': ('numpy',),
     'stream': ('numpy',),
     'recordings': ('numpy', 'rosbags', 'yaml'),
-    'files': ('laspy', 'lzf', 'numpy', 'pyarrow'),
+    'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow'),
     'ros': ('numpy', 'rclpy', *MESSAGES),
     'simulation': ('numpy', 'rich', 'rosbags', 'scipy'),
     'evaluation': ('PIL', 'matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
@@ -18,7 +19,6 @@ from lidar_outlier_filter.cli.terminal import (
     progress_bar,
     read_parameters,
     say,
-    stopping,
 )
 from lidar_outlier_filter.errors import FilterError, ParameterError
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
@@ -13,10 +14,11 @@ from lidar_outlier_filter.cli.bench import add_bench
 from lidar_outlier_filter.cli.clean import add_clean
 from lidar_outlier_filter.cli.demo import add_demo
 from lidar_outlier_filter.cli.evaluate import add_evaluate
+from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
 from lidar_outlier_filter.cli.replay import add_replay
 from lidar_outlier_filter.cli.results import add_results
 from lidar_outlier_filter.cli.simulate import add_simulate
-from lidar_outlier_filter.cli.terminal import INTERRUPTED, REFUSED, say
+from lidar_outlier_filter.cli.terminal import REFUSED, say
 from lidar_outlier_filter.cli.train import add_train
 from lidar_outlier_filter.cli.tune import add_tune
 from lidar_outlier_filter.errors import FilterError
@@ -29,6 +31,15 @@ if TYPE_CHECKING:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name; return the exit status."""
+    with handlers_kept():
+        return run(arguments)
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run a command as the last thing of a process: after it, signals are ignored."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')  # a name of a file may be no text
     parser = argparse.ArgumentParser(
         prog='lidar-outlier-filter', description='Clean lidar clouds from a moving vehicle.'
     )

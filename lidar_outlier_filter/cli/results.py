@@ -9,7 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.terminal import DONE, progress_bar, stopping
+from lidar_outlier_filter.cli.interrupts import stopping
+from lidar_outlier_filter.cli.terminal import DONE, progress_bar
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.simulation.presets import PRESETS
 

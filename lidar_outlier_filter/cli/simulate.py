@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
@@ -16,7 +17,6 @@ from lidar_outlier_filter.cli.terminal import (
     progress_bar,
     read_parameters,
     say,
-    stopping,
 )
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.simulation.presets import PRESETS

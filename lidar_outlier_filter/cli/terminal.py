@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What commands share: a sentence, a bar, Ctrl-C, and parameters from the command line.
+"""What commands share: a sentence, a bar, and parameters from the command line.
 
 Each function imports what is heavy when it runs, so that help is instant.
 """
@@ -9,8 +9,6 @@ Each function imports what is heavy when it runs, so that help is instant.
 
 from __future__ import annotations
 
-import signal
-import sys
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -19,13 +17,12 @@ from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, _SubParsersAction
-    from collections.abc import Callable, Iterable, Iterator
-    from types import FrameType
+    from collections.abc import Iterable, Iterator
 
     Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 
-# Exit statuses; argparse itself exits with 2.
-DONE, REFUSED, INCOMPLETE, INTERRUPTED = 0, 1, 3, 130
+# Exit statuses; INTERRUPTED is another one, and argparse itself exits with 2.
+DONE, REFUSED, INCOMPLETE = 0, 1, 3
 
 
 class Advance(Protocol):
@@ -40,32 +37,6 @@ def say(sentence: str) -> None:
     from rich.console import Console
 
     Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
-
-
-@contextmanager
-def stopping() -> Iterator[Callable[[], None]]:
-    """Give a function to call where work may stop; it leaves if SIGINT or SIGTERM has come.
-
-    An exception out of the signal's handler would come up anywhere: inside a compiled kernel or the
-    middleware, which swallow it or turn it into another.
-    """
-    received: list[int] = []
-
-    def note(number: int, _frame: FrameType | None) -> None:
-        received.append(number)
-
-    def leave_if_asked() -> None:
-        if signal.SIGINT in received:
-            raise KeyboardInterrupt
-        if received:
-            sys.exit(128 + received[0])
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield leave_if_asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

@@ -9,13 +9,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     add_parameter_options,
     progress_bar,
     read_parameters,
     say,
-    stopping,
 )
 from lidar_outlier_filter.errors import FilterError
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.evaluate import add_truth, truth_of
+from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     add_parameter_options,
     progress_bar,
     read_parameters,
     say,
-    stopping,
 )
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 

@@ -138,7 +138,11 @@ def clean(
     file = open_cloud(path, wanted.table)
     clouds = _clouds(file, output, outliers, wanted)
     logs = [output.with_name(output.name + suffix) for suffix in ('.log', '.json')]
-    with new_files([*clouds, *logs]) as built, _scratch(output, wanted.tile) as allocate:
+    with (
+        _enough_memory(file),
+        new_files([*clouds, *logs]) as built,
+        _scratch(output, wanted.tile) as allocate,
+    ):
         seconds: dict[str, float] = {}
         with _timed(seconds, 'read'):
             coordinates = points.choose_coordinates(file, wanted.coordinates)
@@ -165,7 +169,7 @@ def clean(
             versions=_versions(),
             parameters=parameters.flat(),
         )
-        built[-2].write_text(as_text(report), encoding='utf-8')
+        built[-2].write_text(as_text(report), encoding='utf-8', errors='surrogateescape')
         built[-1].write_text(json.dumps(asdict(report), indent=2) + '\n', encoding='utf-8')
     return report
 
@@ -281,6 +285,15 @@ def _scratch(output: Path, tile: float) -> Iterator[Allocate]:
             return np.asarray(np.memmap(path, np.float64, 'w+', shape=shape))
 
         yield allocate
+
+
+@contextmanager
+def _enough_memory(file: CloudFile) -> Iterator[None]:
+    try:
+        yield
+    except MemoryError as err:
+        must_be = 'small enough for the memory, or judged in tiles (--tile)'
+        raise CloudError(f'the cloud {file.path}', must_be, f'{len(file)} points') from err
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError, FilterError
+from lidar_outlier_filter.files.room import check_count
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -180,12 +181,6 @@ def copy(file: CloudFile, path: Path, change: Change) -> Iterator[int]:
             yield from file.copy(path, change)
         except OSError as err:
             raise CloudError(f'the output {path}', 'written in full', _quoted(err)) from err
-
-
-def check_count(path: Path, said: int, found: int) -> None:
-    """Refuse a file that is shorter than it says."""
-    if found != said:
-        raise CloudError(f'the file {path}', f'of {said} points, as it says', f'{found}')
 
 
 @contextmanager

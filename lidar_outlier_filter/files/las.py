@@ -21,6 +21,14 @@ from laspy.vlrs.vlrlist import VLRList
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.las_header import (
+    EVLR,
+    LONGEST,
+    VLR,
+    check_las_points,
+    check_laz_points,
+    check_records,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -37,9 +45,6 @@ AXES = ('x', 'y', 'z')
 _IDENTITY = slice(4, 94)  # file source, encoding, project, system, software, day and year
 _LEGACY = slice(107, 131)  # number of points, and by return, as LAS 1.3 knew them
 _BOUNDS = slice(179, 227)
-_LONGEST = 375  # bytes of a header that are looked at
-_VLR = struct.Struct('<H16sHH32s')
-_EVLR = struct.Struct('<H16sHQ32s')
 _LAYOUTS = {'copc', 'laszip encoded'}  # records on how the points lie in the file
 
 # It reports what it raises anyway.
@@ -79,12 +84,18 @@ class LasFile:
     def __init__(self, path: Path) -> None:
         """Read the header."""
         self.path = path
+        check_records(path)
         with laspy.open(path) as reader:
             header = reader.header
         if header.global_encoding.waveform_data_packets_internal:
             must_be = 'with its waveforms in a file of their own'
             raise CloudError(f'the file {path}', must_be, 'waveforms within')
         self._count = int(header.point_count)
+        if header.are_points_compressed:
+            laszip = [record.record_data_bytes() for record in header.vlrs.get('LasZipVlr')]
+            check_laz_points(path, self._count, laszip)
+        else:
+            check_las_points(path, self._count)
         names = [
             name for name in header.point_format.dimension_names if name not in {'X', 'Y', 'Z'}
         ]
@@ -109,8 +120,8 @@ class LasFile:
         """Write a copy, compressed if its name ends with .laz."""
         with laspy.open(self.path) as reader, path.open('w+b') as stream:
             header = deepcopy(reader.header)
-            records = self._records(_VLR, slice(94, 96), slice(100, 104))
-            evlrs = self._records(_EVLR, slice(235, 243), slice(243, 247)) if header.evlrs else []
+            records = self._records(VLR, slice(94, 96), slice(100, 104))
+            evlrs = self._records(EVLR, slice(235, 243), slice(243, 247)) if header.evlrs else []
             if change.added:
                 # laspy describes all extra dimensions anew.
                 records = [record for record in records if not record.describes_dimensions]
@@ -137,7 +148,7 @@ class LasFile:
         """
         records = []
         with self.path.open('rb') as stream:
-            header = stream.read(_LONGEST)
+            header = stream.read(LONGEST)
             stream.seek(int.from_bytes(header[begin], 'little'))
             for _ in range(int.from_bytes(header[count], 'little')):
                 head = stream.read(layout.size)
@@ -158,7 +169,7 @@ class LasFile:
     ) -> None:
         """Put back the bytes that laspy wrote in its own words."""
         with self.path.open('rb') as source:
-            before = source.read(_LONGEST)
+            before = source.read(LONGEST)
         parts = {_IDENTITY.start: before[_IDENTITY]}
         if change.keep is None:
             parts[_LEGACY.start] = before[_LEGACY]

@@ -36,12 +36,15 @@ class ParquetFile:
     def __init__(self, path: Path) -> None:
         """Read schema and size."""
         self.path = path
-        with parquet.ParquetFile(path) as file:
+        with path.open('rb') as stream, parquet.ParquetFile(stream) as file:
             self._schema = file.schema_arrow
             self._count = file.metadata.num_rows
         check_names(path, self._schema.names)
         self.columns: Mapping[str, np.dtype[Any]] = {
-            field.name: np.dtype(field.type.to_pandas_dtype())
+            # With a time zone or without, a time is a number of nanoseconds.
+            field.name: np.dtype(
+                np.int64 if pa.types.is_timestamp(field.type) else field.type.to_pandas_dtype()
+            )
             for field in self._schema
             if pa.types.is_integer(field.type)
             or pa.types.is_floating(field.type)
@@ -54,7 +57,7 @@ class ParquetFile:
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk; null is missing."""
-        with parquet.ParquetFile(self.path) as file:
+        with self.path.open('rb') as stream, parquet.ParquetFile(stream) as file:
             for batch in file.iter_batches(CHUNK, columns=list(dict.fromkeys(names))):
                 yield tuple(_numbers(batch.column(name)) for name in names)
 
@@ -65,8 +68,10 @@ class ParquetFile:
             schema = schema.append(pa.field(name, pa.from_numpy_dtype(values.dtype)))
         done = 0
         with (
-            parquet.ParquetFile(self.path) as file,
-            parquet.ParquetWriter(path, schema, **_properties(file)) as writer,
+            self.path.open('rb') as stream,
+            parquet.ParquetFile(stream) as file,
+            path.open('wb') as target,
+            parquet.ParquetWriter(target, schema, **_properties(file)) as writer,
         ):
             for group in range(file.num_row_groups):
                 table = file.read_row_group(group)
@@ -82,7 +87,7 @@ class ParquetFile:
 
 def _numbers(column: Any) -> NDArray[Any]:
     if pa.types.is_timestamp(column.type):
-        column = column.cast(pa.timestamp('ns')).cast(pa.int64())
+        column = column.cast(pa.timestamp('ns', column.type.tz)).cast(pa.int64())
     if column.null_count and pa.types.is_integer(column.type):
         missing = column.is_null().to_numpy(zero_copy_only=False)
         return np.ma.MaskedArray(column.fill_null(0).to_numpy(zero_copy_only=False), missing)

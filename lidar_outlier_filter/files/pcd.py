@@ -17,7 +17,7 @@ import lzf
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import check_count
+from lidar_outlier_filter.files.room import check_count, check_room, whole
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     Rows,
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.files.cloud_file import Change
 
-_KINDS = {'I': 'i', 'U': 'u', 'F': 'f'}
-_LETTERS = {kind: letter for letter, kind in _KINDS.items()}
+_KINDS = {'I': ('i', {1, 2, 4, 8}), 'U': ('u', {1, 2, 4, 8}), 'F': ('f', {4, 8})}
+_LETTERS = {kind: letter for letter, (kind, _) in _KINDS.items()}
 _LONGEST_HEADER = 1_000_000  # bytes
 _SIZES = struct.Struct('<II')
 
@@ -57,17 +57,16 @@ class PcdFile:
         with path.open('rb') as stream:
             self._header = _header(stream)
             self._offset = stream.tell()
-        said = {line.split()[0].upper(): line.split()[1:] for line in self._header if line.split()}
-        try:
-            self._names = [name.decode() for name in said[b'FIELDS']]
-            self._dtype = self._layout(said)
-            width, height = int(said[b'WIDTH'][0]), int(said[b'HEIGHT'][0])
-            self._count = int(said.get(b'POINTS', [b'%d' % (width * height)])[0])
-            self._data = said[b'DATA'][0].decode().lower()
-        except (KeyError, IndexError) as err:
-            raise CloudError(f'the header of {path}', 'complete', f'no {err}') from err
-        if self._count != width * height or self._count < 0:
-            must_be = f'WIDTH × HEIGHT = {width * height}'
+        said = {words[0].upper(): words[1:] for line in self._header if (words := line.split())}
+        self._names = [name.decode('latin-1') for name in self._words(said, b'FIELDS')]
+        self._dtype = self._layout(said)
+        width, height = (self._numbers(said, key)[0] for key in (b'WIDTH', b'HEIGHT'))
+        self._count = self._numbers(said, b'POINTS')[0] if b'POINTS' in said else width * height
+        self._data = self._words(said, b'DATA')[0].decode('latin-1').lower()
+        if self._count != width * height or min(width, height) < 0:
+            must_be = (
+                f'WIDTH × HEIGHT = {width * height}' if min(width, height) >= 0 else 'positive'
+            )
             raise CloudError(f'POINTS in {path}', must_be, self._count)
         if self._data not in {'ascii', 'binary', 'binary_compressed'}:
             must_be = 'ascii, binary or binary_compressed'
@@ -77,20 +76,40 @@ class PcdFile:
             name: kind for name, kind in numbers.items() if not name.startswith('_ ')
         }
 
+    def _words(self, said: Mapping[bytes, Sequence[bytes]], key: bytes) -> Sequence[bytes]:
+        """Return what the header says behind a word; refuse a header that says nothing."""
+        if not said.get(key):
+            raise CloudError(f'the header of {self.path}', 'complete', f'no {key.decode()}')
+        return said[key]
+
+    def _numbers(self, said: Mapping[bytes, Sequence[bytes]], key: bytes) -> list[int]:
+        return [
+            whole(self.path, key.decode(), text.decode('latin-1'))
+            for text in self._words(said, key)
+        ]
+
     def _layout(self, said: Mapping[bytes, Sequence[bytes]]) -> np.dtype[np.void]:
         """Make the dtype of a row; padding, whose name is always ``_``, is numbered."""
-        sizes = [int(size) for size in said[b'SIZE']]
-        counts = [int(count) for count in said.get(b'COUNT', [b'1'] * len(sizes))]
-        kinds = [_KINDS.get(letter.decode(), letter.decode()) for letter in said[b'TYPE']]
+        sizes = self._numbers(said, b'SIZE')
+        counts = self._numbers(said, b'COUNT') if b'COUNT' in said else [1] * len(sizes)
+        kinds = [letter.decode('latin-1') for letter in self._words(said, b'TYPE')]
         if not len(self._names) == len(sizes) == len(kinds) == len(counts):
             got = f'{len(self._names)}, {len(sizes)}, {len(kinds)} and {len(counts)}'
             must_be = 'of one length'
             raise CloudError(f'FIELDS, SIZE, TYPE and COUNT in {self.path}', must_be, got)
         names = [f'_ {i}' if name == '_' else name for i, name in enumerate(self._names)]
         check_names(self.path, names)
+        length = self.path.stat().st_size
+        for kind, size, count in zip(kinds, sizes, counts, strict=True):
+            if kind not in _KINDS or size not in _KINDS[kind][1]:
+                must_be = 'I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8'
+                raise CloudError(f'a field of {self.path}', must_be, f'{kind} of {size}')
+            check_room(self.path, 'COUNT', count, 1, length)
+        if sum(counts) == 0:
+            raise CloudError(f'COUNT of {self.path}', 'at least 1 for a field', '0 for all')
         return np.dtype(
             [
-                (name, f'<{kind}{size}', *([(count,)] if count != 1 else []))
+                (name, f'<{_KINDS[kind][0]}{size}', *([(count,)] if count != 1 else []))
                 for name, kind, size, count in zip(names, kinds, sizes, counts, strict=True)
             ]
         )
@@ -122,9 +141,16 @@ class PcdFile:
             return rows
         with self.path.open('rb') as stream:
             stream.seek(self._offset)
+            room = self.path.stat().st_size - self._offset - _SIZES.size
+            check_room(self.path, 'the sizes', 1, 1, room)
             packed, size = _SIZES.unpack(stream.read(_SIZES.size))
+            check_room(self.path, 'the compressed bytes', packed, 1, room)
+            # LZF makes at most 264 bytes of three.
+            check_room(self.path, 'the bytes unpacked', size, 1, packed * 88)
             check_count(self.path, self._count, size // self._dtype.itemsize)
-            columns = lzf.decompress(stream.read(packed), size)
+            columns = lzf.decompress(stream.read(packed), size) or b''
+            if len(columns) != size:
+                raise CloudError(f'the bytes unpacked of {self.path}', f'{size}', len(columns))
         begin = 0
         for name, kind in zip(self._dtype.names or (), self._kinds, strict=True):
             rows[name] = np.ndarray(self._count, kind, columns, begin)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.room import check_room, whole
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     Rows,
@@ -63,6 +64,11 @@ class _Element:
     def names_vertices(self) -> bool:
         return self.count > 0 and any(name.startswith('vert') for name in self.properties)
 
+    @property
+    def least(self) -> int:
+        """Bytes of one at least, in binary: lists may be empty."""
+        return sum(np.dtype(_KINDS[words[-1]]).itemsize for words in self.properties.values())
+
     def layout(self, order: str) -> np.dtype[np.void]:
         return np.dtype(
             [(name, order + _KINDS[words[0]]) for name, words in self.properties.items()]
@@ -82,6 +88,7 @@ class PlyFile:
     def __init__(self, path: Path) -> None:
         """Read the header, and find where the vertices begin."""
         self.path = path
+        self._size = path.stat().st_size
         with path.open('rb') as stream:
             self._header = _header(stream)
             self._begin = stream.tell()
@@ -91,6 +98,8 @@ class PlyFile:
             raise CloudError(f'the elements vertex of {path}', 'one', len(found))
         self._place = found[0]
         self._vertex = self._elements[self._place]
+        if not self._vertex.properties:
+            raise CloudError(f'the element vertex of {path}', 'with properties', 'none')
         if self._vertex.has_lists:
             raise CloudError(f'the element vertex of {path}', 'without lists', 'a list')
         self._dtype = self._vertex.layout(_ORDERS[self._format])
@@ -104,14 +113,21 @@ class PlyFile:
         with self.path.open('rb') as stream:
             stream.seek(self._begin)
             for element in self._elements[: self._place]:
-                _skip(stream, element, self._format)
+                _skip(self.path, stream, element, self._format)
             offset = stream.tell()
+        behind = self._elements[self._place + 1 :]
         if self._format == 'ascii':
             columns = {name: (i, kind) for i, (name, kind) in enumerate(self.columns.items())}
-            lines = TextRows(self.path, offset, self._vertex.count, columns)
+            count = self._vertex.count
+            lines = TextRows(self.path, offset, count, columns, is_last=not behind)
             return lines, offset, lines.end()
-        rows = BinaryRows.map(self.path, offset, self._dtype, self._vertex.count)
-        return rows, offset, offset + self._dtype.itemsize * self._vertex.count
+        end = offset + self._dtype.itemsize * self._vertex.count
+        least = sum(element.count * element.least for element in behind)
+        # Lists behind the vertices may have any length.
+        before = end if any(element.has_lists for element in behind) else self._size - least
+        check_room(self.path, 'the bytes of all elements', end + least, 1, self._size)
+        rows = BinaryRows.map(self.path, offset, self._dtype, self._vertex.count, before)
+        return rows, offset, end
 
     def __len__(self) -> int:
         """Count the points."""
@@ -167,19 +183,18 @@ def _header(stream: BinaryIO) -> list[bytes]:
 
 def _parse(path: Path, header: Sequence[bytes]) -> tuple[str, list[_Element]]:
     """Read format and elements out of the lines of a header."""
-    form, elements = '', list[_Element]()
+    form, elements, size = '', list[_Element](), path.stat().st_size
     for line in header:
         match line.decode('latin-1').split():
             case ['format', word, _]:
                 form = word
             case ['element', name, count]:
-                elements.append(_Element(name, int(count)))
-            case ['property', 'list', length, kind, name]:
-                check_names(path, [*elements[-1].properties, name])
-                elements[-1].properties[name] = [kind, length]
-            case ['property', kind, name]:
-                check_names(path, [*elements[-1].properties, name])
-                elements[-1].properties[name] = [kind]
+                elements.append(_Element(name, whole(path, f'the number of {name}', count)))
+                check_room(path, f'the number of {name}', elements[-1].count, 1, size)
+            case ['property', 'list', length, kind, name] if elements:
+                _add(path, elements[-1], name, [kind, length])
+            case ['property', kind, name] if elements:
+                _add(path, elements[-1], name, [kind])
             case ['property' | 'element' | 'format', *_]:
                 must_be = 'of the words that the format has'
                 raise CloudError(f'the header of {path}', must_be, repr(line.decode('latin-1')))
@@ -188,12 +203,27 @@ def _parse(path: Path, header: Sequence[bytes]) -> tuple[str, list[_Element]]:
     return form, elements
 
 
-def _skip(stream: BinaryIO, element: _Element, form: str) -> None:
+def _add(path: Path, element: _Element, name: str, words: list[str]) -> None:
+    """Add a property to an element; of two words the second is the type of a list's length."""
+    for word in words:
+        if word not in _KINDS:
+            raise CloudError(f'a type in {path}', f'one of {", ".join(_KINDS)}', repr(word))
+    if len(words) > 1 and _KINDS[words[1]].startswith('f'):
+        raise CloudError(f'the length of a list in {path}', 'a whole number', repr(words[1]))
+    if name in element.properties:
+        check_names(path, [name, name])
+    element.properties[name] = words
+
+
+def _skip(path: Path, stream: BinaryIO, element: _Element, form: str) -> None:
     """Move behind an element."""
     if form == 'ascii':
         for _ in range(element.count):
-            stream.readline()
+            if not stream.readline():
+                raise CloudError(f'the element {element.name} of {path}', 'whole', 'an end')
         return
+    room = path.stat().st_size - stream.tell()
+    check_room(path, f'the number of {element.name}', element.count, element.least, room)
     if not element.has_lists:
         stream.seek(element.layout(_ORDERS[form]).itemsize * element.count, 1)
         return
@@ -201,9 +231,12 @@ def _skip(stream: BinaryIO, element: _Element, form: str) -> None:
     kinds = [
         [np.dtype(order + _KINDS[word]) for word in words] for words in element.properties.values()
     ]
+    end = stream.tell() + room
     for _ in range(element.count):
         for kind, *length in kinds:
-            count = (
-                int(np.frombuffer(stream.read(length[0].itemsize), length[0])[0]) if length else 1
-            )
+            count = 1
+            if length:
+                data = stream.read(length[0].itemsize).ljust(length[0].itemsize, b'\0')
+                count = int(np.frombuffer(data, length[0])[0])
+            check_room(path, 'the length of a list', count, kind.itemsize, end - stream.tell())
             stream.seek(count * kind.itemsize, 1)

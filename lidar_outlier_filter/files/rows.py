@@ -7,13 +7,15 @@ Rows are copied as the bytes that they are; only the columns asked for are ever 
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import islice
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol
 
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, check_count
+from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.room import check_count, check_points
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -42,10 +44,15 @@ class BinaryRows:
         self._rows = rows
 
     @classmethod
-    def map(cls, path: Path, offset: int, dtype: np.dtype[np.void], count: int) -> BinaryRows:
-        """Map the rows of a file that begin at ``offset``; refuse a file that ends before them."""
-        most = max(0, path.stat().st_size - offset) // dtype.itemsize
-        check_count(path, count, min(count, most))
+    def map(
+        cls, path: Path, offset: int, dtype: np.dtype[np.void], count: int, end: int | None = None
+    ) -> BinaryRows:
+        """Map the rows of a file that begin at ``offset``; refuse more or fewer up to ``end``.
+
+        Without an ``end``, that of the file.
+        """
+        end = path.stat().st_size if end is None else end
+        check_points(path, count, dtype.itemsize, offset, end)
         if count == 0:
             return cls(np.empty(0, dtype))
         return cls(np.memmap(path, dtype, 'r', offset, count))
@@ -88,10 +95,20 @@ class TextRows:
     """Rows that are lines, with columns between blanks."""
 
     def __init__(
-        self, path: Path, offset: int, count: int, columns: Mapping[str, tuple[int, np.dtype[Any]]]
+        self,
+        path: Path,
+        offset: int,
+        count: int,
+        columns: Mapping[str, tuple[int, np.dtype[Any]]],
+        *,
+        is_last: bool = True,
     ) -> None:
-        """Note where the lines begin, how many there are, and place and type of the columns."""
+        """Note where the lines begin, how many there are, and place and type of the columns.
+
+        Behind the last lines of a file no other may stand.
+        """
         self._path, self._offset, self._count, self._columns = path, offset, count, columns
+        self._is_last = is_last
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk, each number in its own type, as PCL does."""
@@ -142,6 +159,8 @@ class TextRows:
             if not chunk:
                 check_count(self._path, self._count, found)
             found += len(chunk)
+            if self._is_last and found == self._count:
+                check_count(self._path, self._count, found + sum(1 for _ in lines))
             yield chunk
 
 
@@ -160,6 +179,6 @@ def single_numbers(dtype: np.dtype[np.void]) -> dict[str, np.dtype[Any]]:
 
 def check_names(path: Path, names: Sequence[str]) -> None:
     """Refuse columns of which two have one name: none of them could be meant."""
-    double = sorted({name for name in names if names.count(name) > 1})
+    double = sorted(name for name, count in Counter(names).items() if count > 1)
     if double:
         raise CloudError(f'the columns of {path}', 'of different names', ', '.join(double))

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
+from reprlib import Repr
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.errors import ParameterError
@@ -14,6 +15,10 @@ from lidar_outlier_filter.errors import ParameterError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+_SHORT = Repr()
+_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxtuple, _SHORT.maxdict = 3, 30, 30, 10
+_SHORT.maxstring = _SHORT.maxother = 100
+_SHORT.maxlong = 500
 LARGEST = 2**63  # of ROS's whole numbers
 TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
 
@@ -58,10 +63,10 @@ class Parameter:
         if wanted is float and type(value) is int and abs(value) < LARGEST:
             value = float(value)
         if type(value) is not wanted:
-            raise ParameterError(self.name, TYPE_NAMES[wanted], repr(value))
+            raise ParameterError(self.name, TYPE_NAMES[wanted], shown(value))
         if wanted is str:
             if self.choices and value not in self.choices:
-                got = repr(value) + did_you_mean([value], self.choices)
+                got = shown(value) + did_you_mean([value], self.choices)
                 raise ParameterError(self.name, self.range_text, got)
         elif wanted is not bool:
             self._check_range(value)
@@ -72,23 +77,28 @@ class Parameter:
         inside = inside and (self.low is None or value >= self.low)
         inside = inside and (self.high is None or value <= self.high)
         if not inside:
-            raise ParameterError(self.name, self.range_text, repr(value))
+            raise ParameterError(self.name, self.range_text, shown(value))
 
     def _check_list(self, value: object) -> tuple[str, ...]:
         if not isinstance(value, list | tuple):
-            raise ParameterError(self.name, 'a list of texts', repr(value))
+            raise ParameterError(self.name, 'a list of texts', shown(value))
         values = tuple(value)
         right = [isinstance(item, str) and self._is_choice(item) for item in values]
         if not all(right) or not values or len(set(values)) < len(values):
             must_be = 'a list, without repetition, of '
             must_be += self.range_text if self.choices else 'texts'
             unknown = [item for item in values if item not in self.choices]
-            got = repr(list(values)) + did_you_mean(unknown, self.choices)
+            got = shown(list(values)) + did_you_mean(unknown, self.choices)
             raise ParameterError(self.name, must_be, got)
         return values
 
     def _is_choice(self, text: str) -> bool:
         return text in self.choices if self.choices else bool(text)
+
+
+def shown(value: object) -> str:
+    """Write a value as Python does, but never at a length that nobody reads."""
+    return _SHORT.repr(value)
 
 
 def did_you_mean(unknown: Iterable[object], known: Iterable[str]) -> str:

@@ -23,6 +23,7 @@ from lidar_outlier_filter.parameters.declaration import (
     Section,
     declare,
     did_you_mean,
+    shown,
     walk,
 )
 from lidar_outlier_filter.parameters.detectors import DetectorSections, SpinningWeights, Weights
@@ -202,7 +203,7 @@ class FilterParameters(DetectorSections):
             if name not in known:
                 meant = did_you_mean([name], known)
                 must_be = 'a known one' if meant else 'one of ' + ', '.join(sorted(known))
-                raise ParameterError('a parameter', must_be, repr(name) + meant)
+                raise ParameterError('a parameter', must_be, shown(name) + meant)
             section, _, leaf = name.rpartition('.')
             (sections.setdefault(section, {}) if section else top)[leaf] = known[name].check(value)
         added = {type(one): one for one in self.added}

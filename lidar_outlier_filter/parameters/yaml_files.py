@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 NODE_NAME = 'outlier_filter_node'
+LARGEST_FILE = 1_000_000  # bytes
+DEEPEST = 20  # levels
 
 
 def read_yaml(path: Path) -> dict[str, object]:
@@ -33,7 +35,11 @@ def read_yaml(path: Path) -> dict[str, object]:
 
     """
     try:
-        tree = parse(path.read_text(encoding='utf-8'))
+        with path.open('rb') as stream:
+            data = stream.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise ParameterError(str(path), f'of at most {LARGEST_FILE} bytes', 'more')
+        tree = parse(data.decode())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
         reason = ' '.join(str(err).split())
         raise ParameterError(str(path), 'a readable YAML file', reason) from err
@@ -48,17 +54,54 @@ def read_yaml(path: Path) -> dict[str, object]:
 
 
 def parse(text: str) -> Any:
-    """Read YAML as ROS does, to which 1e-6 is a number; to PyYAML, it is a text without a dot."""
-    return yaml.load(text, Loader=_Loader)  # noqa: S506  a SafeLoader
+    """Read YAML as ROS does: without aliases, and with numbers as people write them.
+
+    So 1e-6 is a number, and 1:30, 010 and 2001-01-01 are texts, all unlike in YAML 1.1.
+
+    Raises
+    ------
+    yaml.YAMLError
+        If it is no YAML, if it has aliases, or if it nests more than 20 deep.
+
+    """
+    try:
+        return yaml.load(text, Loader=_Loader)  # noqa: S506  a SafeLoader
+    except ValueError as err:  # a number of thousands of digits
+        raise yaml.YAMLError(str(err)) from err
 
 
 class _Loader(yaml.SafeLoader):
-    """A safe loader that knows the floats of YAML 1.2."""
+    """A safe loader with the numbers of JSON, and no structure that is larger than its text."""
+
+    depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Build a node, unless it is an alias or lies too deep."""
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError('an alias, which ROS does not allow')
+        if self.depth == DEEPEST:
+            raise yaml.YAMLError(f'more than {DEEPEST} levels')
+        self.depth += 1
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
 
 
+_Loader.yaml_implicit_resolvers = {
+    first: [one for one in found if one[0].rpartition(':')[2] not in {'int', 'float', 'timestamp'}]
+    for first, found in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:int',
+    re.compile(r'[-+]?(0|[1-9][0-9]*|0x[0-9a-fA-F]+)$'),
+    list('-+0123456789'),
+)
 _Loader.add_implicit_resolver(
     'tag:yaml.org,2002:float',
-    re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+'),
+    re.compile(
+        r'([-+]?((0|[1-9][0-9]*)?\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?'
+        r'|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN))$'
+    ),
     list('-+.0123456789'),
 )
 

@@ -32,6 +32,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.parameters.declaration import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -117,12 +118,15 @@ class Recording:
             stack.enter_context(self._reader)
             connections = self._reader.connections
             self._channels = _ros1_channels(connections) if is_ros1 else _ros2_channels(connections)
+            self.topics = tuple(dict.fromkeys(topic for topic, _ in self._channels.values()))
+            self.duration = _count(self.path, 'the duration', self._reader.duration)
+            self.message_count = sum(
+                _count(self.path, f'the message_count of {connection.topic}', connection.msgcount)
+                for connection in connections
+            )
+            if isinstance(self._reader, Reader2):
+                self.custom_data = _texts(self.path, self._reader.storage.metadata.custom or {})
             self._close = stack.pop_all()
-        self.topics = tuple(dict.fromkeys(topic for topic, _ in self._channels.values()))
-        self.duration = self._reader.duration
-        self.message_count = sum(connection.msgcount for connection in connections)
-        if isinstance(self._reader, Reader2):
-            self.custom_data = self._reader.storage.metadata.custom or {}
         return self
 
     def __exit__(
@@ -251,6 +255,22 @@ def _writable(path: Path) -> Iterator[None]:
 def _quoted(text: str) -> str:
     """Put a foreign text, on one line, into quotes."""
     return '"' + ' '.join(text.split()) + '"'
+
+
+def _count(path: Path, what: str, number: object) -> int:
+    """Refuse what should be a whole number and is none: in a folder it is a text like any other."""
+    if type(number) is not int or number < 0:
+        raise RecordingError(f'{what} in {path}', 'a whole number', _quoted(shown(number)))
+    return number
+
+
+def _texts(path: Path, data: object) -> Mapping[str, str]:
+    """Refuse custom data that are not texts by name."""
+    if isinstance(data, dict) and all(
+        isinstance(text, str) for item in data.items() for text in item
+    ):
+        return data
+    raise RecordingError(f'custom_data in {path}', 'texts by name', _quoted(shown(data)))
 
 
 def _check_finished(path: Path) -> None:

@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the header of a LAS or LAZ file says, held against the size of the file.
+
+laspy believes a header: it reads as many records as that counts, also behind the end of the file,
+and of the points no more than that counts.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, BinaryIO
+
+import lazrs
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.room import check_count, check_place, check_points, check_room
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+LONGEST = 375  # bytes of a header that are looked at
+SHORTEST = 227  # bytes of a header of LAS 1.0 to 1.2
+_WITH_EVLRS = 4  # the minor version that brought extended records
+VLR = struct.Struct('<H16sHH32s')
+EVLR = struct.Struct('<H16sHQ32s')
+_TABLE = struct.Struct('<II')  # version, chunks
+_POINTERS = 8  # bytes of the place of the chunk table, in front of the first chunk
+_CHUNKED, _LAYERED = 2, 3  # compressors of LASzip
+_SHORTEST_LASZIP = 34  # bytes, without any item
+_OF_ANY_SIZE = 2**32 - 1
+
+
+def check_records(path: Path) -> None:
+    """Refuse records, before and behind the points, that the file has no room for."""
+    size = path.stat().st_size
+    with path.open('rb') as stream:
+        header = stream.read(LONGEST)
+        if header[:4] != b'LASF':
+            return  # laspy says so
+        what = 'the header of'
+        if len(header) < SHORTEST:
+            raise CloudError(f'{what} {path}', f'of at least {SHORTEST} bytes', len(header))
+        begin, points = _number(header, 94, 2), _number(header, 96, 4)
+        check_place(path, 'the end of the header', begin, SHORTEST, size)
+        check_place(path, 'the first point', points, begin, size)
+        _check_chain(stream, path, VLR, (begin, points), _number(header, 100, 4))
+        if header[25] >= _WITH_EVLRS and (count := _number(header, 243, 4)):
+            begin = _number(header, 235, 8)
+            check_place(path, 'the first extended record', begin, points, size)
+            _check_chain(stream, path, EVLR, (begin, size), count)
+
+
+def _check_chain(
+    stream: BinaryIO, path: Path, layout: struct.Struct, places: tuple[int, int], count: int
+) -> None:
+    """Refuse records that do not all lie between two places (bytes) of the file."""
+    place, end = places
+    check_room(path, 'the number of records', count, layout.size, end - place)
+    for _ in range(count):
+        check_place(path, 'a record', place, 0, end - layout.size)
+        stream.seek(place)
+        length = layout.unpack(stream.read(layout.size))[3]
+        place += layout.size
+        check_room(path, 'the bytes in a record', length, 1, end - place)
+        place += length
+
+
+def check_las_points(path: Path, count: int) -> None:
+    """Refuse a count of points that are not compressed, if they are more or fewer."""
+    with path.open('rb') as stream:
+        header = stream.read(LONGEST)
+    end = path.stat().st_size
+    if header[25] >= _WITH_EVLRS and _number(header, 243, 4):
+        end = _number(header, 235, 8)
+    check_points(path, count, _number(header, 105, 2), _number(header, 96, 4), end)
+
+
+def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
+    """Refuse a count of compressed points that is not that of their chunks.
+
+    Chunks of the point formats 6 to 10 count their points. Of the others it is known how many are
+    in each but the last: there may be more of them than the header counts.
+
+    Parameters
+    ----------
+    path : the file
+    count : what the header says
+    records : those of LASzip, of which there must be one
+
+    """
+    if [len(record) >= _SHORTEST_LASZIP for record in records] != [True]:
+        got = f'{[len(record) for record in records]}'
+        must_be = f'one, of at least {_SHORTEST_LASZIP} bytes'
+        raise CloudError(f'the records of LASzip in {path}', must_be, got)
+    laszip = records[0]
+    compressor, chunk_size = _number(laszip, 0, 2), _number(laszip, 12, 4)
+    if compressor not in {_CHUNKED, _LAYERED}:
+        return
+    size = path.stat().st_size
+    with path.open('rb') as stream:
+        header = stream.read(LONGEST)
+        begin, each = _number(header, 96, 4), _number(header, 105, 2)
+        stream.seek(begin)
+        table = int.from_bytes(stream.read(_POINTERS), 'little', signed=True)
+        if table == -1:  # written behind all, by who could not go back
+            stream.seek(max(0, size - _POINTERS))
+            table = int.from_bytes(stream.read(_POINTERS), 'little', signed=True)
+        begin += _POINTERS
+        check_place(path, 'the table of chunks', table, begin, size - _TABLE.size)
+        stream.seek(table)
+        chunks = _TABLE.unpack(stream.read(_TABLE.size))[1]
+        check_room(path, 'the number of chunks', chunks, each, table - begin)
+        stream.seek(begin - _POINTERS)
+        found = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip)) if chunks else []
+        check_room(path, 'the bytes in all chunks', sum(n for _, n in found), 1, table - begin)
+        if compressor == _LAYERED:
+            check_count(path, count, _count_layered(stream, begin, each, [n for _, n in found]))
+            return
+    most = sum(n for n, _ in found)
+    last = found[-1][0] - 1 if found and chunk_size != _OF_ANY_SIZE else 0
+    if not most - last <= count <= most:
+        check_count(path, count, most)
+
+
+def _count_layered(stream: BinaryIO, begin: int, each: int, sizes: list[int]) -> int:
+    """Add up the points of chunks, each of which counts them behind the bytes of its first."""
+    total = 0
+    for size in sizes:
+        stream.seek(begin + each)
+        total += int.from_bytes(stream.read(4), 'little')
+        begin += size
+    return total
+
+
+def _number(data: bytes, place: int, size: int) -> int:
+    return int.from_bytes(data[place : place + size], 'little')

@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ctrl-C and SIGTERM: while a command imports, twice while it works, and when all is written."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lidar_outlier_filter.cli.interrupts import SIGNALS, handlers_kept, ignore
+
+# A process that was started in the background of a shell would ignore SIGINT.
+BEGIN = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from lidar_outlier_filter.cli.interrupts import stopping
+from lidar_outlier_filter.cli.start import start
+def interrupt(number=signal.SIGINT):
+    os.kill(os.getpid(), number)
+"""
+IMPORTS = """
+wanted = sys.argv.pop()
+class Finder:
+    def find_spec(self, name, path, target=None):
+        if name == wanted:
+            interrupt()
+sys.meta_path.insert(0, Finder())
+{wrapped}
+sys.exit(start())
+"""
+DEAF = """
+from itertools import repeat
+with stopping():
+    print('works', flush=True)
+    sum(repeat(0))
+"""
+DONE = """
+import lidar_outlier_filter.cli.clean as clean
+show = clean._show
+def slow(reports):
+    interrupt(), interrupt(signal.SIGTERM)
+    show(reports)
+    interrupt()
+clean._show = slow
+import atexit
+atexit.register(interrupt)
+sys.exit(start())
+"""
+# Whoever catches all that an import raises would lose the exception.
+SWALLOWED = """
+import builtins
+plain = builtins.__import__
+def swallow(name, *rest):
+    try:
+        return plain(name, *rest)
+    except ImportError:
+        raise
+    except BaseException:
+        raise ImportError('something else') from None
+builtins.__import__ = swallow
+"""
+
+
+def cloud(folder: Path) -> str:
+    """Write a small cloud."""
+    path = folder / 'cloud.csv'
+    path.write_text('x,y\n' + ''.join(f'{i},{i * i % 7}\n' for i in range(50)))
+    return str(path)
+
+
+@pytest.mark.parametrize('module', ['lidar_outlier_filter.cli.main', 'numpy', 'numba'])
+@pytest.mark.parametrize('wrapped', ['', SWALLOWED])
+def test_interrupted_import(tmp_path: Path, module: str, wrapped: str) -> None:
+    """Ctrl-C in the first second, when all is imported, gives status 130 and not a word."""
+    program = BEGIN + IMPORTS.format(wrapped=wrapped)
+    command = [sys.executable, '-c', program, 'clean', cloud(tmp_path), module]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, '', '')
+    assert [path.name for path in tmp_path.iterdir()] == ['cloud.csv']
+
+
+def catches(process: subprocess.Popen[str], number: signal.Signals) -> bool:
+    """Return whether a process still catches a signal."""
+    status = Path(f'/proc/{process.pid}/status').read_text()
+    (caught,) = (line.split()[1] for line in status.splitlines() if line.startswith('SigCgt'))
+    return bool(int(caught, 16) >> (number - 1) & 1)
+
+
+@pytest.mark.parametrize('number', SIGNALS)
+def test_the_second_signal_ends_at_once(number: signal.Signals) -> None:
+    """Where no handler ever comes to run, the second signal ends the process."""
+    command = [sys.executable, '-c', BEGIN + DEAF]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'works\n'
+        process.send_signal(number)
+        while catches(process, number):  # the first has not come yet
+            assert process.poll() is None
+        process.send_signal(number)
+        assert process.wait(timeout=10) == -number
+
+
+@pytest.mark.slow
+def test_all_is_written(tmp_path: Path) -> None:
+    """Signals after the output is complete change nothing: the status says that all is done."""
+    command = [sys.executable, '-c', BEGIN + DONE, 'clean', cloud(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert 'Traceback' not in done.stderr
+    assert f'written to {tmp_path}/cloud_cleaned.csv' in done.stdout
+
+
+def test_the_caller_keeps_its_handlers() -> None:
+    """Whoever runs a command within a process finds its handlers as they were."""
+    before = [signal.getsignal(number) for number in SIGNALS]
+    with handlers_kept():
+        ignore()
+        assert [signal.getsignal(number) for number in SIGNALS] == [signal.SIG_IGN] * 2
+    assert [signal.getsignal(number) for number in SIGNALS] == before
