@@ -27,6 +27,7 @@ from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.points import concatenate
+from lidar_outlier_filter.core.stream_cloud import StreamCloud
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -82,14 +83,14 @@ def digest(verdicts: list[Verdict]) -> str:
 
 def stream(clouds: list[Points], parameters: FilterParameters) -> list[Verdict]:
     """Judge clouds as the filter does."""
-    pushed = Stream(parameters)
-    verdicts: list[Verdict] = []
-    for cloud in clouds:
+    pushed: Stream[StreamCloud] = Stream(parameters)
+    finished = []
+    for points in clouds:
         try:
-            verdicts += [verdict for _, verdict in pushed.push(cloud)]
+            finished += pushed.push(StreamCloud(points))
         except CloudError:
             continue
-    return verdicts + [verdict for _, verdict in pushed.flush()]
+    return [cloud.verdict for cloud in finished + pushed.flush()]
 
 
 def of_recordings(names: tuple[str, ...]) -> dict[str, str]:

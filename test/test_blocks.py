@@ -14,6 +14,7 @@ import pytest
 
 from lidar_outlier_filter.core.blocks import MOST_BLOCKS, Stream
 from lidar_outlier_filter.core.points import SECOND, Points
+from lidar_outlier_filter.core.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lidar_outlier_filter.core.chain import Chain
+    from lidar_outlier_filter.errors import JudgingError
 
 BLOCK, HALO = 10_000_000, 2_000_000  # nanoseconds
 LATE = 'the time of a cloud must be at or after what is judged already, got a point .* older'
@@ -49,12 +51,76 @@ def tell(times: Sequence[int]) -> int:
     return sum(t // 1000 % 9973 for t in times) % 2**23
 
 
-def stream(**values: object) -> tuple[Stream, Census]:
+@dataclass(eq=False)
+class TaggedCloud(StreamCloud):
+    """A cloud with a name."""
+
+    tag: Any = None
+
+
+class TaggedStream:
+    """A stream of clouds with names: points and tag in, tag and verdict out.
+
+    Attributes
+    ----------
+    stream : the stream itself
+    errors : of the clouds that could not be judged, by tag
+
+    """
+
+    def __init__(self, parameters: FilterParameters) -> None:
+        """Make the stream."""
+        self.stream: Stream[TaggedCloud] = Stream(parameters)
+        self.errors: dict[Any, JudgingError] = {}
+
+    @property
+    def waiting(self) -> int:
+        """Count the clouds without an answer."""
+        return self.stream.waiting
+
+    @property
+    def held(self) -> int:
+        """Count the points held."""
+        return self.stream.held
+
+    @property
+    def resets(self) -> int:
+        """Count how often the clock was set back."""
+        return self.stream.resets
+
+    @property
+    def oldest(self) -> Any:
+        """The tag of the cloud that has waited longest."""
+        oldest = self.stream.oldest
+        return None if oldest is None else oldest.tag
+
+    def push(self, points: Points, tag: Any = None, frame: str = '') -> list[tuple[Any, Verdict]]:
+        """Push a cloud."""
+        return self._answers(self.stream.push(TaggedCloud(points, frame, tag)))
+
+    def advance(self) -> list[tuple[Any, Verdict]]:
+        """Return what is finished."""
+        return self._answers(self.stream.advance())
+
+    def hurry(self) -> list[tuple[Any, Verdict]]:
+        """Judge all that is pending, and go on."""
+        return self._answers(self.stream.hurry())
+
+    def flush(self) -> list[tuple[Any, Verdict]]:
+        """Judge all that is pending, and begin anew."""
+        return self._answers(self.stream.flush())
+
+    def _answers(self, finished: list[TaggedCloud]) -> list[tuple[Any, Verdict]]:
+        self.errors.update((cloud.tag, cloud.error) for cloud in finished if cloud.error)
+        return [(cloud.tag, cloud.verdict) for cloud in finished]
+
+
+def stream(**values: object) -> tuple[TaggedStream, Census]:
     """Make a stream with short blocks and a census for a chain."""
     short = {'block': BLOCK / SECOND, 'halo': HALO / SECOND}
-    made = Stream(FilterParameters().changed(short | values))
+    made = TaggedStream(FilterParameters().changed(short | values))
     census = Census()
-    made.chain = cast('Chain', census)
+    made.stream.chain = cast('Chain', census)
     return made, census
 
 
@@ -113,7 +179,7 @@ def test_blocks_and_halos(seed: int, parts: int) -> None:
     assert len(census.blocks) == len(occupied)
 
 
-def assert_waiting(made: Stream, times: Sequence[int], missing: Sequence[bool]) -> None:
+def assert_waiting(made: TaggedStream, times: Sequence[int], missing: Sequence[bool]) -> None:
     """Assert that a message waits for the halo of its last point, and no longer."""
     seen = [t for t, gone in zip(times, missing, strict=True) if not gone]
     newest = seen[-1] if seen else 0
@@ -433,14 +499,14 @@ def test_chain_replaced() -> None:
     """From the next block on the new chain judges; what is said is said."""
     made, _ = stream()
     made.push(points_at([5, BLOCK + HALO]), 'a')
-    made.chain = cast('Chain', Census(bit=4))
+    made.stream.chain = cast('Chain', Census(bit=4))
     ((_, verdict),) = made.flush()
     assert verdict.detectors.tolist() == [1, 4]
 
 
 def test_after_hurry_points_of_the_last_time_are_taken_untested() -> None:
     """A cloud that begins at the very time the stream was hurried at is answered, not refused."""
-    stream = Stream(FilterParameters())
+    stream = TaggedStream(FilterParameters())
     count = 50
     t = 1_000_000_000 + 10_000 * np.arange(count)
     xyz = np.stack([np.arange(count) + 1.0, np.ones(count), np.ones(count)], axis=1)
@@ -456,7 +522,7 @@ def test_after_hurry_points_of_the_last_time_are_taken_untested() -> None:
 
 def test_wild_times_are_refused() -> None:
     """A cloud whose times spread over years would take a block for each of its points."""
-    stream = Stream(FilterParameters())
+    stream = TaggedStream(FilterParameters())
     t = np.array([0, 2000 * 1_000_000_000])
     wild = Points(np.ones((2, 3)), t, np.zeros(2, np.int64), np.ones(2, np.bool_))
     match = 'the time that a cloud spans must be at most 1000 s, got 2000 s'
@@ -468,7 +534,7 @@ def test_wild_times_are_refused() -> None:
 # A block for each message -----------------------------------------------------------------------
 
 
-def by_message(**values: object) -> tuple[Stream, Census]:
+def by_message(**values: object) -> tuple[TaggedStream, Census]:
     """Make a stream whose blocks are the messages."""
     return stream(blocks='message', **values)
 
@@ -564,7 +630,7 @@ def test_blocks_by_message_and_a_clock_set_back() -> None:
 
 def test_a_cloud_may_span_so_many_blocks_and_no_more() -> None:
     """Exactly ``MOST_BLOCKS``; a nanosecond more is refused."""
-    stream = Stream(FilterParameters())
+    stream: Stream[StreamCloud] = Stream(FilterParameters())
     most = MOST_BLOCKS * round(FilterParameters().block * SECOND)
     stream.refuse_span(0, most)
     with pytest.raises(CloudError, match=r'^the time that a cloud spans must be at most'):

@@ -19,7 +19,6 @@ from test_replay import cloud as sweep
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors import sor
-from lidar_outlier_filter.core.verdict import Failed, Verdict
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
@@ -29,9 +28,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.core.blocks import Stream
+    from test_blocks import TaggedStream
+
     from lidar_outlier_filter.core.chain import Chain
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.verdict import Verdict
 
 RAISED = [FilterError('k', 'less', 3), ValueError('a\nb'), FloatingPointError(), MemoryError()]
 SENTENCE = 'the judging of a block must be free of errors, got ValueError: an error of the test'
@@ -53,11 +54,11 @@ class Raising(Census):
         return super().judge(points)
 
 
-def raising(bad: Sequence[int], error: Exception, **values: object) -> tuple[Stream, Raising]:
+def raising(bad: Sequence[int], error: Exception, **values: object) -> tuple[TaggedStream, Raising]:
     """Make a stream with short blocks whose chain raises."""
     made, _ = stream(**values)
     chain = Raising(bad=set(bad), error=error)
-    made.chain = cast('Chain', chain)
+    made.stream.chain = cast('Chain', chain)
     return made, chain
 
 
@@ -74,7 +75,7 @@ def test_an_error_costs_its_block(seed: int, parts: int) -> None:
     assert 0 < len(failed) < len(starts)
     made, _ = raising(bad.tolist(), RAISED[seed])
     errors: list[JudgingError] = []
-    made.fail = errors.append
+    made.stream.fail = errors.append
     answers, pieces = [], cut(rng, len(times), parts)
     for begin, end in pieces:
         answers += made.push(points_at(times[begin:end], missing[begin:end]), (begin, end))
@@ -85,7 +86,7 @@ def test_an_error_costs_its_block(seed: int, parts: int) -> None:
     for (begin, end), verdict in answers:
         mine = zip(times[begin:end], missing[begin:end], strict=True)
         is_hit = any(not gone and t // BLOCK * BLOCK in failed for t, gone in mine)
-        assert isinstance(verdict, Failed) == is_hit
+        assert ((begin, end) in made.errors) == is_hit
         assert len(verdict) == end - begin
         if is_hit:
             assert np.isnan(verdict.score).all()
@@ -103,7 +104,8 @@ def test_an_error_in_a_hurry_costs_what_was_hurried() -> None:
     made.push(points_at([2000]), 'second')
     ((tag, second),) = made.hurry()
     assert tag == 'second'
-    assert isinstance(second, Failed)
+    assert np.isnan(second.score).all()
+    assert list(made.errors) == ['second']
     assert first.score.tolist() == [1]
     chain.bad.clear()
     made.push(points_at([3000]), 'third')
@@ -115,7 +117,7 @@ def test_an_error_with_a_block_for_each_message() -> None:
     """That message alone fails; others that see it in their halo do where the error is raised."""
     made, _ = raising([5], ValueError(), blocks='message')
     kinds = [
-        [(tag, isinstance(verdict, Failed)) for tag, verdict in made.push(points_at([t]), t)]
+        [(tag, tag in made.errors) for tag, _ in made.push(points_at([t]), t)]
         for t in (0, 5, 5 + HALO, 6 + HALO)
     ]
     assert kinds == [[(0, False)], [(5, True)], [(5 + HALO, True)], [(6 + HALO, False)]]
@@ -127,7 +129,7 @@ def test_frames_that_are_judged_apart_share_their_block() -> None:
     made.push(points_at([4]), 'moved')
     made.push(points_at([5]), 'own', frame='own')
     answers = made.push(points_at([BLOCK + HALO]), 'next') + made.flush()
-    kinds = [(tag, isinstance(verdict, Failed)) for tag, verdict in answers]
+    kinds = [(tag, tag in made.errors) for tag, _ in answers]
     assert kinds == [('moved', True), ('own', True), ('next', False)]
 
 
@@ -135,10 +137,9 @@ def test_frames_that_are_judged_apart_share_their_block() -> None:
 def test_the_error_is_told(error: Exception) -> None:
     """In one sentence, with its place and its traceback, and without the points."""
     made, _ = raising([5], error)
-    made.push(points_at([5]))
-    ((_, verdict),) = made.flush()
-    assert isinstance(verdict, Failed)
-    result = verdict.error
+    made.push(points_at([5]), 'cloud')
+    made.flush()
+    result = made.errors['cloud']
     sentence = str(result)
     assert sentence.startswith('the judging of a block must be free of errors, got ')
     assert type(error).__name__ in sentence

@@ -12,7 +12,7 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN, Backlog, Health
-from lidar_outlier_filter.stream.cloud_filter import Statistics
+from lidar_outlier_filter.stream.statistics import Statistics
 
 NOTHING = Backlog(0, 0.0, 0)
 MAX_DELAY = 1.0

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from lidar_outlier_filter.ros.health import Health
 from lidar_outlier_filter.ros.losses import LOSS_PERIOD, LossWarning
-from lidar_outlier_filter.stream.cloud_filter import Statistics
+from lidar_outlier_filter.stream.statistics import Statistics
 
 SEEN = st.tuples(
     st.floats(0, 2 * LOSS_PERIOD),

@@ -17,12 +17,12 @@ from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.blocks import Stream
+    from test_blocks import TaggedStream
 
 TOO_MANY = 'the number of points held must be at most max_points'
 
 
-def is_taken(made: Stream, times: list[int], tag: object = None) -> bool:
+def is_taken(made: TaggedStream, times: list[int], tag: object = None) -> bool:
     """Push points, and say whether they were taken."""
     try:
         made.push(points_at(times), tag)

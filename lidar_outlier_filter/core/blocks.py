@@ -10,21 +10,21 @@ A sensor that sends one sweep per message may have the message as its block inst
 once, with the halo before it only. There the message is part of the question: cut otherwise, the
 same points are other blocks.
 
-An error that a detector raises costs its block only: the messages with points in it have no
+An error that a detector raises costs its block only: the clouds with points in it have no
 verdict, and the next block is judged.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
 from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.points import SECOND, Points, concatenate
-from lidar_outlier_filter.core.verdict import Failed, Verdict
+from lidar_outlier_filter.core.points import SECOND, concatenate
+from lidar_outlier_filter.core.stream_cloud import BEGINNING, END, AnyCloud, between
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, JudgingError
 
 if TYPE_CHECKING:
@@ -32,59 +32,17 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.stream_cloud import StreamCloud
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-    _Members = list[tuple['_Message', slice | NDArray[np.intp]]]
+    _Members = list[tuple[StreamCloud, slice | NDArray[np.intp]]]
 
 MOST_BLOCKS = 10_000  # in one cloud: wild times must not stall the stream
-BEGINNING = -(2**62)  # before any time, nanoseconds
-END = 2**62
 
 
-@dataclass
-class _Message:
-    """The points of one message, in wait for their verdict or seen as halo of others."""
-
-    points: Points  # the valid ones
-    where: NDArray[np.intp]  # their places in the message
-    verdict: Verdict  # of all points of the message
-    tag: Any
-    frame: str  # points of different frames are never judged together
-    error: JudgingError | None = None  # of a block with points of it
-    first: int = field(init=False)  # earliest and latest time, ns
-    last: int = field(init=False)
-    sorted: bool = field(init=False)  # by time
-
-    def __post_init__(self) -> None:
-        """Note the stretch of time that the points cover; without points it is empty."""
-        t = self.points.t
-        self.first, self.last = (int(t.min()), int(t.max())) if len(t) else (END, BEGINNING - 1)
-        self.sorted = bool((t[1:] >= t[:-1]).all())
-
-    def answer(self) -> Verdict:
-        """Return the verdict of all points, or why there is none."""
-        if self.error is not None:
-            return Failed.by(self.error, len(self.verdict))
-        return self.verdict
-
-    def between(self, begin: int, end: int) -> slice | NDArray[np.intp]:
-        """Find the points with begin <= t < end."""
-        if begin <= self.first and self.last < end:
-            return slice(None)
-        return _between(self.points.t, begin, end, is_sorted=self.sorted)
-
-
-def _between(
-    t: NDArray[np.int64], begin: int, end: int, *, is_sorted: bool
-) -> slice | NDArray[np.intp]:
-    if is_sorted:
-        # Views, not copies: most sensors send their points in order.
-        return slice(*np.searchsorted(t, (begin, end)).tolist())
-    return np.flatnonzero((t >= begin) & (t < end))
-
-
-class Stream:
-    """Points in, verdicts out: one for each message, in order.
+class Stream(Generic[AnyCloud]):
+    """Clouds in, and out again with their verdicts, in order.
 
     ``chain`` may be replaced between two calls: the next block is judged by the new one.
     """
@@ -103,9 +61,9 @@ class Stream:
         self._clear()
 
     def _clear(self) -> None:
-        self._seen: deque[_Message] = deque()  # with points that blocks to come need
-        self._waiting: deque[_Message] = deque()  # without an answer yet
-        self._answered: list[tuple[Any, Verdict]] = []  # and not returned yet
+        self._seen: deque[AnyCloud] = deque()  # with points that blocks to come need
+        self._waiting: deque[AnyCloud] = deque()  # without an answer yet
+        self._answered: list[AnyCloud] = []  # and not returned yet
         self._held = 0  # points in _seen
         self._unanswered = 0  # points in _waiting, missing returns too
         self._newest = BEGINNING  # latest time of any point
@@ -115,33 +73,30 @@ class Stream:
 
     @property
     def waiting(self) -> int:
-        """Count the messages without an answer."""
+        """Count the clouds without an answer."""
         return len(self._waiting) + len(self._answered)
 
     @property
-    def oldest(self) -> Any:
-        """The tag of the message that has waited longest; None where none waits."""
-        if self._answered:
-            return self._answered[0][0]
-        return self._waiting[0].tag if self._waiting else None
+    def oldest(self) -> AnyCloud | None:
+        """The cloud that has waited longest; None where none waits."""
+        waiting = self._answered or self._waiting
+        return waiting[0] if waiting else None
 
     @property
     def held(self) -> int:
         """Count the points held: those that are needed, or those that wait, whichever are more."""
         return max(self._held, self._unanswered)
 
-    def push(self, points: Points, tag: Any = None, frame: str = '') -> list[tuple[Any, Verdict]]:
-        """Take the points of the next message; return the messages that are finished by it.
+    def push(self, cloud: AnyCloud) -> list[AnyCloud]:
+        """Take the next cloud; return the clouds that are finished by it.
 
-        Messages of different frames keep their order and their blocks, but their points are not
+        Clouds of different frames keep their order and their blocks, but their points are not
         judged together.
 
         Returns
         -------
-        list of (tag, verdict)
-            In the order they were pushed. A verdict has an entry for each point of the message;
-            that of an invalid point is untested. It is :class:`Failed` for a message with points in
-            a block that a detector raised an error in.
+        list of clouds
+            In the order they were pushed, with a verdict, or an error instead of one.
 
         Raises
         ------
@@ -151,34 +106,31 @@ class Stream:
             is held is judged and forgotten in its time; :meth:`advance` has what that finished.
 
         """
-        where = np.flatnonzero(points.valid)
-        valid = points if len(where) == len(points) else points.take(where)
-        message = _Message(valid, where, Verdict.untested(len(points)), tag, frame)
-        set_back = len(where) > 0 and message.last < self._newest - self._jump
-        self.refuse_span(message.first, message.last)
-        self._refuse_late(message, anew=set_back)
-        self._refuse_too_many(message, anew=set_back)
+        set_back = len(cloud.points) > 0 and cloud.last < self._newest - self._jump
+        self.refuse_span(cloud.first, cloud.last)
+        self._refuse_late(cloud, anew=set_back)
+        self._refuse_too_many(cloud, anew=set_back)
         # A clock that was set back: what was before has nothing to do with what comes.
         finished = self.reset() if set_back else []
-        if len(where):
-            self._seen.append(message)
-        self._waiting.append(message)
-        self._held += len(where)
-        self._unanswered += len(points)
-        self._newest = max(self._newest, message.last)
-        self._pending = min(self._pending, self._first_pending(message))
+        if len(cloud.points):
+            self._seen.append(cloud)
+        self._waiting.append(cloud)
+        self._held += len(cloud.points)
+        self._unanswered += cloud.count
+        self._newest = max(self._newest, cloud.last)
+        self._pending = min(self._pending, self._first_pending(cloud))
         if self._by_message:
-            self._judge_message(message)
+            self._judge_message(cloud)
         else:
             self._judge_until(self._newest - self._lateness)
         return finished + self._finished()
 
-    def advance(self) -> list[tuple[Any, Verdict]]:
-        """Return the messages that a cloud has finished that was refused."""
+    def advance(self) -> list[AnyCloud]:
+        """Return the clouds that were finished by one that was refused."""
         return self._finished()
 
     def make_room(self, first: int, last: int) -> None:
-        """Let time go on, as a message of these times would: nanoseconds; it may be refused yet.
+        """Let time go on, as a cloud of these times would: nanoseconds; it may be refused yet.
 
         What it completes, and has no part in, is judged and forgotten.
         """
@@ -188,18 +140,18 @@ class Stream:
         elif first < END:
             self._forget(first - self._halo)
 
-    def flush(self) -> list[tuple[Any, Verdict]]:
+    def flush(self) -> list[AnyCloud]:
         """Judge all that is pending with what is there, and begin anew."""
         finished = self.hurry()
         self._clear()
         return finished
 
-    def reset(self) -> list[tuple[Any, Verdict]]:
+    def reset(self) -> list[AnyCloud]:
         """Do as :meth:`flush`, because a clock was set back; count it."""
         self.resets += 1
         return self.flush()
 
-    def hurry(self) -> list[tuple[Any, Verdict]]:
+    def hurry(self) -> list[AnyCloud]:
         """Judge all that is pending with what is there, and go on: what comes sees it as halo."""
         self._judge_until(END)
         return self._finished()
@@ -211,26 +163,26 @@ class Stream:
             got = f'{(last - first) / SECOND:g} s'
             raise CloudError('the time that a cloud spans', f'at most {most / SECOND:g} s', got)
 
-    def _refuse_late(self, message: _Message, *, anew: bool) -> None:
-        if not anew and message.first < self._closed and not self._by_message:
-            late = (self._closed - message.first) / SECOND
+    def _refuse_late(self, cloud: StreamCloud, *, anew: bool) -> None:
+        if not anew and cloud.first < self._closed and not self._by_message:
+            late = (self._closed - cloud.first) / SECOND
             got = f'a point {late:.6f} s older than that'
             raise CloudError('the time of a cloud', 'at or after what is judged already', got)
 
-    def _refuse_too_many(self, message: _Message, *, anew: bool) -> None:
-        total = len(message.verdict)
+    def _refuse_too_many(self, cloud: StreamCloud, *, anew: bool) -> None:
+        total = cloud.count
         if not anew:
-            if self._total_with(message) > self._most:
-                self.make_room(message.first, message.last)
-            total = self._total_with(message)
+            if self._total_with(cloud) > self._most:
+                self.make_room(cloud.first, cloud.last)
+            total = self._total_with(cloud)
         if total > self._most:
             raise CloudError(
                 'the number of points held', f'at most max_points = {self._most}', total
             )
 
-    def _total_with(self, message: _Message) -> int:
-        """Count the points that would be held with a message."""
-        return max(self._held + len(message.points), self._unanswered + len(message.verdict))
+    def _total_with(self, cloud: StreamCloud) -> int:
+        """Count the points that would be held with a cloud."""
+        return max(self._held + len(cloud.points), self._unanswered + cloud.count)
 
     def _close(self, complete: int) -> None:
         """Judge every block that is complete with its halo, and take no point of it any more.
@@ -268,41 +220,41 @@ class Stream:
         verdict = self._judge_together(members)
         begin = max(begin, self._judged)
         offset = 0
-        for message, index in members:
-            t = message.points.t[index]
-            mine = _between(t, begin, end, is_sorted=message.sorted)
+        for cloud, index in members:
+            t = cloud.points.t[index]
+            mine = between(t, begin, end, is_sorted=cloud.is_sorted)
             if not isinstance(verdict, JudgingError):
                 result = verdict.take(slice(offset, offset + len(t))).take(mine)
-                message.verdict.put(message.where[index][mine], result)
+                cloud.verdict.put(cloud.where[index][mine], result)
             elif len(t[mine]):
-                message.error = verdict
+                cloud.error = verdict
             offset += len(t)
 
-    def _judge_message(self, message: _Message) -> None:
-        """Judge a message with the halo before it, and with what lies in its own time, at once."""
-        if message.first < END:
-            # The message is the last of those seen, but others may have later points.
-            members = self._members(message.first - self._halo, message.last + 1)
+    def _judge_message(self, cloud: AnyCloud) -> None:
+        """Judge a cloud with the halo before it, and with what lies in its own time, at once."""
+        if cloud.first < END:
+            # The cloud is the last of those seen, but others may have later points.
+            members = self._members(cloud.first - self._halo, cloud.last + 1)
             verdict = self._judge_together(members)
             if isinstance(verdict, JudgingError):
-                message.error = verdict
+                cloud.error = verdict
             else:
-                result = verdict.take(slice(len(verdict) - len(message.points), None))
-                message.verdict.put(message.where, result)
+                result = verdict.take(slice(len(verdict) - len(cloud.points), None))
+                cloud.verdict.put(cloud.where, result)
         self._judged = END
         self._pending = END
         self._forget(self._newest - self._halo)
 
     def _members(self, first: int, last: int) -> _Members:
-        """Find all points with first <= t < last, message by message."""
-        near = [message for message in self._seen if first <= message.last and message.first < last]
-        return [(message, message.between(first, last)) for message in near]
+        """Find all points with first <= t < last, cloud by cloud."""
+        near = [cloud for cloud in self._seen if first <= cloud.last and cloud.first < last]
+        return [(cloud, cloud.between(first, last)) for cloud in near]
 
     def _judge_together(self, members: _Members) -> Verdict | JudgingError:
-        """Judge points; the verdict is in the order of their messages."""
-        frames = [message.frame for message, _ in members]
+        """Judge points; the verdict is in the order of their clouds."""
+        frames = [cloud.frame for cloud, _ in members]
         try:
-            parts = [message.points.take(index) for message, index in members]
+            parts = [cloud.points.take(index) for cloud, index in members]
             if len(set(frames)) == 1:
                 return self.chain.judge(concatenate(parts))
             return self._judge_apart(parts, frames)
@@ -323,34 +275,35 @@ class Stream:
         return verdict
 
     def _look_for_pending(self) -> None:
-        firsts = (self._first_pending(message) for message in self._waiting)
+        firsts = (self._first_pending(cloud) for cloud in self._waiting)
         self._pending = min(firsts, default=END)
 
-    def _first_pending(self, message: _Message) -> int:
-        """Return the earliest time of a point of the message without a verdict; END for none."""
-        if message.first >= self._judged:
-            return message.first
-        if message.last < self._judged:
+    def _first_pending(self, cloud: AnyCloud) -> int:
+        """Return the earliest time of a point of the cloud without a verdict; END for none."""
+        if cloud.first >= self._judged:
+            return cloud.first
+        if cloud.last < self._judged:
             return END
-        t = message.points.t
+        t = cloud.points.t
         return int(t[t >= self._judged].min())
 
     def _forget(self, needed: int | None = None) -> None:
-        """Let go of messages that end before the halo of the block to come."""
+        """Let go of clouds that end before the halo of the block to come."""
         if needed is None:
             needed = self._judged - self._judged % self._block - self._halo
-        self._seen = deque(message for message in self._seen if message.last >= needed)
-        self._held = sum(len(message.points) for message in self._seen)
+        self._seen = deque(cloud for cloud in self._seen if cloud.last >= needed)
+        self._held = sum(len(cloud.points) for cloud in self._seen)
 
-    def _finished(self) -> list[tuple[Any, Verdict]]:
-        """Take the messages whose points are all judged."""
+    def _finished(self) -> list[AnyCloud]:
+        """Take the clouds whose points are all judged."""
         self._settle()
         finished, self._answered = self._answered, []
         return finished
 
     def _settle(self) -> None:
-        """Answer the messages from the head of the queue whose points are all judged."""
+        """Answer the clouds from the head of the queue whose points are all judged."""
         while self._waiting and self._waiting[0].last < self._judged:
-            message = self._waiting.popleft()
-            self._unanswered -= len(message.verdict.score)
-            self._answered.append((message.tag, message.answer()))
+            cloud = self._waiting.popleft()
+            self._unanswered -= cloud.count
+            cloud.finish()
+            self._answered.append(cloud)

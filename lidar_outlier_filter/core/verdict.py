@@ -14,8 +14,6 @@ from lidar_outlier_filter.core.kernels import kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.errors import JudgingError
-
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
 # Beside the bit of `hierarchical`: its second phase rejected the point, in the surroundings of its
@@ -95,25 +93,6 @@ class Verdict:
         """Write the verdicts of some of the points."""
         for field in fields(Verdict):
             getattr(self, field.name)[where] = getattr(result, field.name)
-
-
-@dataclass(frozen=True)
-class Failed(Verdict):
-    """Stands in for the verdict of points that could not all be judged; none is tested.
-
-    Attributes
-    ----------
-    error : JudgingError
-        Why.
-
-    """
-
-    error: JudgingError
-
-    @classmethod
-    def by(cls, error: JudgingError, count: int) -> Failed:
-        """Make that of so many points."""
-        return cls(**vars(Verdict.untested(count)), error=error)
 
 
 @kernel

@@ -15,7 +15,7 @@ from lidar_outlier_filter.ros.publisher import AnswerPublisher
 from lidar_outlier_filter.ros.receiver import CloudReceiver
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import Worker
-from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter, Statistics
+from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.errors import CloudError, JudgingError
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.stream.statistics import Statistics
 
 REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
 MEGABYTE = 1e6

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.stream.cloud_filter import Statistics
+from lidar_outlier_filter.stream.statistics import Statistics
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.stream.cloud_filter import Answer, Statistics
+    from lidar_outlier_filter.stream.cloud_filter import Answer
+    from lidar_outlier_filter.stream.statistics import Statistics
 
 POINTS = 'points'
 SIGNAL_PERIOD = 0.1  # seconds between two looks for a signal: the middleware wakes for none

@@ -4,19 +4,15 @@
 
 from __future__ import annotations
 
-import copy
-from collections import Counter
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.declaration import Tiled
-from lidar_outlier_filter.core.detectors.registry import BITS, DETECTORS
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.points import missing
-from lidar_outlier_filter.core.verdict import Failed, Verdict
+from lidar_outlier_filter.core.stream_cloud import StreamCloud
 from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
@@ -24,24 +20,25 @@ from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.stream.given_parameters import gather
 from lidar_outlier_filter.stream.moving import MovingStream
+from lidar_outlier_filter.stream.statistics import Statistics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    import numpy as np
+
     from lidar_outlier_filter.core.points import Points
-    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
 
 
-@dataclass(frozen=True)
-class _Task:
-    """A cloud that waits for its verdict, and how it is to be answered."""
+@dataclass(eq=False, kw_only=True)
+class _FilteredCloud(StreamCloud):
+    """A cloud on its way, and how it is to be answered."""
 
     msg: Any
     tag: Any
-    parameters: FilterParameters
-    valid: int  # points that are no missing returns
+    form: FilterParameters
     passed: str = ''  # why it passes unfiltered; empty: it does not
 
 
@@ -55,79 +52,6 @@ class Answer:
     cleaned: Any
     outliers: Any
     tag: Any
-
-
-@dataclass
-class Statistics:
-    """Counts since the start.
-
-    Attributes
-    ----------
-    messages, points : clouds taken, and their points
-    invalid : missing returns (NaN, Inf, 0 0 0), which stay in the cleaned clouds
-    untested : valid points that no detector could test; they stay too
-    rejected : points by the detector that rejected them
-    undecided : points by the detector that looked at them and could not test them
-    outliers : points that went to the outlier clouds
-    passed : clouds that passed unfiltered, by the reason; their points are counted, not looked at
-    shed : clouds that were taken while the slow detectors were off
-    refused : clouds refused; refusals counts them by what was wrong
-    poses : poses that were refused, by what was wrong
-    unmoved : clouds that were judged without poses, in their own frame
-    resets : times the clock was set back
-    passes : most repetitions without the rejected that a block has needed
-    failures : blocks that a detector raised an error in
-
-    """
-
-    messages: int = 0
-    points: int = 0
-    invalid: int = 0
-    untested: int = 0
-    outliers: int = 0
-    rejected: Counter[str] = field(default_factory=Counter)
-    undecided: Counter[str] = field(default_factory=Counter)
-    passed: Counter[str] = field(default_factory=Counter)
-    refusals: Counter[str] = field(default_factory=Counter)
-    poses: Counter[str] = field(default_factory=Counter)
-    shed: int = 0
-    unmoved: int = 0
-    resets: int = 0
-    passes: int = 0
-    failures: int = 0
-
-    @property
-    def refused(self) -> int:
-        """Count the clouds refused, whatever the reason."""
-        return sum(self.refusals.values())
-
-    def copy(self) -> Statistics:
-        """Copy the counts."""
-        values = {item.name: copy.copy(getattr(self, item.name)) for item in fields(self)}
-        return Statistics(**values)
-
-    def count_passed(self, points: int, reason: str) -> None:
-        """Add a cloud that was not filtered."""
-        self.messages += 1
-        self.points += points
-        self.passed[reason] += 1
-
-    def count(self, verdict: Verdict, valid: int) -> None:
-        """Add a finished cloud."""
-        total = len(verdict)
-        self.messages += 1
-        self.points += total
-        self.invalid += total - valid
-        self.untested += valid - int(np.count_nonzero(~np.isnan(verdict.score)))
-        self.outliers += int(np.count_nonzero(verdict.rejected))
-        for counter, bits in (
-            (self.rejected, verdict.detectors),
-            (self.undecided, verdict.undecided),
-        ):
-            for name, bit in BITS.items():
-                count = int(np.count_nonzero(bits & bit))
-                if count:
-                    counter[name] += count
 
 
 class CloudFilter:
@@ -192,7 +116,7 @@ class CloudFilter:
         self.wanted = (True, True)  # cleaned and outliers: what nobody wants is not made
         self._parameters = parameters
         self._decoder = Decoder(parameters, inform, warn)
-        self._stream = Stream(parameters)
+        self._stream: Stream[_FilteredCloud] = Stream(parameters)
         self._stream.fail = self._failed
         self._places: set[str] = set()  # where detectors have raised errors
         self._moving = None
@@ -247,8 +171,7 @@ class CloudFilter:
         self.statistics.shed += self._sheds
         try:
             points = self._decoder.decode(msg)
-            task = _Task(msg, tag, self._parameters, _valid(points))
-            finished = self._push(points, task)
+            finished = self._push(points, msg, tag)
         except CloudError as err:
             self._decoder.undo()
             self.statistics.refusals[err.what] += 1
@@ -267,8 +190,8 @@ class CloudFilter:
         msg = self._as_message(msg)
         try:
             view = self._decoder.view(msg)
-            task = _Task(msg, tag, self._parameters, 0, reason)
-            finished = self._push(missing(0 if view is None else view.size), task)
+            points = missing(0 if view is None else view.size)
+            finished = self._push(points, msg, tag, reason)
         except CloudError as err:
             self.statistics.refusals[err.what] += 1
             raise
@@ -337,10 +260,12 @@ class CloudFilter:
         self.statistics.refusals[err.what] += 1
         self.refuse(err)
 
-    def _push(self, points: Points, task: _Task) -> list[tuple[Any, Verdict]]:
-        if self._moving is None:
-            return self._stream.push(points, task)
-        return self._moving.push(points, task, str(task.msg.header.frame_id))
+    def _push(self, points: Points, msg: Any, tag: Any, passed: str = '') -> list[_FilteredCloud]:
+        frame = '' if self._moving is None else str(msg.header.frame_id)
+        cloud = _FilteredCloud(
+            points, frame, msg=msg, tag=tag, form=self._parameters, passed=passed
+        )
+        return self._entrance.push(cloud)
 
     def _failed(self, err: JudgingError) -> None:
         """Count a block that a detector raised an error in."""
@@ -356,36 +281,35 @@ class CloudFilter:
             self.statistics.refusals[err.what] += 1
             raise
 
-    def _answers(self, finished: list[tuple[Any, Verdict]]) -> list[Answer]:
+    def _answers(self, finished: list[_FilteredCloud]) -> list[Answer]:
         self.statistics.resets = self._stream.resets
         self.statistics.unmoved = 0 if self._moving is None else self._moving.unmoved
         self.statistics.passes = max(self.statistics.passes, self._stream.chain.passes)
         answers = []
-        for task, verdict in finished:
-            if task.passed:
-                self.statistics.count_passed(len(verdict), task.passed)
-            elif isinstance(verdict, Failed):
+        for cloud in finished:
+            if cloud.passed:
+                self.statistics.count_passed(cloud.count, cloud.passed)
+            elif cloud.error is not None:
                 if not self.pass_failed:
-                    self.refused(verdict.error)
+                    self.refused(cloud.error)
                     continue
-                self.statistics.count_passed(len(verdict), 'failure')
+                self.statistics.count_passed(cloud.count, 'failure')
             else:
-                self.statistics.count(verdict, task.valid)
-            answers.append(_answer(task, verdict, self.wanted))
+                self.statistics.count(cloud.verdict, len(cloud.points))
+            answers.append(_answer(cloud, self.wanted))
         return answers
 
 
-def _answer(task: _Task, verdict: Verdict, wanted: tuple[bool, bool]) -> Answer:
-    form = task.parameters
+def _answer(cloud: _FilteredCloud, wanted: tuple[bool, bool]) -> Answer:
     clouds = split(
-        task.msg,
-        verdict,
-        keep_organized=form.keep_organized,
-        scores=form.scores,
+        cloud.msg,
+        cloud.verdict,
+        keep_organized=cloud.form.keep_organized,
+        scores=cloud.form.scores,
         wanted=wanted,
     )
     cleaned, outliers = map(as_given, clouds)
-    return Answer(cleaned, outliers, task.tag)
+    return Answer(cleaned, outliers, cloud.tag)
 
 
 def _short(chain: Chain) -> Chain | None:
@@ -395,7 +319,3 @@ def _short(chain: Chain) -> Chain | None:
     if len(names) < max(parameters.vote, 1):
         return None
     return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))
-
-
-def _valid(points: Points) -> int:
-    return int(np.count_nonzero(points.valid))

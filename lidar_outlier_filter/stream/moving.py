@@ -1,87 +1,72 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A stream whose points are moved to a fixed frame: messages wait for their poses first."""
+"""A stream whose points are moved to a fixed frame: clouds wait for their poses first."""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Generic
 
-from lidar_outlier_filter.core.blocks import BEGINNING, END
 from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.core.poses import Cover
+from lidar_outlier_filter.core.stream_cloud import BEGINNING, AnyCloud
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from lidar_outlier_filter.core.blocks import Stream
-    from lidar_outlier_filter.core.points import Points
-    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
 
-    Finished = list[tuple[Any, Verdict]]
 
+class MovingStream(Generic[AnyCloud]):
+    """In front of a stream: clouds in, and on they go, moved, once there are poses for all points.
 
-@dataclass(frozen=True)
-class _WaitingCloud:
-    """A message that waits for poses, and the times of its points; ``last`` < ``first`` of none."""
-
-    points: Points
-    tag: Any
-    frame: str
-    first: int
-    last: int
-
-
-class MovingStream:
-    """In front of a stream: points in, and on they go, moved, once there are poses for all of them.
-
-    A message waits, and all behind it, until its last pose is there; or until points have come that
+    A cloud waits, and all behind it, until its last pose is there; or until points have come that
     are later by more than ``max_delay``, or it has to hurry: then its points go on as they are,
     in their own frame, and are judged apart from those that were moved.
     """
 
     def __init__(
         self,
-        stream: Stream,
+        stream: Stream[AnyCloud],
         motion: PoseSource,
         parameters: FilterParameters,
         refuse: Callable[[CloudError], object],
     ) -> None:
-        """Return ``refuse`` of messages that the stream refuses when their turn has come."""
-        self.unmoved = 0  # messages that went on without poses
+        """Call ``refuse`` with the error of a cloud that the stream refuses in its turn."""
+        self.unmoved = 0  # clouds that went on without poses
         self._stream = stream
         self._motion = motion
         self._refuse = refuse
         self._most = parameters.max_points
         self.wait_at_most(parameters.max_delay)
         self._jump = round(parameters.time_jump * SECOND)
-        self._queue: deque[_WaitingCloud] = deque()
+        self._queue: deque[AnyCloud] = deque()
         self._held = 0  # points in the queue
         self._newest = BEGINNING
-        self._answered: Finished = []  # by a cloud that was refused
+        self._answered: list[AnyCloud] = []  # by a cloud that was refused
 
     @property
     def waiting(self) -> int:
-        """Count the messages without an answer."""
+        """Count the clouds without an answer."""
         return len(self._queue) + self._stream.waiting
 
     @property
-    def oldest(self) -> Any:
-        """The tag of the message that has waited longest; None where none waits."""
-        return self._stream.oldest or (self._queue[0].tag if self._queue else None)
+    def oldest(self) -> AnyCloud | None:
+        """The cloud that has waited longest; None where none waits."""
+        return self._stream.oldest or (self._queue[0] if self._queue else None)
 
     def wait_at_most(self, seconds: float) -> None:
-        """Let messages wait for their poses no longer than this."""
+        """Let clouds wait for their poses no longer than this."""
         self._patience = round(seconds * SECOND)
 
-    def push(self, points: Points, tag: Any, frame: str) -> Finished:
-        """Take the points of the next message; return the messages that are finished by it.
+    def push(self, cloud: AnyCloud) -> list[AnyCloud]:
+        """Take the next cloud; return the clouds that are finished by it.
 
-        ``frame`` is that of its coordinates.
+        Its ``frame`` is that of its coordinates. In the end it is empty for the one that stands
+        still, and starts with ``own:`` for others.
 
         Raises
         ------
@@ -90,25 +75,23 @@ class MovingStream:
             ``max_points``: time goes on all the same; :meth:`advance` has what that finished.
 
         """
-        t = points.t[points.valid]
-        first, last = (int(t.min()), int(t.max())) if len(t) else (END, BEGINNING)
-        self._stream.refuse_span(first, last)
-        finished: Finished = []
-        if last < self._newest - self._jump and len(t):
-            self._refuse_too_many(len(points))
+        self._stream.refuse_span(cloud.first, cloud.last)
+        finished: list[AnyCloud] = []
+        if cloud.last < self._newest - self._jump and len(cloud.points):
+            self._refuse_too_many(cloud.count)
             # A clock that was set back: the poses of before will not come any more.
             finished = self.reset()
-        self._newest = max(self._newest, last)
+        self._newest = max(self._newest, cloud.last)
         finished += self.advance()
-        if not self._queue and self._stream.held + len(points) > self._most:
-            self._stream.make_room(first, last)
+        if not self._queue and self._stream.held + cloud.count > self._most:
+            self._stream.make_room(cloud.first, cloud.last)
         try:
-            self._refuse_too_many(self._held + self._stream.held + len(points))
+            self._refuse_too_many(self._held + self._stream.held + cloud.count)
         except CloudError:
             self._answered = finished
             raise
-        self._queue.append(_WaitingCloud(points, tag, frame, first, last))
-        self._held += len(points)
+        self._queue.append(cloud)
+        self._held += cloud.count
         return finished + self.advance()
 
     def _refuse_too_many(self, total: int) -> None:
@@ -116,7 +99,7 @@ class MovingStream:
             must_be = f'at most max_points = {self._most}'
             raise CloudError('the number of points held', must_be, total)
 
-    def advance(self) -> Finished:
+    def advance(self) -> list[AnyCloud]:
         """Let go on what has its poses by now, in order."""
         finished = self._take_answered() + self._stream.advance()
         while self._queue:
@@ -129,53 +112,55 @@ class MovingStream:
             finished += self._let_go(moved=cover is Cover.YES)
         return finished
 
-    def hurry(self) -> Finished:
+    def hurry(self) -> list[AnyCloud]:
         """Answer all that is pending with what is there, and go on."""
         finished = self._let_go_all()
         return finished + self._stream.hurry()
 
-    def hurry_oldest(self) -> Finished:
+    def hurry_oldest(self) -> list[AnyCloud]:
         """Answer what has waited longest; others may still wait for their poses."""
         finished = self._take_answered()
         if not self._stream.waiting and self._queue:
             finished += self._let_go(moved=False) + self.advance()
         return finished + self._stream.hurry()
 
-    def flush(self) -> Finished:
+    def flush(self) -> list[AnyCloud]:
         """Answer all that is pending with what is there, and begin anew."""
         return self._end() + self._stream.flush()
 
-    def reset(self) -> Finished:
+    def reset(self) -> list[AnyCloud]:
         """Do as :meth:`flush`, because a clock was set back; count it."""
         return self._end() + self._stream.reset()
 
-    def _end(self) -> Finished:
+    def _end(self) -> list[AnyCloud]:
         """Let go of all that waits, and forget the poses."""
         finished = self._let_go_all()
         self._newest = BEGINNING
         self._motion.begin_anew()
         return finished
 
-    def _take_answered(self) -> Finished:
+    def _take_answered(self) -> list[AnyCloud]:
         answered, self._answered = self._answered, []
         return answered
 
-    def _let_go_all(self) -> Finished:
+    def _let_go_all(self) -> list[AnyCloud]:
         finished = self.advance()
         while self._queue:
             finished += self._let_go(moved=False)
         return finished
 
-    def _let_go(self, *, moved: bool) -> Finished:
-        """Let the first message go on."""
-        message = self._queue.popleft()
-        self._held -= len(message.points)
-        points = self._motion.move(message.points, message.frame) if moved else None
-        self.unmoved += points is None
+    def _let_go(self, *, moved: bool) -> list[AnyCloud]:
+        """Let the first cloud go on."""
+        cloud = self._queue.popleft()
+        self._held -= cloud.count
+        points = self._motion.move(cloud.points, cloud.frame) if moved else None
+        if points is None:
+            self.unmoved += 1
+            cloud.frame = f'own: {cloud.frame}'
+        else:
+            cloud.points, cloud.frame = points, ''
         try:
-            if points is None:
-                return self._stream.push(message.points, message.tag, f'own: {message.frame}')
-            return self._stream.push(points, message.tag)
+            return self._stream.push(cloud)
         except CloudError as err:
             self._refuse(err)
             return []

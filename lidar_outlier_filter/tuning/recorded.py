@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.messages.decoder import Decoder
@@ -33,25 +34,21 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class TakenCloud:
-    """A cloud that the filter takes.
+@dataclass(eq=False, kw_only=True)
+class RecordedCloud(StreamCloud):
+    """A cloud that the filter takes, its points as the detectors get them: moved, or not.
 
     Attributes
     ----------
     msg : the message
     number : of the cloud in its topic, from 0
-    points : all of it, as the detectors get it: moved, if there are poses
-    frame : points of different frames are never judged together
-    eye : (N, 3) float64 or None
-        Where the sensor was at the time of each point, if the points were moved.
+    eye : (M, 3) float64 or None
+        Where the sensor was at the time of each valid point, if the points were moved.
 
     """
 
     msg: Any
     number: int
-    points: Points
-    frame: str = ''
     eye: Floats | None = None
 
 
@@ -82,7 +79,7 @@ class RecordedClouds:
         self._wanted = topic
         self._with_eyes = with_eyes
 
-    def __iter__(self) -> Iterator[TakenCloud]:
+    def __iter__(self) -> Iterator[RecordedCloud]:
         """Read them.
 
         Raises
@@ -104,12 +101,9 @@ class RecordedClouds:
                 self.count += 1
                 try:
                     msg = _readable(message)
-                    points = decoder.decode(msg)
-                    taken = TakenCloud(msg, self.count - 1, points)
-                    if moving is None:
-                        stream.push(points, taken)
-                    else:
-                        moving.push(points, taken, str(msg.header.frame_id))
+                    points, number = decoder.decode(msg), self.count - 1
+                    frame = '' if moving is None else str(msg.header.frame_id)
+                    (moving or stream).push(RecordedCloud(points, frame, msg=msg, number=number))
                 except CloudError:
                     decoder.undo()
             yield from stream.taken()
@@ -143,29 +137,29 @@ def _readable(message: Any | None) -> Any:
     return message
 
 
-class _Recorder(Stream):
+class _Recorder(Stream[RecordedCloud]):
     """A stream that judges nothing, and notes what it takes."""
 
     def __init__(self, parameters: FilterParameters, motion: Odometry | None) -> None:
         """Take the motion that says where the sensor was; None: nobody asks."""
         super().__init__(parameters)
         self.chain = _Nothing(parameters)
-        self._taken: list[TakenCloud] = []
+        self._taken: list[RecordedCloud] = []
         self._motion = motion
 
-    def push(self, points: Points, tag: Any = None, frame: str = '') -> list[tuple[Any, Verdict]]:
-        """Take the points of the next message, in their own frame or moved."""
-        finished = super().push(points, tag, frame)
-        eye = None
-        if self._motion is not None and not frame:
+    def push(self, cloud: RecordedCloud) -> list[RecordedCloud]:
+        """Take the next cloud, in its own frame or moved."""
+        finished = super().push(cloud)
+        if self._motion is not None and not cloud.frame:
             # The sensor itself is a point at the origin of its frame.
+            points = cloud.points
             origin = replace(points, xyz=np.zeros_like(points.xyz), distance=None)
-            moved = self._motion.move(origin, str(tag.msg.header.frame_id))
-            eye = None if moved is None else moved.xyz
-        self._taken.append(replace(tag, points=points, frame=frame, eye=eye))
+            moved = self._motion.move(origin, str(cloud.msg.header.frame_id))
+            cloud.eye = None if moved is None else moved.xyz
+        self._taken.append(cloud)
         return finished
 
-    def taken(self) -> list[TakenCloud]:
+    def taken(self) -> list[RecordedCloud]:
         """Give away the clouds that were taken since."""
         taken, self._taken = self._taken, []
         return taken

@@ -11,7 +11,8 @@ import numpy as np
 
 from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain, along_lines
-from lidar_outlier_filter.core.verdict import Failed, Verdict
+from lidar_outlier_filter.core.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.labels import read_codes
@@ -133,15 +134,15 @@ def together(parts: Sequence[Training]) -> Training:
 def _stream(
     clouds: Sequence[Points], frames: Sequence[str], parameters: FilterParameters
 ) -> Verdict:
-    stream = Stream(parameters)
+    stream: Stream[StreamCloud] = Stream(parameters)
     finished = []
-    for cloud, frame in zip(clouds, frames, strict=True):
-        finished += stream.push(cloud, None, frame)
+    for points, frame in zip(clouds, frames, strict=True):
+        finished += stream.push(StreamCloud(points, frame))
     finished += stream.flush()
-    for _, verdict in finished:
-        if isinstance(verdict, Failed):
-            raise verdict.error
-    return _joined([verdict for _, verdict in finished])
+    for cloud in finished:
+        if cloud.error is not None:
+            raise cloud.error
+    return _joined([cloud.verdict for cloud in finished])
 
 
 def _joined(verdicts: Sequence[Verdict]) -> Verdict:
@@ -187,13 +188,12 @@ def from_recording(  # noqa: PLR0913  what the command line offers
     source = RecordedClouds(recording, parameters, topic, with_eyes=injected)
     clouds, frames, eyes, labels = [], [], [], []
     for cloud in source:
-        valid = cloud.points.valid
-        clouds.append(cloud.points.take(valid))
+        clouds.append(cloud.points)
         frames.append(cloud.frame)
-        eyes.append(None if cloud.eye is None else cloud.eye[valid])
+        eyes.append(cloud.eye)
         if not injected and not (files and cloud.number >= len(files)):
             path = files[cloud.number] if files else None
-            labels.append(_labels(cloud.msg, path, truth)[valid])
+            labels.append(_labels(cloud.msg, path, truth)[cloud.where])
     if files and source.count != len(files):
         must_be = f'one for each of the {source.count} clouds of {source.topic}'
         raise RecordingError('the files with labels', must_be, len(files))

@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a filter counts: clouds, points and what became of them."""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.registry import BITS
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.verdict import Verdict
+
+
+@dataclass
+class Statistics:
+    """Counts since the start.
+
+    Attributes
+    ----------
+    messages, points : clouds taken, and their points
+    invalid : missing returns (NaN, Inf, 0 0 0), which stay in the cleaned clouds
+    untested : valid points that no detector could test; they stay too
+    rejected : points by the detector that rejected them
+    undecided : points by the detector that looked at them and could not test them
+    outliers : points that went to the outlier clouds
+    passed : clouds that passed unfiltered, by the reason; their points are counted, not looked at
+    shed : clouds that were taken while the slow detectors were off
+    refused : clouds refused; refusals counts them by what was wrong
+    poses : poses that were refused, by what was wrong
+    unmoved : clouds that were judged without poses, in their own frame
+    resets : times the clock was set back
+    passes : most repetitions without the rejected that a block has needed
+    failures : blocks that a detector raised an error in
+
+    """
+
+    messages: int = 0
+    points: int = 0
+    invalid: int = 0
+    untested: int = 0
+    outliers: int = 0
+    rejected: Counter[str] = field(default_factory=Counter)
+    undecided: Counter[str] = field(default_factory=Counter)
+    passed: Counter[str] = field(default_factory=Counter)
+    refusals: Counter[str] = field(default_factory=Counter)
+    poses: Counter[str] = field(default_factory=Counter)
+    shed: int = 0
+    unmoved: int = 0
+    resets: int = 0
+    passes: int = 0
+    failures: int = 0
+
+    @property
+    def refused(self) -> int:
+        """Count the clouds refused, whatever the reason."""
+        return sum(self.refusals.values())
+
+    def copy(self) -> Statistics:
+        """Copy the counts."""
+        values = {item.name: copy.copy(getattr(self, item.name)) for item in fields(self)}
+        return Statistics(**values)
+
+    def count_passed(self, points: int, reason: str) -> None:
+        """Add a cloud that was not filtered."""
+        self.messages += 1
+        self.points += points
+        self.passed[reason] += 1
+
+    def count(self, verdict: Verdict, valid: int) -> None:
+        """Add a finished cloud."""
+        total = len(verdict)
+        self.messages += 1
+        self.points += total
+        self.invalid += total - valid
+        self.untested += valid - int(np.count_nonzero(~np.isnan(verdict.score)))
+        self.outliers += int(np.count_nonzero(verdict.rejected))
+        for counter, bits in (
+            (self.rejected, verdict.detectors),
+            (self.undecided, verdict.undecided),
+        ):
+            for name, bit in BITS.items():
+                count = int(np.count_nonzero(bits & bit))
+                if count:
+                    counter[name] += count
