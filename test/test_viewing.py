@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from nodes import line
+from nodes import flush, line, process
 
 from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
@@ -25,8 +25,8 @@ CONFIG = Path(__file__).parents[1] / 'config'
 def published(ros: Ros) -> tuple[dict[str, str], set[str]]:
     """Return the topics of a node with their types, and the fields of its outlier clouds."""
     node = ros.filter(parameters={'scores': True})
-    node.process(line(0.0))
-    (answer,) = node.flush()
+    process(node, line(0.0))
+    (answer,) = flush(node)
     fields = {str(field.name) for field in answer.outliers.fields}
     node.start()
     listed = node.get_publisher_names_and_types_by_node(NODE_NAME, '/')
