@@ -30,6 +30,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
 from live import clouds  # noqa: E402
+from nodes import process  # noqa: E402
 
 from lidar_outlier_filter.parameters.yaml_files import parse  # noqa: E402
 from lidar_outlier_filter.ros.node import OutlierFilterNode  # noqa: E402
@@ -67,7 +68,7 @@ class Soak:
         for number, (stamp, msg) in enumerate(self.clouds):
             later = stamp + self.loops * self.period
             msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(later, SECOND)
-            for answer in self.node.process(msg, (self.loops, number)):
+            for answer in process(self.node, msg, (self.loops, number)):
                 self._compare(*answer.tag, answer)
         self.loops += 1
 
@@ -95,7 +96,7 @@ def main() -> int:
     soak = Soak(
         options.recording, {'scores': True} | {key: parse(settings[key]) for key in settings}
     )
-    process, begin = psutil.Process(), time.monotonic()
+    itself, begin = psutil.Process(), time.monotonic()
     for look in range(1, LOOKS + 1):
         while soak.hours < look * options.hours / LOOKS:
             soak.loop()
@@ -103,7 +104,7 @@ def main() -> int:
         sys.stdout.write(
             f'{soak.hours:.2f} h of sensor time in {seconds:.0f} s: {soak.loops} loops, '
             f'{soak.answers} answers, {soak.different} different, '
-            f'{soak.node.statistics.refused} refused, {process.memory_info().rss / 1e6:.1f} MB\n'
+            f'{soak.node.statistics.refused} refused, {itself.memory_info().rss / 1e6:.1f} MB\n'
         )
         sys.stdout.flush()
     return 1 if soak.different or soak.node.statistics.refused else 0

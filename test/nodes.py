@@ -32,6 +32,16 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.stream.cloud_filter import Answer
 
 
+def process(node: OutlierFilterNode, msg: PointCloud2, tag: object = None) -> list[Answer]:
+    """Filter a cloud in a node that is not started; return the answers that are finished by it."""
+    return node.channels[0].worker._process(msg, tag)
+
+
+def flush(node: OutlierFilterNode) -> list[Answer]:
+    """Answer all that is pending in a node that is not started."""
+    return node.channels[0]._filter.flush()
+
+
 class Diagnosis:
     """The diagnostics of one topic."""
 

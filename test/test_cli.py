@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from argparse import ArgumentParser
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
 if TYPE_CHECKING:
@@ -140,6 +142,24 @@ def test_parameters_of_file_and_command_line(drive: Path, tmp_path: Path, capsys
         assert main([*arguments, *options, '--set', 'chain=[alpha_beta_gamma]']) == 0
         rejected.append(count(rows(capsys.readouterr().out)['rejected'][0]))
     assert rejected[0] > 2 * rejected[1]
+
+
+def test_several_parameter_files(tmp_path: Path) -> None:
+    """All of them count, and of one parameter the last file; single parameters win over both."""
+    text = '/**:\n  ros__parameters:\n    lof: {{{}}}\n'
+    files = [tmp_path / 'site.yaml', tmp_path / 'sensor.yaml']
+    files[0].write_text(text.format('min_pts: 9, threshold: 1.5'))
+    files[1].write_text(text.format('threshold: 3.0, statistic: lof2'))
+    parser = ArgumentParser()
+    add_parameter_options(parser)
+    arguments = [word for file in files for word in ('--params', str(file))]
+    options = parser.parse_args(arguments)
+    values = read_parameters(options.params, options.settings)
+    assert values == {'lof.min_pts': 9, 'lof.threshold': 3.0, 'lof.statistic': 'lof2'}
+    options = parser.parse_args([*arguments, '--set', 'lof.threshold=2.5'])
+    assert read_parameters(options.params, options.settings)['lof.threshold'] == 2.5
+    options = parser.parse_args([])
+    assert read_parameters(options.params, options.settings) == {}
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 from clouds import SECOND
 from diagnostic_msgs.msg import DiagnosticArray
 from live import PATIENCE
-from nodes import Ros, Sensor, broken, wait_for_thread
+from nodes import Ros, Sensor, broken, flush, process, wait_for_thread
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
@@ -136,7 +136,7 @@ def test_what_is_disabled_is_said(ros: Ros, sweeps: list[PointCloud2]) -> None:
 def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Neither of the clouds is made without a subscriber; all points are judged."""
     node = ros.filter('-p', 'scores:=true')
-    (answer,) = node.process(sweeps[0]) + node.flush()
+    (answer,) = process(node, sweeps[0]) + flush(node)
     assert answer.cleaned is not None
     assert answer.outliers is not None
     outliers = node.statistics.outliers
@@ -144,7 +144,7 @@ def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> N
     cleaned: list[PointCloud2] = []
 
     def taken(msg: PointCloud2) -> list[tuple[bool, bool]]:
-        made = node.process(msg) + node.flush()
+        made = process(node, msg) + flush(node)
         cleaned.extend(answer.cleaned for answer in made)
         return [(answer.cleaned is not None, answer.outliers is not None) for answer in made]
 
@@ -169,7 +169,7 @@ def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> N
 def test_the_cleaned_cloud_is_the_same(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Whether or not somebody wants the outliers."""
     node = ros.filter('-p', 'max_delay:=600.0')
-    expected = [ans for msg in sweeps for ans in node.process(msg)] + node.flush()
+    expected = [ans for msg in sweeps for ans in process(node, msg)] + flush(node)
     node.start()
     cleaned: list[PointCloud2] = []
     topic = node.cleaned_publisher.topic_name

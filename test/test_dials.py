@@ -168,6 +168,17 @@ def test_kept_parameters_stay() -> None:
     [
         ({'lof.k': [1]}, (), "must be those of alpha_beta_gamma, got 'lof.k'"),
         ({'lof.min_pts': [1]}, (), "must be those of alpha_beta_gamma, got 'lof.min_pts'"),
+        ({'motion.x': [1.0]}, (), "must be those of alpha_beta_gamma, got 'motion.x'"),
+        (
+            {'alpha_beta_gamma.sigma_field': ['a']},
+            (),
+            "must be those that can change after the start, got 'alpha_beta_gamma.sigma_field'",
+        ),
+        (
+            {'alpha_beta_gamma.order': [2]},
+            ['alpha_beta_gamma.order'],
+            'alpha_beta_gamma.order must be searched or kept, got both',
+        ),
         ({}, ['chain'], "must be those of alpha_beta_gamma, got 'chain'"),
         ({'alpha_beta_gamma.order': ['x']}, (), "order must be a whole number, got 'x'"),
         ({'alpha_beta_gamma.significance': [2.0]}, (), 'significance must be from 1e-15 to 0.5'),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 import rclpy
 from live import Program, clouds, collector, diagnoser, environment, next_status, publisher
+from nodes import flush, process
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
@@ -51,7 +52,7 @@ def direct_answers(recording: Path) -> list[Answer]:
     rclpy.init(args=[], context=context)
     node = OutlierFilterNode(context=context, use_global_arguments=False)
     messages = [deserialize_message(data, PointCloud2) for data in clouds(recording)]
-    answers = [answer for msg in messages for answer in node.process(msg)] + node.flush()
+    answers = [answer for msg in messages for answer in process(node, msg)] + flush(node)
     node.destroy_node()
     context.try_shutdown()
     assert len(answers) == len(messages)

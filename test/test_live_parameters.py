@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from nodes import Ros, Sensor, line, rejected
+from nodes import Ros, Sensor, flush, line, process, rejected
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
@@ -24,11 +24,11 @@ SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
 def test_a_set_takes_effect_with_the_next_block_and_not_before(ros: Ros) -> None:
     """A block is never torn in two: the parameters in force at its end judge all of it."""
     node = ros.filter('-p', 'block:=0.02', '-p', 'halo:=0.0', *SMOOTHER)
-    answers = [answer for i in range(5) for answer in node.process(line(0.01 * i), i)]
+    answers = [answer for i in range(5) for answer in process(node, line(0.01 * i), i)]
     assert [answer.tag for answer in answers] == [0, 1, 2, 3]  # 4 and 5 are a block
     assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
-    answers += [answer for i in range(5, 9) for answer in node.process(line(0.01 * i), i)]
-    answers += node.flush()
+    answers += [answer for i in range(5, 9) for answer in process(node, line(0.01 * i), i)]
+    answers += flush(node)
     assert rejected(answers) == [1, 1, 1, 1, 0, 0, 0, 0, 0]
 
 

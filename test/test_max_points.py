@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from nodes import Ros, line
+from nodes import Ros, flush, line, process
 from profile_scanner import SHOTS, Drive
 from test_blocks import BLOCK, HALO, expected_scores, points_at, random_times, stream
 from test_motion import Moving
@@ -200,8 +200,8 @@ def test_with_poses() -> None:
 def test_live(ros: Ros) -> None:
     """A refused cloud sends off the answers that it has completed."""
     node = ros.filter(parameters={'block': 0.01, 'halo': 0.0, 'max_points': 100})
-    assert node.process(line(0), 0) == []
-    assert [answer.tag for answer in node.process(line(0.02, 101), 1)] == [0]
-    assert node.process(line(0.04), 2) == []
-    assert [answer.tag for answer in node.flush()] == [2]
+    assert process(node, line(0), 0) == []
+    assert [answer.tag for answer in process(node, line(0.02, 101), 1)] == [0]
+    assert process(node, line(0.04), 2) == []
+    assert [answer.tag for answer in flush(node)] == [2]
     assert node.statistics.refused == 1

@@ -15,7 +15,7 @@ import pytest
 import rclpy
 from clouds import SECOND
 from live import PATIENCE, clouds
-from nodes import Ros, Sensor, broken, line, rejected, wait_for_thread
+from nodes import Ros, Sensor, broken, flush, line, process, rejected, wait_for_thread
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
@@ -103,11 +103,11 @@ def test_says_once_that_it_is_ready(
 def test_one_answer_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """Each cloud has one answer with its tag and header, refused ones have none; all is counted."""
     node = ros.filter(parameters=STRICT)
-    answers = node.process(sweeps[0], 0)
-    assert node.process(broken(), 'broken') == []
+    answers = process(node, sweeps[0], 0)
+    assert process(node, broken(), 'broken') == []
     for tag, msg in enumerate(sweeps[1:], 1):
-        answers += node.process(msg, tag)
-    answers += node.flush()
+        answers += process(node, msg, tag)
+    answers += flush(node)
     assert [answer.tag for answer in answers] == [0, 1, 2, 3]
     for answer, msg in zip(answers, sweeps, strict=True):
         assert answer.cleaned.header == answer.outliers.header == msg.header
@@ -125,7 +125,7 @@ def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFi
     """A sensor that sends nonsense at 20 Hz does not fill the log."""
     node = ros.filter()
     for _ in range(20):
-        assert node.process(broken()) == []
+        assert process(node, broken()) == []
     assert node.statistics.refused == 20
     said = capfd.readouterr().err
     assert said.count('refused a cloud') == 1
@@ -136,8 +136,8 @@ def test_answers_are_messages_that_publish_fast(ros: Ros, recordings: Path) -> N
     """Answers are PointCloud2, with data that ROS copies as a whole: 6 MB in a few ms, not 1 s."""
     node = ros.filter()
     stored = clouds(recordings / 'bags' / 'os1_128_db3')
-    node.process(deserialize_message(stored[0], PointCloud2))
-    (answer,) = node.flush()
+    process(node, deserialize_message(stored[0], PointCloud2))
+    (answer,) = flush(node)
     for msg in (answer.cleaned, answer.outliers):
         assert type(msg) is PointCloud2
         assert isinstance(msg.data, array.array)
@@ -206,7 +206,7 @@ def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) ->
     By the default chain, and what is published is what a direct call answers.
     """
     direct = ros.filter(namespace='direct', parameters=STRICT)
-    expected = [answer for msg in sweeps for answer in direct.process(msg)] + direct.flush()
+    expected = [answer for msg in sweeps for answer in process(direct, msg)] + flush(direct)
     reliable = 'qos_overrides./points.subscription.reliability:=reliable'
     node = ros.filter('-p', reliable, parameters=STRICT)
     node.start()
@@ -254,7 +254,7 @@ def test_a_context_of_its_own_that_ends(ros: Ros, sweeps: list[PointCloud2]) -> 
     rclpy.init(args=[], context=context, domain_id=ros.context.get_domain_id())
     node = OutlierFilterNode(context=context)
     node.start()
-    node.process(sweeps[0])
+    process(node, sweeps[0])
     with ThreadPoolExecutor(1) as pool:
         serving = pool.submit(node_module._serve, node, threading.Event())
         Sensor(ros, '/points').wait_for_filter(node)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from nodes import Ros, line, rejected
+from nodes import Ros, flush, line, process, rejected
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
@@ -72,11 +72,11 @@ def limits(descriptor: ParameterDescriptor) -> list[tuple[float, float]]:
 def test_a_parameter_is_effective_for_the_next_clouds(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """With a standard deviation of 100 m there are no outliers any more; before, there were."""
     node = ros.filter('-p', 'chain:=[alpha_beta_gamma]')
-    before = [answer for msg in sweeps[:2] for answer in node.process(msg)]
+    before = [answer for msg in sweeps[:2] for answer in process(node, msg)]
     assert before
     assert min(rejected(before)) > 100
     assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
-    after = [answer for msg in sweeps[2:] for answer in node.process(msg)] + node.flush()
+    after = [answer for msg in sweeps[2:] for answer in process(node, msg)] + flush(node)
     assert len(before) + len(after) == 4
     assert rejected(after)[-2:] == [0, 0]
 
@@ -84,9 +84,9 @@ def test_a_parameter_is_effective_for_the_next_clouds(ros: Ros, sweeps: list[Poi
 def test_a_cloud_that_waits_keeps_its_form(ros: Ros) -> None:
     """Scores that are asked for while a cloud waits are for those after it."""
     node = ros.filter()
-    assert node.process(line(0.0), 'before') == []
+    assert process(node, line(0.0), 'before') == []
     assert ros.set(scores=True) == ['']
-    answers = node.process(line(0.2), 'after') + node.flush()
+    answers = process(node, line(0.2), 'after') + flush(node)
     with_scores = {
         answer.tag: 'outlier_score' in [item.name for item in answer.cleaned.fields]
         for answer in answers

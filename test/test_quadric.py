@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windo
 from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.tree_search import height
+from lidar_outlier_filter.core.neighbours.tree_steps import height
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.detectors import Quadric
 

@@ -242,6 +242,11 @@ def test_refused_clouds_are_told(bag: Path, tmp_path: Path, capsys: Capture) -> 
         (['--inject', '0.1', '--codes', '7'], '--inject must be given without labels, got both'),
         (['--inject', '0.1', '--inject-distance', '2', '1'], 'HIGH > 2 LOW > 0, got 2 and 1'),
         (['--search', 'sor.k=5'], "must be those of evidence, got 'sor.k'"),
+        (['--search', 'motion.x=1'], "must be those of evidence, got 'motion.x'"),
+        (
+            ['--search', 'evidence.threshold=1', '--search', 'evidence.threshold=2'],
+            '--search must be given once for evidence.threshold, got more than once',
+        ),
         (['--search', 'order'], "--search must be NAME=V,V,..., got 'order'"),
         (['--search', 'alpha_beta_gamma.order=: :'], "must be YAML, got ': :'"),
         (['--keep', 'chain'], "must be those of evidence, got 'chain'"),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
-from nodes import line
+from nodes import flush, line, process
 
 from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.messages.cloud import NUMBER, first_numbers
@@ -64,8 +64,8 @@ OF_A_COLOUR = {
 def published(ros: Ros) -> tuple[dict[str, str], set[str]]:
     """Return the topics of a node with their types, and the fields of its outlier clouds."""
     node = ros.filter(parameters={'scores': True})
-    node.process(line(0.0))
-    (answer,) = node.flush()
+    process(node, line(0.0))
+    (answer,) = flush(node)
     fields = {str(field.name) for field in answer.outliers.fields}
     node.start()
     listed = node.get_publisher_names_and_types_by_node(NODE_NAME, '/')

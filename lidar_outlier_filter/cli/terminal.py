@@ -62,7 +62,12 @@ def progress_bar(text: str) -> Iterator[Advance]:
 def add_parameter_options(parser: ArgumentParser) -> None:
     """Add --params and --set, which :func:`read_parameters` reads."""
     parser.add_argument(
-        '--params', type=Path, metavar='FILE', help='ROS parameter file (YAML), as for the node'
+        '--params',
+        type=Path,
+        action='append',
+        default=[],
+        metavar='FILE',
+        help='ROS parameter file (YAML), as for the node; may be repeated, later files win',
     )
     parser.add_argument(
         '--set',
@@ -70,17 +75,19 @@ def add_parameter_options(parser: ArgumentParser) -> None:
         default=[],
         dest='settings',
         metavar='NAME=VALUE',
-        help='set one parameter, after those of the file; may be repeated',
+        help='set one parameter, after those of the files; may be repeated',
     )
 
 
-def read_parameters(file: Path | None, settings: Iterable[str]) -> dict[str, object]:
-    """Take parameters from a file, then single ones from NAME=VALUE."""
+def read_parameters(files: Iterable[Path], settings: Iterable[str]) -> dict[str, object]:
+    """Take parameters from files, in their order, then single ones from NAME=VALUE."""
     import yaml
 
     from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml
 
-    values = {} if file is None else read_yaml(file)
+    values: dict[str, object] = {}
+    for file in files:
+        values.update(read_yaml(file))
     for setting in settings:
         name, equals, text = setting.partition('=')
         if not equals:

@@ -149,7 +149,7 @@ def _run(options: argparse.Namespace) -> int:
     check_confidence(options.confidence)
     goal = Goal(options.by, options.most_lost)
     parameters = FilterParameters().changed(read_parameters(options.params, options.settings))
-    wanted = dict(_parse_search(text) for text in options.searched)
+    wanted = _parse_searches(options.searched)
     with stopping() as leave_if_asked, progress_bar('tuning') as show:
 
         def progress(done: int, total: int, what: str) -> None:
@@ -182,6 +182,17 @@ def _default_output(data: Path) -> Path:
     path = data.resolve()
     name = path.name if path.is_dir() else path.stem
     return path.with_name(f'{name}_tuned.yaml')
+
+
+def _parse_searches(texts: Sequence[str]) -> dict[str, Sequence[object]]:
+    """Read the values to try, by parameter; each is named once."""
+    wanted: dict[str, Sequence[object]] = {}
+    for text in texts:
+        name, values = _parse_search(text)
+        if name in wanted:
+            raise ParameterError('--search', f'given once for {name}', 'more than once')
+        wanted[name] = values
+    return wanted
 
 
 def _parse_search(text: str) -> tuple[str, Sequence[object]]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 # Radians. Steps up to here may be noise: laser beams of one shot lie side by side, and coordinates
 # of near points are rounded.
 NOISE = np.pi / 6
+INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,16 @@ def line_starts(line: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.zeros(1, np.int64)
     inner = np.flatnonzero(line[1:] != line[:-1]) + 1
     return np.concatenate(([0], inner, [len(line)])).astype(np.int64)
+
+
+def is_interleaved(t: NDArray[np.int64], first: NDArray[np.int64]) -> bool:
+    """Return by points that are sorted by line and time whether the sensor spins.
+
+    A profile scanner measures one line after the other; a spinning sensor, many at once. ``first``
+    is where each line begins.
+    """
+    begins, ends = t[first[:-1]], t[first[1:] - 1]
+    return bool((ends - begins).sum() > INTERLEAVED * (ends.max() - begins.min()))
 
 
 @kernel

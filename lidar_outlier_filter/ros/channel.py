@@ -15,11 +15,10 @@ from lidar_outlier_filter.ros.publisher import AnswerPublisher
 from lidar_outlier_filter.ros.receiver import CloudReceiver
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import Worker
-from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
+from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 
 if TYPE_CHECKING:
     from rclpy.node import Node
-    from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.errors import CloudError, JudgingError
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -105,14 +104,6 @@ class Channel:
         """Let go of all that was received: there is nobody to send the answers to."""
         self.worker.inbox.close(discard=True)
         self.worker.join()
-
-    def process(self, msg: PointCloud2, tag: object = None) -> list[Answer]:
-        """Filter a cloud at once, in a channel that is not started; return finished answers."""
-        return self.worker.process(msg, tag)
-
-    def flush(self) -> list[Answer]:
-        """Answer all that is pending, and begin anew, in a channel that is not started."""
-        return self._filter.flush()
 
     def _remarks(self) -> list[str]:
         remarks = []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node: parameters, subscription, process(msg), publishers."""
+"""The node: parameters, a channel for each topic, services and diagnostics."""
 
 from __future__ import annotations
 
@@ -32,10 +32,8 @@ if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.executors import Executor
     from rclpy.publisher import Publisher
-    from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.stream.cloud_filter import Answer
     from lidar_outlier_filter.stream.statistics import Statistics
 
 POINTS = 'points'
@@ -132,17 +130,6 @@ class OutlierFilterNode(TunableNode):
             channel.start()
         topics = [channel.resolved for channel in self.channels]
         self.get_logger().info(ready_line(self.filter_parameters, topics))
-
-    def process(self, msg: PointCloud2, tag: object = None) -> list[Answer]:
-        """Filter the next cloud; return the answers that are finished by it, the oldest first.
-
-        A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
-        """
-        return self.channels[0].process(msg, tag)
-
-    def flush(self) -> list[Answer]:
-        """Answer all that is pending, and begin anew."""
-        return self.channels[0].flush()
 
     def finish(self) -> None:
         """Answer and publish all that was received, before the node goes.

@@ -186,7 +186,7 @@ class Worker:
         else:
             self._filter.shed(on=treatment is Treatment.SHED)
             resets = self._filter.statistics.resets
-            self._publish(self.process(received.msg, received))
+            self._publish(self._process(received.msg, received))
             if self._filter.statistics.resets > resets:
                 self._set_back_at = self.clock.steady_now()
         seconds = perf_counter() - began
@@ -224,13 +224,6 @@ class Worker:
 
     # In any one thread ------------------------------------------------------------------------
 
-    def process(self, msg: PointCloud2, tag: object = None) -> list[Answer]:
-        """Filter the next cloud; return the answers that are finished by it, the oldest first.
-
-        A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
-        """
-        return self._process(msg, tag, '' if self.enabled else 'disabled')
-
     def finish(self) -> None:
         """Filter and publish what is left, once the inbox is closed."""
         self.join()
@@ -239,7 +232,13 @@ class Worker:
         self._health.counted(self._filter.statistics)
         self._publisher.wait()
 
-    def _process(self, msg: PointCloud2, tag: object, passed: str) -> list[Answer]:
+    def _process(self, msg: PointCloud2, tag: object, passed: str = '') -> list[Answer]:
+        """Filter the next cloud; return the answers that are finished by it, the oldest first.
+
+        A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
+        ``passed`` says why it is not to be filtered.
+        """
+        passed = passed or ('' if self.enabled else 'disabled')
         if self._thread is not None:
             self._filter.wanted = self._publisher.wanted
         try:

@@ -53,7 +53,8 @@ def searches(
     Raises
     ------
     ParameterError
-        If a parameter is not one of a detector of the chain, or none of its values makes sense.
+        If a parameter is not one of a detector of the chain, shapes the points that are read, or is
+        both searched and kept; or if none of its values makes sense.
 
     """
     wanted, kept = dict(wanted or {}), set(kept)
@@ -62,6 +63,13 @@ def searches(
         if name not in known or name.partition('.')[0] not in parameters.chain:
             must_be = f'those of {", ".join(parameters.chain)}'
             raise ParameterError('the parameters to search', must_be, repr(name))
+    for name in wanted:
+        # The points are read once.
+        if known[name].fixed:
+            must_be = 'those that can change after the start'
+            raise ParameterError('the parameters to search', must_be, repr(name))
+        if name in kept:
+            raise ParameterError(name, 'searched or kept', 'both')
     checked = {
         name: tuple(known[name].check(value) for value in values) for name, values in wanted.items()
     }

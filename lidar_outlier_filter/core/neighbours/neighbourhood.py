@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.neighbours import tree_search, tree_walks
+from lidar_outlier_filter.core.neighbours import tree_search, tree_steps, tree_walks
 from lidar_outlier_filter.core.neighbours.tree_build import Tree, build, prune
 from lidar_outlier_filter.errors import FilterError
 
@@ -254,7 +254,7 @@ class Neighbourhood:
     def _search(self, nearest: Nearest, wanted: Bools) -> None:
         """Write the lists of the wanted points."""
         order, xyz, tree = self._build()
-        levels, leaves = tree_search.height(tree), tree_search.leaves(tree)
+        levels, leaves = tree_steps.height(tree), tree_steps.leaves(tree)
         pool.run(
             lambda i, j: tree_search.search(
                 xyz, order, tree, leaves[i:j], levels, wanted, nearest.index, nearest.tied
@@ -279,7 +279,7 @@ class Neighbourhood:
         if which.ndim != 1 or (len(which) > 0 and not 0 <= which.min() <= which.max() < len(self)):
             raise FilterError('places in tree order', f'(M,) from 0 to {len(self) - 1}', which)
         _, xyz, tree = self._build()
-        return xyz, tree, tree_search.height(tree)
+        return xyz, tree, tree_steps.height(tree)
 
     def _in_threads(self, work: Callable[[int, int], None], count: int) -> None:
         pool.run(work, count, ROWS, self._threads)

@@ -14,7 +14,7 @@ import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.scan_lines import line_starts, order_by_line
+from lidar_outlier_filter.core.scan_lines import is_interleaved, line_starts, order_by_line
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,7 +36,6 @@ FEWEST = 2 * LAG  # returns of a ring that show how fast the head turns
 EVEN_FROM, EVEN_TO, EVEN = 0.5, 1.75, 0.8
 STEADY = 0.9  # share of the steps along rings that go the way the head turns: less is no pattern
 LINES_AT_ONCE, AT_ONCE = 4, 1 << 14  # lines, and points, that a thread takes
-INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
 PAD = 40  # places: as many as are looked at side by side, and a window's
 LEAST_GAP = 1e-4  # rad between rings
 NOWHERE = 1e9  # rad: the phase where there is no point
@@ -109,48 +108,83 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
     if len(points) < FEWEST:
         return None
     order = order_by_line(points)
-    first = line_starts(points.line[order])
-    t = points.t[order]
-    if not spins and not _is_interleaved(t, first):
+    t, first = points.t[order], line_starts(points.line[order])
+    if not spins and not is_interleaved(t, first):
         return None
-    xyz, distance = points.xyz, points.range
-    azimuth, up = np.empty(len(points)), np.empty(len(points))
-
-    pool.run(
-        lambda i, j: _look(xyz, distance, order, i, j, azimuth, up), len(order), AT_ONCE, threads
-    )
-    rate = _rate(azimuth, t, first)
-    if not abs(rate) > 0.0:
+    lines = OrderedLines(points.xyz, points.range, order, first)
+    turned = _turn(lines, t, threads)
+    if turned is None:
         return None
-    lines = len(first) - 1
-    steady = np.zeros(lines, np.int64)
-    phase = np.empty(len(points))
-    pool.run(
-        lambda i, j: _unwrap(azimuth, t, first, rate, i, j, phase, steady),
-        lines,
-        LINES_AT_ONCE,
-        threads,
-    )
-    if steady.sum() < STEADY * len(points):
-        return None
-    pool.run(
-        lambda i, j: _sort(xyz, distance, first, i, j, phase, order, up),
-        lines,
-        LINES_AT_ONCE,
-        threads,
-    )
-    # The sorted points do not depend on the order given, and neither does the first of them.
-    origin = np.floor(xyz[order[0]])
-    elevation, step = np.empty(lines), np.empty(lines)
-    _typical(up, phase, first, elevation, step)
+    elevation, step = np.empty(len(first) - 1), np.empty(len(first) - 1)
+    _typical(turned.up, turned.phase, first, elevation, step)
     rank = np.argsort(elevation, kind='stable')
     between = _spacings(elevation[rank])
     if not _is_even(between):
         return None
-    sizes = np.diff(first)[rank]
+    level = (step * np.sqrt(1.0 - elevation**2))[rank].astype(np.float32)
+    placed = make_pattern(np.diff(first)[rank], level, _gaps(between))
+    pool.run(
+        lambda i, j: place(lines, turned.phase, rank, i, j, placed),
+        len(rank),
+        LINES_AT_ONCE,
+        threads,
+    )
+    return placed
+
+
+class OrderedLines(NamedTuple):
+    """Points as given, and their order by line.
+
+    Attributes
+    ----------
+    xyz, distance : (N, 3), (N,) float64
+        As given, metres.
+    order : (N,) int64
+        The index, as given, of each point sorted by line.
+    first : (L + 1,) int64
+        Where each line begins in the order.
+
+    """
+
+    xyz: Floats
+    distance: Floats
+    order: Ints
+    first: Ints
+
+
+class _Turned(NamedTuple):
+    """Of each point in the order of its ring: the angle turned, rad, and the sine of elevation."""
+
+    phase: Floats
+    up: Floats
+
+
+def _turn(lines: OrderedLines, t: Ints, threads: int) -> _Turned | None:
+    """Sort each ring by the angle turned; None where the head does not turn steadily."""
+    count, number = len(t), len(lines.first) - 1
+    azimuth, up, phase = np.empty(count), np.empty(count), np.empty(count)
+    pool.run(lambda i, j: _look(lines, i, j, azimuth, up), count, AT_ONCE, threads)
+    rate = _rate(azimuth, t, lines.first)
+    if not abs(rate) > 0.0:
+        return None
+    steady = np.zeros(number, np.int64)
+    pool.run(
+        lambda i, j: _unwrap(azimuth, t, lines.first, rate, i, j, phase, steady),
+        number,
+        LINES_AT_ONCE,
+        threads,
+    )
+    if steady.sum() < STEADY * count:
+        return None
+    pool.run(lambda i, j: sort_lines(lines, i, j, phase, up), number, LINES_AT_ONCE, threads)
+    return _Turned(phase, up)
+
+
+def make_pattern(sizes: Ints, step: Singles, gap: Singles) -> Pattern:
+    """Make a pattern of lines of so many points, whose places have no points yet."""
     begins = PAD + np.concatenate([[0], np.cumsum(sizes + PAD)])[:-1]
-    count = len(points) + (lines + 1) * PAD
-    placed = Pattern(
+    count = int(sizes.sum()) + (len(sizes) + 1) * PAD
+    return Pattern(
         np.full(count, -1),
         begins,
         begins + sizes,
@@ -159,22 +193,9 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
         np.zeros(count, np.float32),
         np.ones(count, np.float32),
         np.full(count, NOWHERE, np.float32),
-        (step * np.sqrt(1.0 - elevation**2))[rank].astype(np.float32),
-        _gaps(between),
+        step,
+        gap,
     )
-    pool.run(
-        lambda i, j: _place(xyz, distance, origin, phase, order, first, rank, i, j, placed),
-        lines,
-        LINES_AT_ONCE,
-        threads,
-    )
-    return placed
-
-
-def _is_interleaved(t: Ints, first: Ints) -> bool:
-    """Return whether several lines are measured at once."""
-    begins, ends = t[first[:-1]], t[first[1:] - 1]
-    return bool((ends - begins).sum() > INTERLEAVED * (ends.max() - begins.min()))
 
 
 def _spacings(sine: Floats) -> Floats:
@@ -220,9 +241,8 @@ def arctangent(y: float, x: float) -> float:
 
 
 @kernel
-def _look(
-    xyz: Floats, distance: Floats, order: Ints, begin: int, end: int, azimuth: Floats, up: Floats
-) -> None:
+def _look(lines: OrderedLines, begin: int, end: int, azimuth: Floats, up: Floats) -> None:
+    xyz, distance, order, _ = lines
     for k in range(begin, end):
         i = order[k]
         azimuth[k] = arctangent(xyz[i, 1], xyz[i, 0])
@@ -284,24 +304,16 @@ def _unwrap(
 
 
 @kernel
-def _sort(
-    xyz: Floats,
-    distance: Floats,
-    first: Ints,
-    begin: int,
-    end: int,
-    phase: Floats,
-    order: Ints,
-    up: Floats,
-) -> None:
+def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> None:
     """Sort each line by phase; of one phase, by range and place, whatever the order given."""
+    order, first = lines.order, lines.first
     for line in range(begin, end):
         low, high = first[line], first[line + 1]
         for k in range(low + 1, high):
             if phase[k] > phase[k - 1]:
                 continue
             m = k
-            while m > low and _is_before(xyz, distance, phase, order, m, m - 1):
+            while m > low and _is_before(lines, phase, m, m - 1):
                 phase[m], phase[m - 1] = phase[m - 1], phase[m]
                 order[m], order[m - 1] = order[m - 1], order[m]
                 up[m], up[m - 1] = up[m - 1], up[m]
@@ -309,9 +321,10 @@ def _sort(
 
 
 @kernel
-def _is_before(xyz: Floats, distance: Floats, phase: Floats, order: Ints, a: int, b: int) -> bool:
+def _is_before(lines: OrderedLines, phase: Floats, a: int, b: int) -> bool:
     if phase[a] != phase[b]:
         return bool(phase[a] < phase[b])
+    xyz, distance, order, _ = lines
     i, j = order[a], order[b]
     if distance[i] != distance[j]:
         return bool(distance[i] < distance[j])
@@ -343,20 +356,13 @@ def _typical(up: Floats, phase: Floats, first: Ints, elevation: Floats, step: Fl
 
 
 @kernel
-def _place(
-    xyz: Floats,
-    distance: Floats,
-    origin: Floats,
-    phase: Floats,
-    order: Ints,
-    first: Ints,
-    rank: Ints,
-    begin: int,
-    end: int,
-    placed: Pattern,
+def place(
+    lines: OrderedLines, phase: Floats, rank: Ints, begin: int, end: int, placed: Pattern
 ) -> None:
     """Write the lines from the lowest on."""
-    start = phase[first[0]]
+    xyz, distance, order, first = lines
+    # The sorted points do not depend on the order given, and neither does the first of them.
+    origin, start = np.floor(xyz[order[0]]), phase[first[0]]
     x, y, z, reach = placed.x, placed.y, placed.z, placed.range
     turned, given = placed.phase, placed.order
     for line in range(begin, end):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.neighbours.tree_search import gap, push
+from lidar_outlier_filter.core.neighbours.tree_steps import gap, push
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -50,13 +50,13 @@ from lidar_outlier_filter.core.detectors.evidence.features import (
     FEATURES,
     compute,
     compute_again,
-    is_interleaved,
     see,
     see_without,
     weigh,
 )
 from lidar_outlier_filter.core.detectors.evidence.groups import straightness
 from lidar_outlier_filter.core.detectors.evidence.surface import K
+from lidar_outlier_filter.core.scan_lines import is_interleaved
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -140,7 +140,10 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
 def compute_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Features]:
     """Choose the weights of the sensor that saw all points, and receive what is said of them."""
     sensor = parameters.evidence.sensor
-    spinning = is_interleaved(scan) if sensor == 'auto' else sensor == 'spinning'
+    if sensor == 'auto':
+        spinning = is_interleaved(scan.ordered.t, scan.lines.first)
+    else:
+        spinning = sensor == 'spinning'
     weights = parameters.evidence_spinning if spinning else parameters.evidence_profile
     return weights, compute(scan, spinning=spinning)
 

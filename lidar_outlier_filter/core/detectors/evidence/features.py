@@ -43,7 +43,6 @@ FOR = -1.0  # the least contribution of a surface: the point lies on it
 EVEN = 1.3  # × the typical standard deviation: a surface up to which is even
 OF_ALL = 0.3  # part of the σ of all points that is added to that of the neighbours
 FEW_LOST = 1 / 3  # of the neighbours: more raise the score of a point, fewer lower it
-INTERLEAVED = 2.0  # lines that are measured at once, on average, from which on a sensor spins
 
 
 class Scan(NamedTuple):
@@ -133,16 +132,6 @@ def see_without(scan: Scan, rejected: Bools, gap_factor: float) -> Scan:
     lines = scan_lines.find_lines(ordered, gap_factor)
     neighbourhood = scan.neighbourhood.without(as_given)
     return Scan(neighbourhood, ordered, lines, scan_lines.inverse(back), back)
-
-
-def is_interleaved(scan: Scan) -> bool:
-    """Return by the lines whether the sensor spins.
-
-    A profile scanner measures one line after the other; a spinning sensor, many at once.
-    """
-    t, first = scan.ordered.t, scan.lines.first
-    begins, ends = t[first[:-1]], t[first[1:] - 1]
-    return bool((ends - begins).sum() > INTERLEAVED * (ends.max() - begins.min()))
 
 
 def compute(scan: Scan, *, spinning: bool) -> Features:

@@ -23,7 +23,7 @@ import numpy as np
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.detectors.hierarchical.spanning_tree import Edges, lengths
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.neighbours.tree_search import gap, height
+from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

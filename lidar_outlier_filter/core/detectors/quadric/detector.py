@@ -14,7 +14,7 @@ from lidar_outlier_filter.core import threads
 from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windows
 from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
 from lidar_outlier_filter.core.detectors.quadric.statistics import Rules
-from lidar_outlier_filter.core.neighbours.tree_search import height
+from lidar_outlier_filter.core.neighbours.tree_steps import height
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:

@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What searches of a kd-tree share: room to work in, its leaves, and the gap to a box.
+
+Distances are squared everywhere. The gap to a box is never more than the distance to a point in it,
+not even by rounding, because both are computed alike and every operation rounds monotonically: what
+is left out for a gap strictly greater than a bound could not have tied with it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.neighbours.tree_build import LEAF
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.neighbours.tree_build import Tree
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Box = tuple[float, float, float, float, float, float]  # low corner, high corner
+
+ROOM, ROOM_EACH = 512, 16  # candidates that are held: so many, and so many more for each neighbour
+
+
+class Room(NamedTuple):
+    """Room to work in, for one thread, in rows of R.
+
+    Attributes
+    ----------
+    x, y, z : (R,) float64
+        Coordinates of the candidates side by side.
+    place : (R,) int64
+        Their places in tree order.
+    distance : (R,) float64
+        Theirs from the point that is searched, squared.
+    few, few_place : (R,) float64, int64
+        Distances and places of those that may be among its k nearest.
+    best, best_place : (R,) float64, int64
+        The same, sorted.
+    nodes, gaps : (H,) int64, float64
+        A stack for walks through the tree.
+
+    """
+
+    x: Floats
+    y: Floats
+    z: Floats
+    place: Ints
+    distance: Floats
+    few: Floats
+    few_place: Ints
+    best: Floats
+    best_place: Ints
+    nodes: Ints
+    gaps: Floats
+
+
+@kernel
+def make_room(k: int, levels: int) -> Room:
+    """Make room for searches of k neighbours in a tree of so many levels."""
+    floats = np.empty((6, ROOM + ROOM_EACH * k))
+    ints = np.empty((3, ROOM + ROOM_EACH * k), np.int64)
+    return Room(
+        *(floats[0], floats[1], floats[2], ints[0], floats[3], floats[4], ints[1]),
+        *(floats[5], ints[2], np.empty(levels + 1, np.int64), np.empty(levels + 1)),
+    )
+
+
+@kernel
+def height(tree: Tree) -> int:
+    """Count the levels of a tree."""
+    level = np.ones(len(tree.child), np.int64)
+    for node in range(len(level)):
+        child = tree.child[node]
+        if child >= 0:
+            level[child] = level[child + 1] = level[node] + 1
+    return int(level.max())
+
+
+@kernel
+def leaves(tree: Tree) -> Ints:
+    """List the leaves in the order of their points."""
+    found, stack = np.empty(len(tree.child), np.int64), np.empty(len(tree.child), np.int64)
+    count, stack[0], waiting = 0, 0, 1
+    while waiting > 0:
+        node = stack[waiting - 1]
+        child = tree.child[node]
+        if child >= 0:
+            stack[waiting - 1], stack[waiting] = child + 1, child
+            waiting += 1
+        else:
+            found[count] = node
+            count, waiting = count + 1, waiting - 1
+    return found[:count].copy()
+
+
+@kernel
+def gap(tree: Tree, node: int, box: Box) -> float:
+    """Return the squared distance between a box, which may be a point, and that of a node."""
+    dx = max(tree.low[node, 0] - box[3], box[0] - tree.high[node, 0], 0.0)
+    dy = max(tree.low[node, 1] - box[4], box[1] - tree.high[node, 1], 0.0)
+    dz = max(tree.low[node, 2] - box[5], box[2] - tree.high[node, 2], 0.0)
+    return float((dx * dx + dy * dy) + dz * dz)
+
+
+@kernel
+def seen(tree: Tree, leaf: int, k: int) -> int:
+    """Return where the points of a leaf end that can be among anybody's k nearest, or tied.
+
+    Where more coincide than a leaf holds, only the first: they are those of the lowest index. One
+    of them may be the point that is searched, and one more says that there is a tie.
+    """
+    first, last = tree.first[leaf], tree.last[leaf]
+    return int(last if last - first <= LEAF else min(last, first + k + 2))
+
+
+@kernel
+def push(tree: Tree, node: int, box: Box, nodes: Ints, gaps: Floats, waiting: int) -> int:
+    """Put the children of a node on the stack, the nearer one on top."""
+    near = tree.child[node]
+    far = near + 1
+    near_gap, far_gap = gap(tree, near, box), gap(tree, far, box)
+    if far_gap < near_gap:
+        near, far, near_gap, far_gap = far, near, far_gap, near_gap
+    nodes[waiting], gaps[waiting] = far, far_gap
+    nodes[waiting + 1], gaps[waiting + 1] = near, near_gap
+    return waiting + 2
