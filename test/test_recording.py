@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.recordings.bags import Recording
@@ -18,6 +19,7 @@ from lidar_outlier_filter.simulation.particles import Fall, Puff
 from lidar_outlier_filter.simulation.recording import POINT, clouds, record
 from lidar_outlier_filter.simulation.scene import Cause, Kind, Rays, Scene
 from lidar_outlier_filter.simulation.sensors import ProfileScanner, _strongest
+from lidar_outlier_filter.simulation.spinning_streets import RAIN, SNOW
 from lidar_outlier_filter.simulation.surfaces import (
     BarrierArm,
     Box,
@@ -26,6 +28,8 @@ from lidar_outlier_filter.simulation.surfaces import (
     Pole,
 )
 from lidar_outlier_filter.simulation.trajectory import Trajectory
+from lidar_outlier_filter.simulation.weather.beams import Optics
+from lidar_outlier_filter.simulation.weather.drops import Precipitation
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -142,12 +146,12 @@ def test_puff_follows_beer_lambert() -> None:
     puff = Puff((10.0, 0.0, 0.0), (0.5, 0.5, 0.5), density=0.8)
     count = 100_000
     rng = np.random.default_rng(1).random(count)
-    far = puff.meet(parallel(count), np.full(count, np.inf), rng)
+    far = puff.meet(parallel(count), np.full(count, np.inf), np.zeros(count), rng)
     met = np.isfinite(far)
     share = -np.expm1(-0.8 * 0.5 * np.sqrt(2 * np.pi))
     assert met.mean() == pytest.approx(share, abs=0.005)
     assert far[met].mean() < 10.0  # the near side is met more often
-    wall = puff.meet(parallel(count), np.full(count, 9.8), rng)
+    wall = puff.meet(parallel(count), np.full(count, 9.8), np.ones(count), rng)
     assert wall[np.isfinite(wall)].max() <= 9.8
     np.testing.assert_array_equal(far[far < 9.8], wall[np.isfinite(wall)])
 
@@ -156,21 +160,47 @@ def test_puff_drifts() -> None:
     """A puff that moves sends back where it has moved to."""
     puff = Puff((10.0, 0.0, 0.0), (0.5, 0.5, 0.5), 0.8, velocity=(2.0, 0.0, 0.0))
     rng = np.random.default_rng(1).random(10_000)
-    now, later = (puff.meet(parallel(10_000, t), np.full(10_000, 99.0), rng) for t in (0.0, 1.5))
+    now, later = (
+        puff.meet(parallel(10_000, t), np.full(10_000, 99.0), np.ones(10_000), rng)
+        for t in (0.0, 1.5)
+    )
     met = np.isfinite(now)
     np.testing.assert_array_equal(met, np.isfinite(later))
     np.testing.assert_allclose(later[met], now[met] + 3.0)
 
 
-def test_rain_and_snow_fade_with_the_range() -> None:
-    """As many rays are sent back before any range as the stated density sums up to."""
-    snow, count = Fall(Cause.SNOW, density=0.05, fade=4.0), 100_000
-    far = snow.meet(parallel(count), np.full(count, 50.0), np.random.default_rng(2).random(count))
-    for reach in (1.0, 4.0, 12.0, 49.9):
-        depth = np.trapezoid(0.05 / (1 + (np.linspace(0, reach, 9999) / 4) ** 2), dx=reach / 9998)
-        share = -np.expm1(-depth)
-        assert (far < reach).mean() == pytest.approx(share, abs=float(4 * np.sqrt(share / count)))
-    assert far[np.isfinite(far)].max() < 50.0
+def test_ranges_of_a_fall() -> None:
+    """They follow the chances, D = θ r² √(ρt ÷ ρp) ÷ R e^(-α(R - r)), before a wall at R."""
+    plain = Optics(divergence=0.003, aperture=0.0, nearest=0.05, blind=1e-6)
+    drops, count, wall, target = Precipitation(30_000.0, 2.0, 0.9, 1000.0), 50_000, 30.0, 0.3
+    fall = Fall(Cause.SNOW, drops, plain)
+    rng = np.random.default_rng(2).random(count)
+    far = fall.meet(parallel(count), np.full(count, wall), np.full(count, target), rng)
+    r = np.linspace(0.05, wall, 20_001)
+    alpha = 2.0 * np.pi / 4.0 * 30_000.0 * 2.0 / 2.0**3 * 1e-6
+    size = 0.003 * r**2 * np.sqrt(target / 0.9) / wall * np.exp(-alpha * (wall - r)) * 1e3
+    chance = np.pi / 4.0 * (0.003 * r) ** 2 * 30_000.0 / 2.0 * np.exp(-2.0 * size)
+    total = np.concatenate([[0.0], np.cumsum((chance[1:] + chance[:-1]) / 2.0 * np.diff(r))])
+    share = -np.expm1(-total[-1])
+    met = np.isfinite(far)
+    assert met.mean() == pytest.approx(share, rel=0.05)
+    law = stats.kstest(far[met], lambda d: np.interp(d, r, -np.expm1(-total) / share))
+    assert law.statistic < 0.03
+
+
+@pytest.mark.parametrize('fall', [RAIN, SNOW], ids=['rain', 'snow'])
+def test_falls_are_densest_some_metres_away(fall: Fall) -> None:
+    """Not at the sensor; and before a bright wall fewer are seen than before the sky."""
+    count = 100_000
+    rng = np.random.default_rng(2).random(count)
+    sky = fall.meet(parallel(count), np.full(count, np.inf), np.zeros(count), rng)
+    number, edges = np.histogram(sky, np.arange(0.0, 20.0, 0.5))
+    best = edges[np.argmax(number)]
+    assert 1.5 <= best <= 6.0
+    assert number[:2].max() < 0.3 * number.max()
+    wall = fall.meet(parallel(count), np.full(count, 15.0), np.full(count, 0.5), rng)
+    assert 0 < np.isfinite(wall).sum() < 0.7 * np.isfinite(sky).sum()
+    assert wall[np.isfinite(wall)].max() < 15.0
 
 
 def test_noise_on_a_flat_road() -> None:

@@ -232,7 +232,7 @@ def _mirror(
 def _fly(scene: Scene, rays: Rays, shots: _Shots, rng: np.random.Generator) -> None:
     """Send some shots back from what hangs in the air."""
     for thing in scene.air:
-        far = thing.meet(rays, shots.distance, rng.random(len(shots.distance)))
+        far = thing.meet(rays, shots.distance, shots.bright, rng.random(len(shots.distance)))
         back = far < shots.distance
         shots.distance[back], shots.bright[back] = far[back], IN_THE_AIR
         shots.cause[back], shots.kind[back] = thing.cause, Kind.AIR

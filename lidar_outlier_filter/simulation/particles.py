@@ -5,21 +5,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from lidar_outlier_filter.simulation.scene import Cause, towards
+from lidar_outlier_filter.simulation.weather.drops import REACH, STEPS, hazard, power
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.simulation.scene import Rays
+    from lidar_outlier_filter.simulation.weather.beams import Optics
+    from lidar_outlier_filter.simulation.weather.drops import Precipitation
 
     Floats = NDArray[np.float64]
 
 TINY = 1e-12
+LEVELS = 200  # of the power to outshine, that chances are tabulated for
+BRIGHTEST = 2.0  # reflectance of a surface that sends light straight back
 
 
 @dataclass(frozen=True)
@@ -36,7 +42,7 @@ class Puff:
     cause: Cause = Cause.EXHAUST
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def meet(self, rays: Rays, reach: Floats, rng: Floats) -> Floats:
+    def meet(self, rays: Rays, reach: Floats, bright: Floats, rng: Floats) -> Floats:  # noqa: ARG002
         """Distance (N,) at which the centres of bundles are sent back before ``reach``; inf: never.
 
         ``rng`` (N,), uniform in 0 to 1, decides; the law is that of Beer and Lambert.
@@ -68,19 +74,49 @@ class Puff:
 
 @dataclass(frozen=True)
 class Fall:
-    """Rain or snow, everywhere.
+    """Rain or snow, everywhere: drops of all sizes, of which the nearest that is seen counts.
 
-    The chance per metre that a ray is sent back is ``density / (1 + (range / fade)²)``: what hangs
-    near a scanner is seen by it, and of what is far the echo is too weak.
+    A drop is seen if its echo is above the noise and above the surface's behind it: at range r
+    before a surface of reflectance ρt at R, without extinction, its diameter must be at least
+    θ r² √(ρt ÷ ρp) ÷ R. Both echoes lose light to the fall (Beer and Lambert). See :mod:`.drops`.
+
+    Attributes
+    ----------
+    cause : Cause
+    drops : Precipitation
+    optics : Optics
+        Of the sensor: its beams, and its noise.
+
     """
 
     cause: Cause
-    density: float
-    fade: float
+    drops: Precipitation
+    optics: Optics
 
-    def meet(self, rays: Rays, reach: Floats, rng: Floats) -> Floats:  # noqa: ARG002
+    def meet(self, rays: Rays, reach: Floats, bright: Floats, rng: Floats) -> Floats:  # noqa: ARG002
         """Distance (N,) at which bundles are sent back before ``reach``; inf: never."""
-        depth = -np.log1p(-rng) / (self.density * self.fade)
-        falls = depth < np.pi / 2.0
-        far = np.where(falls, self.fade * np.tan(np.where(falls, depth, 0.0)), np.inf)
-        return np.where(far < reach, far, np.inf)
+        edges, levels, total = self._chances
+        least = power(reach, bright, self.drops.extinction)
+        level = np.searchsorted(levels, np.maximum(least, levels[0])).clip(0, len(levels) - 1)
+        depth = -np.log1p(-rng)
+        far = np.full(len(reach), np.inf)
+        for number in np.unique(level):
+            mine = np.flatnonzero(level == number)
+            sums = total[number]
+            met = mine[depth[mine] < np.interp(reach[mine], edges, sums)]
+            # Where no drop is seen, the sum stands still: its places are not unique, and not asked.
+            rising = np.concatenate([[True], np.diff(sums) > 0])
+            far[met] = np.interp(depth[met], sums[rising], edges[rising])
+        return far
+
+    @cached_property
+    def _chances(self) -> tuple[Floats, Floats, Floats]:
+        """Ranges (M,), powers (L,), and how many drops outshine each up to a range (L, M)."""
+        optics = self.optics
+        edges = np.geomspace(optics.nearest, REACH, STEPS)
+        levels = np.geomspace(optics.floor, BRIGHTEST / optics.nearest**2, LEVELS)
+        chance = np.stack(
+            [hazard(self.drops, optics, edges, np.full(STEPS, level)) for level in levels]
+        )
+        step = np.diff(edges) * (chance[:, 1:] + chance[:, :-1]) / 2.0
+        return edges, levels, np.concatenate([np.zeros((LEVELS, 1)), np.cumsum(step, 1)], axis=1)

@@ -124,10 +124,11 @@ class Air(Protocol):
     def cause(self) -> Cause:
         """Return why points in it are outliers."""
 
-    def meet(self, rays: Rays, reach: Floats, rng: Floats) -> Floats:
+    def meet(self, rays: Rays, reach: Floats, bright: Floats, rng: Floats) -> Floats:
         """Distance (N,) where the centres of bundles are sent back before ``reach``; inf: never.
 
-        ``rng`` (N,), uniform in 0 to 1, decides.
+        ``bright`` (N,) is the reflectance of what is met at ``reach``, cosine of incidence
+        included. ``rng`` (N,), uniform in 0 to 1, decides.
         """
 
 

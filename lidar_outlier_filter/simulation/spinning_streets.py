@@ -22,6 +22,8 @@ from lidar_outlier_filter.simulation.recording import messages
 from lidar_outlier_filter.simulation.scene import Cause, Scene
 from lidar_outlier_filter.simulation.sensors import SpinningScanner
 from lidar_outlier_filter.simulation.trajectory import Route
+from lidar_outlier_filter.simulation.weather.beams import Optics
+from lidar_outlier_filter.simulation.weather.drops import rain, snow
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -69,10 +71,19 @@ class Weather:
 
 FIRST = 0.2  # lots of what does not fall are so many times as small
 WET = Disturbances(reflection=0.002, near_surface=0.0005, glass=0.06, wet=0.05)
-RAIN = Fall(Cause.RAIN, density=0.02, fade=3.0)
+# Of the receivers above: their cones, from a point as Kilic et al. (2021) have it, and the weakest
+# echo that they see.
+OPTICS = Optics(
+    divergence=2.0 * SpinningScanner.divergence,
+    aperture=0.0,
+    nearest=SpinningScanner.nearest,
+    farthest=float(np.sqrt(0.9 / SpinningScanner.weakest)),
+)
+RAIN = Fall(Cause.RAIN, rain(80.0), OPTICS)  # mm/h; as much of it is seen as the share says
+SNOW = Fall(Cause.SNOW, snow(1.0), OPTICS)
 WEATHER = {
     16: Weather(24, 0.020, (RAIN,), spray=3.0, disturbances=WET),
-    32: Weather(16, 0.030, (Fall(Cause.SNOW, 0.02, 6.0),)),
+    32: Weather(16, 0.030, (SNOW,)),
     64: Weather(10, 0.025, (RAIN,), disturbances=WET),
     128: Weather(8, 0.025, (RAIN,), spray=2.0, disturbances=WET),
 }
