@@ -30,6 +30,7 @@ ROSDEP_KEYS = {
     'catkin_pkg': 'python3-catkin-pkg',
     'filterpy': 'python3-filterpy-pip',
     'hypothesis': 'python3-hypothesis',
+    'lz4': 'python3-rosbags-pip',  # which needs it
     'matplotlib': 'python3-matplotlib',
     'numba': 'python3-numba',
     'mcap': 'mcap-ros2-support',
@@ -47,6 +48,7 @@ PYPI_NAMES = {
     'PIL': 'Pillow',
     'catkin_pkg': 'catkin-pkg',
     'lazrs': 'laspy',  # in its brackets
+    'lz4': 'rosbags',
     'lzf': 'python-neo-lzf',
     'mcap': 'mcap-ros2-support',
     'mcap_ros2': 'mcap-ros2-support',
