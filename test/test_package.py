@@ -29,6 +29,7 @@ ROSDEP_KEYS = {
     'PIL': 'python3-pil',
     'catkin_pkg': 'python3-catkin-pkg',
     'hypothesis': 'python3-hypothesis',
+    'lz4': 'python3-rosbags-pip',  # which needs it
     'matplotlib': 'python3-matplotlib',
     'numba': 'python3-numba',
     'numpy': 'python3-numpy',
@@ -43,6 +44,7 @@ PYPI_NAMES = {
     'PIL': 'Pillow',
     'catkin_pkg': 'catkin-pkg',
     'lazrs': 'laspy',  # in its brackets
+    'lz4': 'rosbags',
     'lzf': 'python-neo-lzf',
     'mcap': 'mcap-ros2-support',
     'mcap_ros2': 'mcap-ros2-support',

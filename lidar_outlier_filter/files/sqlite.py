@@ -12,6 +12,7 @@ import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.sqlite_pages import check_pages, connect
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -40,11 +41,19 @@ class SqliteFile:
     def __init__(self, path: Path, table: str | None) -> None:
         """Find the table, its columns and its size."""
         self.path = path
-        with closing(self._connect()) as database:
+        log = path.with_name(path.name + '-wal')
+        if log.is_file() and log.stat().st_size:
+            must_be = 'closed by who wrote it'
+            raise CloudError(f'the database {path}', must_be, f'rows in {log.name}')
+        check_pages(path, self._refuse)
+        with closing(connect(path)) as database:
             self.table = _choose(database, path, table)
             # With the columns that are computed; hidden ones (1) do not stand in a row.
             about = database.execute(f'PRAGMA table_xinfo({_quoted(self.table)})').fetchall()
             about = [column for column in about if column[-1] != 1]
+            if not _has_row_ids(database, self.table):
+                what = f'the table {self.table!r} of {path}'
+                raise CloudError(what, 'one with row ids, by which the verdict names rows', 'none')
             self._row_id = _row_id(self.table, [column[1] for column in about])
             count = f'SELECT count(*) FROM {_quoted(self.table)}'  # noqa: S608  quoted
             self._count: int = database.execute(count).fetchone()[0]
@@ -59,8 +68,8 @@ class SqliteFile:
             if value is None or _number(value) is not None
         }
 
-    def _connect(self) -> sqlite3.Connection:
-        return sqlite3.connect(f'{self.path.resolve().as_uri()}?mode=ro', uri=True)
+    def _refuse(self, wrong: str) -> CloudError:
+        return CloudError(f'the database {self.path}', 'whole', f'"{wrong}"')
 
     def __len__(self) -> int:
         """Count the rows."""
@@ -69,7 +78,7 @@ class SqliteFile:
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk, in the order of the row ids; NULL is missing."""
         wanted = ', '.join(_quoted(name) for name in names)
-        with closing(self._connect()) as database:
+        with closing(connect(self.path)) as database:
             for rows in self._chunks(database, wanted):
                 columns = zip(*rows, strict=True)
                 yield tuple(
@@ -99,7 +108,7 @@ class SqliteFile:
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Copy the database and add the table with the verdict: a row for each, by its row id."""
-        with closing(self._connect()) as source, closing(sqlite3.connect(path)) as target:
+        with closing(connect(self.path)) as source, closing(sqlite3.connect(path)) as target:
             source.backup(target)
             name = _quoted(self.table + VERDICT)
             columns = ''.join(
@@ -133,6 +142,19 @@ def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str
         must_be = f'without {wanted + VERDICT}, which is to be made'
         raise CloudError(f'the tables of {path}', must_be, ', '.join(names))
     return wanted
+
+
+def _has_row_ids(database: sqlite3.Connection, table: str) -> bool:
+    """Return whether a table has row ids: WITHOUT ROWID its primary key is its only index.
+
+    That index is named nowhere else.
+    """
+    (found,) = database.execute(
+        "SELECT count(*) FROM pragma_index_list(?) WHERE origin = 'pk' AND NOT EXISTS "
+        '(SELECT * FROM sqlite_schema s WHERE s.name = pragma_index_list.name)',
+        (table,),
+    ).fetchone()
+    return not found
 
 
 def _row_id(table: str, columns: Sequence[str]) -> str:

@@ -32,7 +32,13 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from lidar_outlier_filter.errors import FilterError, RecordingError
-from lidar_outlier_filter.parameters.declaration import shown
+from lidar_outlier_filter.recordings.storage import (
+    bound,
+    check_storage,
+    texts_by_name,
+    whole_number,
+)
+from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -101,9 +107,13 @@ class Recording:
 
     """
 
-    def __init__(self, path: Path) -> None:
-        """Name the recording; it is opened on entering."""
+    def __init__(self, path: Path, largest: int = LARGEST) -> None:
+        """Name the recording; it is opened on entering.
+
+        A chunk of messages or a message that has more than ``largest`` bytes is refused.
+        """
         self.path = path
+        self._largest = largest
         self.topics: tuple[Topic, ...] = ()
         self.duration = 0
         self.message_count = 0
@@ -113,19 +123,25 @@ class Recording:
         """Open the recording and read what it says of its topics."""
         with ExitStack() as stack, _readable(self.path):
             _check_finished(self.path)
+            walks = check_storage(self.path, self._largest)
             is_ros1 = self.path.suffix == '.bag' and not self.path.is_dir()
             self._reader: Reader1 | Reader2 = Reader1(self.path) if is_ros1 else Reader2(self.path)
             stack.enter_context(self._reader)
+            self._unpack = bound(self._reader, walks, self._largest)
             connections = self._reader.connections
             self._channels = _ros1_channels(connections) if is_ros1 else _ros2_channels(connections)
             self.topics = tuple(dict.fromkeys(topic for topic, _ in self._channels.values()))
-            self.duration = _count(self.path, 'the duration', self._reader.duration)
+            self.duration = whole_number(self.path, 'the duration', self._reader.duration)
             self.message_count = sum(
-                _count(self.path, f'the message_count of {connection.topic}', connection.msgcount)
+                whole_number(
+                    self.path, f'the message_count of {connection.topic}', connection.msgcount
+                )
                 for connection in connections
             )
             if isinstance(self._reader, Reader2):
-                self.custom_data = _texts(self.path, self._reader.storage.metadata.custom or {})
+                self.custom_data = texts_by_name(
+                    self.path, self._reader.storage.metadata.custom or {}
+                )
             self._close = stack.pop_all()
         return self
 
@@ -144,8 +160,15 @@ class Recording:
         Messages with the same bag time come in the order in which they were recorded.
         """
         with _readable(self.path):
-            for connection, time, data in self._reader.messages():
+            for connection, time, packed in self._reader.messages():
                 topic, to_cdr = self._channels[connection.id]
+                data = self._unpack(packed)
+                if len(data) > self._largest:
+                    what, must_be = (
+                        f'a message of {topic.name}',
+                        f'of at most {self._largest} bytes',
+                    )
+                    raise RecordingError(what, must_be, len(data))
                 yield topic, time, to_cdr(data)
 
 
@@ -255,22 +278,6 @@ def _writable(path: Path) -> Iterator[None]:
 def _quoted(text: str) -> str:
     """Put a foreign text, on one line, into quotes."""
     return '"' + ' '.join(text.split()) + '"'
-
-
-def _count(path: Path, what: str, number: object) -> int:
-    """Refuse what should be a whole number and is none: in a folder it is a text like any other."""
-    if type(number) is not int or number < 0:
-        raise RecordingError(f'{what} in {path}', 'a whole number', _quoted(shown(number)))
-    return number
-
-
-def _texts(path: Path, data: object) -> Mapping[str, str]:
-    """Refuse custom data that are not texts by name."""
-    if isinstance(data, dict) and all(
-        isinstance(text, str) for item in data.items() for text in item
-    ):
-        return data
-    raise RecordingError(f'custom_data in {path}', 'texts by name', _quoted(shown(data)))
 
 
 def _check_finished(path: Path) -> None:

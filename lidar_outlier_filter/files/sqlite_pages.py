@@ -1,0 +1,45 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether an SQLite database is whole: SQLite itself reads one that was cut off without a word."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+_MAGIC = b'SQLite format 3\0'
+_HEADER = 100  # bytes
+
+
+def check_pages(path: Path, refuse: Callable[[str], Exception]) -> None:
+    """Refuse a database that has not all its pages, or whose pages do not fit together."""
+    with path.open('rb') as stream:
+        head = stream.read(_HEADER)
+    if len(head) < _HEADER or not head.startswith(_MAGIC):
+        return  # SQLite says so
+    page = int.from_bytes(head[16:18], 'big')
+    page = 65536 if page == 1 else page
+    size, pages = path.stat().st_size, int.from_bytes(head[28:32], 'big')
+    # Old versions of SQLite do not count the pages: the two numbers differ then.
+    counted = head[24:28] == head[92:96] and pages > 0
+    expected = page * pages if counted else size - size % max(1, page)
+    if size != expected:
+        raise refuse(f'{size} bytes instead of {expected}, as it says')
+    with closing(connect(path)) as database:
+        database.text_factory = bytes
+        try:
+            (found,) = database.execute('PRAGMA quick_check(1)').fetchone()
+        except sqlite3.DatabaseError as err:
+            raise refuse(str(err)) from err
+        if found != b'ok':
+            raise refuse(found.decode('latin-1'))
+
+
+def connect(path: Path) -> sqlite3.Connection:
+    """Open a database that nobody writes, so that SQLite puts no file beside it."""
+    return sqlite3.connect(f'{path.resolve().as_uri()}?mode=ro&immutable=1', uri=True)

@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The records of an MCAP file, walked from the first to the last without reading what is in them.
+
+So a file is refused before memory is taken for a length that it has no room for, and the chunks are
+known that its index lacks.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+
+from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
+
+from lidar_outlier_filter.errors import RecordingError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MAGIC = b'\x89MCAP0\r\n'
+_FOOTER, _MESSAGE, _CHUNK, _DATA_END = 2, 5, 6, 15
+_HEAD = struct.Struct('<BQ')  # kind and length of a record
+_CHUNK_HEAD = struct.Struct(
+    '<QQQII'
+)  # first and last time, size unpacked, checksum, length of a word
+_LONG = struct.Struct('<Q')
+_FOOTER_SIZE = 20
+
+
+class Walk(NamedTuple):
+    """What a walk over the records of a file found.
+
+    ``loose`` counts the messages that are in no chunk;
+    ``whole`` is where the last record that is whole ends; ``wrong`` says what stands behind it,
+    empty in a file that is whole.
+    """
+
+    chunks: tuple[ChunkInfo, ...]
+    loose: int
+    whole: int
+    wrong: str
+
+
+def walk(path: Path, largest: int) -> Walk:
+    """Walk over the records of a file up to the footer.
+
+    Parameters
+    ----------
+    path : the file
+    largest : bytes that a chunk, unpacked, and a message may have
+
+    Raises
+    ------
+    RecordingError
+        If a chunk or a message is larger, or says so.
+
+    """
+    size = path.stat().st_size
+    chunks: list[ChunkInfo] = []
+    with path.open('rb') as stream:
+        place = len(MAGIC)
+        if stream.read(place) != MAGIC:
+            return Walk((), 0, 0, 'no MCAP file')
+        loose, data = 0, True  # in front of the summary
+        while True:
+            head = stream.read(_HEAD.size)
+            if len(head) < _HEAD.size:
+                return Walk(tuple(chunks), loose, place, f'an end at byte {size} without a footer')
+            kind, length = _HEAD.unpack(head)
+            end = place + _HEAD.size + length
+            if end > size:
+                return Walk(
+                    tuple(chunks), loose, place, f'a record at byte {place} that ends behind it'
+                )
+            if kind == _FOOTER:
+                stream.seek(end)
+                whole = length == _FOOTER_SIZE and stream.read() == MAGIC
+                return Walk(tuple(chunks), loose, place, '' if whole else 'a footer that is none')
+            if kind == _DATA_END:
+                data = False
+            if kind == _CHUNK and data:
+                chunk = _chunk(stream, place, length)
+                if chunk is None:
+                    return Walk(
+                        tuple(chunks), loose, place, f'a chunk at byte {place} that is none'
+                    )
+                _check(path, f'the chunk at byte {place}', chunk.uncompressed_size, largest)
+                chunks.append(chunk)
+            elif kind == _MESSAGE:
+                _check(path, f'the message at byte {place}', length, largest)
+                loose += 1
+            place = end
+            stream.seek(place)
+
+
+def _chunk(stream: BinaryIO, place: int, length: int) -> ChunkInfo | None:
+    """Read the head of a chunk; None, if its parts have not the length that they should have."""
+    head = stream.read(min(_CHUNK_HEAD.size, length))
+    if len(head) < _CHUNK_HEAD.size:
+        return None
+    first, last, unpacked, _, letters = _CHUNK_HEAD.unpack(head)
+    if _CHUNK_HEAD.size + letters + _LONG.size > length:
+        return None
+    compression = stream.read(letters).decode('latin-1')
+    (packed,) = _LONG.unpack(stream.read(_LONG.size))
+    if _CHUNK_HEAD.size + letters + _LONG.size + packed != length:
+        return None
+    return ChunkInfo(
+        first, last, place, _HEAD.size + length, {}, 0, compression, packed, unpacked, {}
+    )
+
+
+def _check(path: Path, what: str, size: int, largest: int) -> None:
+    if size > largest:
+        raise RecordingError(f'{what} of {path}', f'of at most {largest} bytes', size)
+
+
+def complete(reader: McapReader, found: Walk) -> None:
+    """Give a reader all channels and chunks of its file, where its index lacks some of them.
+
+    rosbags reads no channel and no chunk that the index does not name, nor a chunk without an index
+    of its messages, nor messages in no chunk beside chunks.
+    """
+    if not _channels_known(reader, found):
+        _read_channels(reader)
+    if found.loose:
+        reader.chunks.clear()
+    elif not _chunks_known(reader, found):
+        counts = dict.fromkeys((connection.id for connection in reader.connections), 1)
+        reader.chunks[:] = [chunk._replace(channel_count=counts) for chunk in found.chunks]
+
+
+def _channels_known(reader: McapReader, found: Walk) -> bool:
+    """Return whether every channel that has messages is named by the index."""
+    known = {connection.id for connection in reader.connections}
+    if not known:
+        return not found.chunks and not found.loose
+    counted = set(reader.statistics.channel_message_counts) if reader.statistics else set()
+    return known >= counted.union(*(chunk.message_index_offsets for chunk in reader.chunks))
+
+
+def _read_channels(reader: McapReader) -> None:
+    """Let rosbags read the whole file for its channels, and count their messages."""
+    reader.meta_scan()
+    counts = reader.statistics.channel_message_counts if reader.statistics else {}
+    reader.connections[:] = [
+        connection._replace(msgcount=counts.get(connection.id, 0))
+        for connection in reader.connections
+    ]
+
+
+def _chunks_known(reader: McapReader, found: Walk) -> bool:
+    """Return whether the index names every chunk as it is, and all its messages."""
+    listed = {chunk.chunk_start_offset: chunk for chunk in reader.chunks}
+    for chunk in found.chunks:
+        one = listed.get(chunk.chunk_start_offset)
+        if one is None or (one.chunk_length, *one[6:9]) != (chunk.chunk_length, *chunk[6:9]):
+            return False
+        if not one.channel_count:
+            return False
+    counted = sum(sum(chunk.channel_count.values()) for chunk in reader.chunks)
+    return reader.statistics is None or counted == reader.statistics.message_count

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is checked of the files of a recording before rosbags reads them, and of rosbags after."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag2.storage_mcap import McapReader
+
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.files.sqlite_pages import check_pages
+from lidar_outlier_filter.parameters.declaration import shown
+from lidar_outlier_filter.recordings.mcap_records import Walk, complete, walk
+from lidar_outlier_filter.recordings.unpack import bound_chunks, bound_mcap, unpack
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+
+    from rosbags.rosbag2 import Reader as Reader2
+
+MOST_NODES = 1_000_000  # values of a metadata.yaml, aliases written out
+
+
+def check_storage(path: Path, largest: int) -> Mapping[str, Walk]:
+    """Refuse a recording whose files are not whole, or hold more than ``largest`` bytes at once.
+
+    Return what was found in its MCAP files, by their names.
+
+    Raises
+    ------
+    RecordingError
+        With the sentence that says so.
+
+    """
+    if path.is_dir() and (path / 'metadata.yaml').is_file():
+        _check_metadata(path / 'metadata.yaml')
+    walks: dict[str, Walk] = {}
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        if file.suffix == '.mcap' and file.is_file():
+            found = walk(file, largest)
+            if found.wrong and found.whole:
+                raise RecordingError(f'the recording {path}', 'readable', f'"{found.wrong}"')
+            walks[file.name] = found
+        elif file.suffix == '.db3' and file.is_file():
+            check_pages(file, partial(_refuse, path))
+    return walks
+
+
+def _refuse(path: Path, wrong: str) -> RecordingError:
+    return RecordingError(f'the recording {path}', 'readable', f'"{wrong}"')
+
+
+def _check_metadata(path: Path) -> None:
+    """Refuse metadata that become larger by aliases than anybody could write."""
+    with path.open('rb') as stream:
+        root = yaml.compose(stream, Loader=yaml.CSafeLoader)
+    sizes: dict[int, int] = {}
+    if root is not None and _expanded(root, sizes) > MOST_NODES:
+        raise RecordingError(f'{path}', f'of at most {MOST_NODES} values', 'more')
+
+
+def _expanded(node: yaml.Node, sizes: dict[int, int]) -> int:
+    """Count the values below a node, aliases written out; a node within itself counts as all."""
+    if id(node) not in sizes:
+        sizes[id(node)] = MOST_NODES
+        sizes[id(node)] = 1 + sum(_expanded(one, sizes) for one in _children(node))
+    return sizes[id(node)]
+
+
+def _children(node: yaml.Node) -> Iterator[yaml.Node]:
+    if isinstance(node, yaml.SequenceNode):
+        yield from node.value
+    elif isinstance(node, yaml.MappingNode):
+        for pair in node.value:
+            yield from pair
+
+
+def whole_number(path: Path, what: str, number: object) -> int:
+    """Refuse what should be a whole number and is none: in a folder it is a text like any other."""
+    if type(number) is not int or number < 0:
+        raise RecordingError(f'{what} in {path}', 'a whole number', f'"{shown(number)}"')
+    return number
+
+
+def texts_by_name(path: Path, data: object) -> Mapping[str, str]:
+    """Refuse custom data that are not texts by name."""
+    if isinstance(data, dict) and all(
+        isinstance(text, str) for item in data.items() for text in item
+    ):
+        return data
+    raise RecordingError(f'custom_data in {path}', 'texts by name', f'"{shown(data)}"')
+
+
+def bound(
+    reader: Reader1 | Reader2, walks: Mapping[str, Walk], largest: int
+) -> Callable[[bytes], bytes]:
+    """Bound what an open reader unpacks, and complete its index.
+
+    Return what is to be done with the bytes of each message.
+    """
+    bound_mcap()
+    if isinstance(reader, Reader1):
+        bound_chunks(reader, largest)
+        return bytes
+    storage: Any = reader.storage
+    for one in [storage, *getattr(storage, 'storages', ())]:
+        name = PurePath(str(one.path)).name
+        if isinstance(one, McapReader) and name in walks:
+            complete(one, walks[name])
+    if storage.metadata.compression_mode != 'message':
+        return _as_it_is
+    # Unpacked here, so that it is bounded.
+    storage.metadata = storage.metadata._replace(compression_mode=None)
+    return partial(unpack, most=largest, compression='zstd')
+
+
+def _as_it_is(data: bytes) -> bytes:
+    return data
