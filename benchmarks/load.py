@@ -106,6 +106,7 @@ class Seconds:
 
     at: list[float] = field(default_factory=list)
     came: list[bool] = field(default_factory=list)
+    p50: list[float] = field(default_factory=list)
     p95: list[float] = field(default_factory=list)
     longest: list[float] = field(default_factory=list)
     memory: list[float] = field(default_factory=list)
@@ -117,6 +118,7 @@ class Seconds:
         self.at.append(time.monotonic())
         self.came.append(float(values['clouds/s']) > 0)
         self.p95.append(float(values['delay since received, p95, ms']))
+        self.p50.append(float(values['delay since received, p50, ms']))
         self.longest.append(float(values['delay since received, max, ms']))
         self.memory.append(memory)
         self.well.append(status['level'] == 0 and self.came[-1])
@@ -134,13 +136,14 @@ class Seconds:
     def summary(self, end: float) -> str:
         """Say what was seen until the first rate ended, and when all was well after that."""
         until = sum(at <= end for at in self.at)
+        half = sorted(self.p50[WARM:until])[(until - WARM) // 2]
         typical = sorted(self.p95[WARM:until])[(until - WARM) // 2]
         growth = max(self.memory[WARM:]) - self.memory[WARM]
         well = [at for at, is_well in zip(self.at, self.well, strict=True) if at > end and is_well]
         # A look says of the second before it.
         after = f'{max(well[0] - LOOK - end, 0.0):.1f} s' if well else 'never'
         return (
-            f'delay of a second, p95: {typical:.0f} ms in the median, at most '
+            f'delay of a second, p50: {half:.0f} ms in the median, p95: {typical:.0f} ms, at most '
             f'{max(self.p95[WARM:until]):.0f} ms; longest delay {max(self.longest[WARM:until]):.0f}'
             f' ms; memory +{growth:.0f} MB after {WARM} s; well again after {after}'
         )

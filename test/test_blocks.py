@@ -628,6 +628,118 @@ def test_blocks_by_message_and_a_clock_set_back() -> None:
     assert census.blocks == [[10 * SECOND], [SECOND]]
 
 
+# A block as the first messages say ----------------------------------------------------------------
+
+SWEEP = BLOCK // 4
+
+
+def sweep_at(begin: int, span: int) -> list[int]:
+    """Make times of a message that spans exactly so much."""
+    return [begin + span * part // 6 for part in range(7)]
+
+
+def automatic(**values: object) -> tuple[TaggedStream, Census, list[str]]:
+    """Make a stream that chooses, and collect what it says of that."""
+    made, census = stream(blocks='auto', **values)
+    said: list[str] = []
+    made.stream.choice.inform = said.append
+    return made, census, said
+
+
+@pytest.mark.parametrize('span', [SWEEP, BLOCK, 3 * BLOCK])
+def test_sweeps_are_blocks(span: int) -> None:
+    """Where the first message is long enough, all is as with blocks: message."""
+    made, census, said = automatic()
+    same, expected = by_message()
+    begin = 0
+    for number, length in enumerate([span, 5, span, 0, span]):
+        times = sweep_at(begin, length)
+        ours, theirs = (one.push(points_at(times), number) for one in (made, same))
+        assert [tag for tag, _ in ours] == [tag for tag, _ in theirs] == [number]
+        begin = times[-1] + 1000
+    assert census.blocks == expected.blocks
+    assert said == [
+        f'blocks: each message is judged at once, because a message spans {span / SECOND:.3g} s'
+    ]
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_scan_lines_are_no_blocks(seed: int) -> None:
+    """Short messages are cut into blocks of time, as with blocks: time; long ones behind them, too.
+
+    However the points are cut into short messages, the verdicts are the same.
+    """
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.choice([0, 1000, SWEEP // 9], 400)).tolist()
+    expected = np.array(expected_scores(times, [False] * len(times)), np.float32)
+    for most in (2, 5, 9):
+        made, _, said = automatic()
+        answers, end = [], 0
+        for number in range(len(times)):
+            begin, end = end, end + (int(rng.integers(1, most + 1)) if number != 40 else 150)
+            answers += made.push(points_at(times[begin:end]), (number, end - begin))
+            assert_waiting(made, times[:end], [False] * len(times[:end]))
+        answers += made.flush()
+        scores = np.concatenate([verdict.score for _, verdict in answers])
+        np.testing.assert_array_equal(scores, expected)
+        (text,) = said
+        assert text.startswith('blocks: messages wait for stretches of sensor time, because a ')
+
+
+@pytest.mark.parametrize('short', [0, 1, 2])
+def test_a_first_sweep_that_is_cut_short(short: int) -> None:
+    """Up to two short messages before the first long one are judged with what is there by then."""
+    made, census, said = automatic()
+    empty = made.push(points_at([]), 'empty') + made.push(points_at([5], [True]), 'missing')
+    assert [tag for tag, _ in empty] == ['empty', 'missing']
+    begin, sent = 0, []
+    for number in range(short):
+        sent.append(sweep_at(begin, SWEEP - 1))
+        assert made.push(points_at(sent[-1]), number) == []
+        begin = sent[-1][-1] + 1
+    sweep = sweep_at(begin, SWEEP)
+    answers = made.push(points_at(sweep), short)
+    assert [tag for tag, _ in answers] == list(range(short + 1))
+    before = [t for times in sent for t in times]
+    assert census.blocks == ([before] if short else []) + [
+        [t for t in before if t >= begin - HALO] + sweep
+    ]
+    assert len(said) == 1
+
+
+def test_the_fourth_message_decides_nothing() -> None:
+    """Three short messages have decided."""
+    made, _, said = automatic()
+    for number in range(3):
+        assert made.push(points_at(sweep_at(number * SWEEP, SWEEP - 1))) == []
+    assert len(said) == 1
+    made.push(points_at(sweep_at(3 * SWEEP, BLOCK // 2)), 'long')
+    assert made.oldest == 'long'
+    assert not made.stream.choice.by_message
+
+
+def test_a_refused_message_decides_nothing() -> None:
+    """The stream is as it was before."""
+    made, _, said = automatic(max_points=6)
+    with pytest.raises(CloudError, match='points held'):
+        made.push(points_at(sweep_at(0, BLOCK)))
+    with pytest.raises(CloudError, match='the time that a cloud spans'):
+        made.push(points_at([0, 2 * MOST_BLOCKS * BLOCK]))
+    assert said == []
+    assert not made.stream.choice.by_message
+
+
+def test_a_new_stream_chooses_anew() -> None:
+    """After a clock that was set back, and after the end of a recording."""
+    made, _, said = automatic(time_jump=0.5)
+    assert len(made.push(points_at(sweep_at(10 * SECOND, BLOCK)))) == 1
+    assert made.push(points_at([SECOND])) == []
+    assert len(made.push(points_at(sweep_at(SECOND, BLOCK)))) == 2
+    made.flush()
+    assert made.push(points_at([SECOND])) == []
+    assert len(said) == 2
+
+
 def test_a_cloud_may_span_so_many_blocks_and_no_more() -> None:
     """Exactly ``MOST_BLOCKS``; a nanosecond more is refused."""
     stream: Stream[StreamCloud] = Stream(FilterParameters())

@@ -46,11 +46,12 @@ def filter_process(folder: Path, env: dict[str, str], parameters: str = PARAMETE
     return Program('-m', 'lidar_outlier_filter.cli.node', *arguments, env=env)
 
 
-def direct_answers(recording: Path) -> list[Answer]:
+def direct_answers(recording: Path, blocks: str = 'time') -> list[Answer]:
     """Filter a recording by calling the node in this process, as a replay does."""
     context = Context()
     rclpy.init(args=[], context=context)
-    node = OutlierFilterNode(context=context, use_global_arguments=False)
+    given = {'blocks': blocks}
+    node = OutlierFilterNode(parameters=given, context=context, use_global_arguments=False)
     messages = [deserialize_message(data, PointCloud2) for data in clouds(recording)]
     answers = [answer for msg in messages for answer in process(node, msg)] + flush(node)
     node.destroy_node()
@@ -62,10 +63,11 @@ def direct_answers(recording: Path) -> list[Answer]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ('name', 'number'), [('vlp16_mrpt_mcap', signal.SIGINT), ('os1_128_db3', signal.SIGTERM)]
+    ('name', 'number', 'blocks'),
+    [('vlp16_mrpt_mcap', signal.SIGINT, 'time'), ('os1_128_db3', signal.SIGTERM, 'auto')],
 )
 def test_live_equals_replay(
-    recordings: Path, tmp_path: Path, name: str, number: signal.Signals
+    recordings: Path, tmp_path: Path, name: str, number: signal.Signals, blocks: str
 ) -> None:
     """One process publishes, one filters, one collects: the very bytes that a direct call gives.
 
@@ -75,7 +77,11 @@ def test_live_equals_replay(
     env = environment()
     recording = recordings / 'bags' / name
     topics = [f'{TOPIC}/{kind}' for kind in ANSWERS]
-    with collector(tmp_path, topics, env) as collecting, filter_process(tmp_path, env) as node:
+    given = f'{PARAMETERS}    blocks: {blocks}\n'
+    with (
+        collector(tmp_path, topics, env) as collecting,
+        filter_process(tmp_path, env, given) as node,
+    ):
         collecting.wait_for('matched')
         with publisher(recording, TOPIC, env) as publishing:
             publishing.send('go')
@@ -85,7 +91,7 @@ def test_live_equals_replay(
         collecting.close()
         assert collecting.wait() == 0
     assert 'Traceback' not in '\n'.join(node.output)
-    expected = direct_answers(recording)
+    expected = direct_answers(recording, blocks)
     assert len(list(tmp_path.glob('*.cdr'))) == len(expected) * len(ANSWERS)
     for index, answer in enumerate(expected):
         for kind, cloud in zip(ANSWERS, (answer.cleaned, answer.outliers), strict=True):

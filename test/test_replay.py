@@ -258,7 +258,7 @@ def test_two_types_on_one_topic(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize('blocks', ['message', 'time'])
+@pytest.mark.parametrize('blocks', ['auto', 'message', 'time'])
 @pytest.mark.parametrize('answered', ['at once', 'at the end'])
 def test_a_cloud_stands_before_its_answers(tmp_path: Path, blocks: str, answered: str) -> None:
     """At one time a cloud is in the output before what was made of it: cleaned, then outliers."""

@@ -8,7 +8,7 @@ a verdict depends on the points alone and not on the messages that brought them.
 
 A sensor that sends one sweep per message may have the message as its block instead: it is judged at
 once, with the halo before it only. There the message is part of the question: cut otherwise, the
-same points are other blocks.
+same points are other blocks. Under ``blocks: auto`` the first clouds choose: ``block_choice``.
 
 An error that a detector raises costs its block only: the clouds with points in it have no
 verdict, and the next block is judged.
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
+from lidar_outlier_filter.core.block_choice import BlockChoice
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.points import SECOND, concatenate
 from lidar_outlier_filter.core.stream_cloud import BEGINNING, END, AnyCloud, between
@@ -50,7 +51,7 @@ class Stream(Generic[AnyCloud]):
     def __init__(self, parameters: FilterParameters) -> None:
         """Take blocks, block, halo, lateness, time_jump, max_points and chain of the parameters."""
         self.chain = Chain(parameters)
-        self._by_message = parameters.blocks == 'message'
+        self.choice = BlockChoice(parameters)
         self._block = round(parameters.block * SECOND)
         self._halo = round(parameters.halo * SECOND)
         self._lateness = round(parameters.lateness * SECOND)
@@ -61,6 +62,7 @@ class Stream(Generic[AnyCloud]):
         self._clear()
 
     def _clear(self) -> None:
+        self.choice.begin_anew()
         self._seen: deque[AnyCloud] = deque()  # with points that blocks to come need
         self._waiting: deque[AnyCloud] = deque()  # without an answer yet
         self._answered: list[AnyCloud] = []  # and not returned yet
@@ -112,6 +114,9 @@ class Stream(Generic[AnyCloud]):
         self._refuse_too_many(cloud, anew=set_back)
         # A clock that was set back: what was before has nothing to do with what comes.
         finished = self.reset() if set_back else []
+        if self.choice.becomes_message(cloud.first, cloud.last):
+            # Nothing will complete the blocks of those before it.
+            finished += self.hurry()
         if len(cloud.points):
             self._seen.append(cloud)
         self._waiting.append(cloud)
@@ -119,7 +124,7 @@ class Stream(Generic[AnyCloud]):
         self._unanswered += cloud.count
         self._newest = max(self._newest, cloud.last)
         self._pending = min(self._pending, self._first_pending(cloud))
-        if self._by_message:
+        if self.choice.by_message:
             self._judge_message(cloud)
         else:
             self._judge_until(self._newest - self._lateness)
@@ -135,7 +140,7 @@ class Stream(Generic[AnyCloud]):
         What it completes, and has no part in, is judged and forgotten.
         """
         self._newest = max(self._newest, last)
-        if not self._by_message:
+        if not self.choice.by_message:
             self._close(min(first, self._newest - self._lateness))
         elif first < END:
             self._forget(first - self._halo)
@@ -164,7 +169,7 @@ class Stream(Generic[AnyCloud]):
             raise CloudError('the time that a cloud spans', f'at most {most / SECOND:g} s', got)
 
     def _refuse_late(self, cloud: StreamCloud, *, anew: bool) -> None:
-        if not anew and cloud.first < self._closed and not self._by_message:
+        if not anew and cloud.first < self._closed and not self.choice.by_message:
             late = (self._closed - cloud.first) / SECOND
             got = f'a point {late:.6f} s older than that'
             raise CloudError('the time of a cloud', 'at or after what is judged already', got)

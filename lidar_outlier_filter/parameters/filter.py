@@ -129,9 +129,10 @@ class FilterParameters(DetectorSections):
     )
     blocks: str = declare(
         'time',
-        'What is judged together: stretches of sensor time; or each message, with the halo before '
-        'it only, which is answered at once (one sweep per message).',
-        choices=('time', 'message'),
+        'What is judged together. time: stretches of sensor time; message: each message, with the '
+        'halo before it only, which is answered at once; auto: message where one of the first '
+        'three messages spans at least a quarter of block (one sweep per message), else time.',
+        choices=('time', 'message', 'auto'),
         fixed=True,
     )
     block: float = declare(
@@ -269,7 +270,7 @@ def _check_together(parameters: FilterParameters) -> None:
         must_be = f'at most the {len(parameters.chain)} of the chain'
         raise ParameterError('vote', must_be, parameters.vote)
     wait = parameters.block + parameters.halo + parameters.lateness
-    if parameters.max_delay < wait and parameters.blocks == 'time':
+    if parameters.max_delay < wait and parameters.blocks != 'message':
         must_be = f'at least block + halo + lateness = {wait:g} s'
         raise ParameterError('max_delay', must_be, f'{parameters.max_delay:g} s')
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def ready_line(parameters: FilterParameters, topics: Iterable[str]) -> str:
     """Say in one line what has started: version, inputs, chain, blocks, threads."""
-    length = f' ({parameters.block:g} s)' if parameters.blocks == 'time' else ''
+    length = f' ({parameters.block:g} s)' if parameters.blocks != 'message' else ''
     return (
         f'version {__version__} is ready: inputs {", ".join(topics)}; '
         f'chain {", ".join(parameters.chain)}; blocks {parameters.blocks}{length}; '

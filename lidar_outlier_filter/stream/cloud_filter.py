@@ -118,6 +118,7 @@ class CloudFilter:
         self._decoder = Decoder(parameters, inform, warn)
         self._stream: Stream[_FilteredCloud] = Stream(parameters)
         self._stream.fail = self._failed
+        self._stream.choice.inform = inform
         self._places: set[str] = set()  # where detectors have raised errors
         self._moving = None
         if motion is not None:
