@@ -67,7 +67,7 @@ def test_files_that_are_no_text(tmp_path: Path) -> None:
 def test_hostile_values(name: str) -> None:
     """So is the same text as a value of --set."""
     with pytest.raises(ParameterError) as caught:
-        FilterParameters().changed(read_parameters(None, [f'sor.k={HOSTILE[name]}']))
+        FilterParameters().changed(read_parameters([], [f'sor.k={HOSTILE[name]}']))
     assert str(caught.value).startswith(('the value of sor.k must be YAML', 'sor.k must be '))
 
 
@@ -116,7 +116,7 @@ def test_numbers_as_people_write_them(text: str, value: object) -> None:
 def test_numbers_in_another_spelling_are_refused(text: str) -> None:
     """Nobody's 010 becomes 8."""
     with pytest.raises(ParameterError, match=f"sor.k must be a whole number, got '{text}'"):
-        FilterParameters().changed(read_parameters(None, [f'sor.k={text}']))
+        FilterParameters().changed(read_parameters([], [f'sor.k={text}']))
 
 
 @given(st.integers(-(2**70), 2**70))
