@@ -29,7 +29,6 @@ ROSDEP_KEYS = {
     'PIL': 'python3-pil',
     'catkin_pkg': 'python3-catkin-pkg',
     'hypothesis': 'python3-hypothesis',
-    'lz4': 'python3-rosbags-pip',  # which needs it
     'matplotlib': 'python3-matplotlib',
     'numba': 'python3-numba',
     'numpy': 'python3-numpy',
@@ -63,7 +62,7 @@ EXTRAS = {
 # Of ROS, and needed by rclpy itself, or by nav_msgs
 WITH_RCLPY = {'geometry_msgs', 'rosgraph_msgs'}
 # Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
-PIP_ONLY = {'filterpy', 'laspy', 'lzf', 'mcap', 'mcap_ros2', 'pyarrow', 'rosbags'}
+PIP_ONLY = {'filterpy', 'laspy', 'lz4', 'lzf', 'mcap', 'mcap_ros2', 'pyarrow', 'rosbags'}
 SINCE_NUMPY_2 = {
     'astype',
     'bitwise_count',
