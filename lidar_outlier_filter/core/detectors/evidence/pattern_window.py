@@ -171,11 +171,13 @@ def gather(prepared: Prepared, line: int, k: int, window: PatternWindow) -> None
     Distances, ranges, inverse ranges and the sums of what is there, and how rough it is. Lanes
     behind the line's end mean nothing.
     """
-    pattern = prepared.pattern
+    # Once, because every time that an array is taken from a tuple its references are counted.
+    pattern, rough, near = prepared
+    rows = (pattern.x, pattern.y, pattern.z, pattern.range, pattern.phase)
     step, gap = pattern.step[line], pattern.gap[line]
-    _gather_own(prepared, k, step, window)
+    _gather_own(rows, rough, k, step, window)
     for ring in range(2 * RINGS):
-        _gather_other(prepared, ring, k, max(step, gap), window)
+        _gather_other(rows, rough, near[ring, k : k + LANES], ring, max(step, gap), window)
 
 
 @kernel
@@ -185,29 +187,27 @@ def place_of(k: int, slot: int) -> int:
 
 
 @kernel
-def _rows(pattern: Pattern) -> tuple[Singles, ...]:
-    return pattern.x, pattern.y, pattern.z, pattern.range, pattern.phase
-
-
-@kernel
-def _gather_own(prepared: Prepared, k: int, step: Number, window: PatternWindow) -> None:
+def _gather_own(
+    rows: tuple[Singles, ...], rough: Singles, k: int, step: Number, window: PatternWindow
+) -> None:
     """Look at the returns before and after, which lie side by side in memory."""
-    rows, sums = _rows(prepared.pattern), window.sums
+    square, mine, side, sums = window.square, window.mine, window.side, window.sums
     sums[:] = ZERO
     for q in range(QUANTITIES):
-        _copy(rows[q][k : k + LANES], window.mine[q])
+        values = rows[q]
+        _copy(values[k : k + LANES], mine[q])
         for slot in range(2 * OWN):
-            _copy(rows[q][place_of(k, slot) :], window.side[2 * OWN * q + slot])
+            _copy(values[place_of(k, slot) :], side[2 * OWN * q + slot])
     _compare(window, REACH_OWN * step, 0, 2 * OWN, sums[THERE])
     total, count = sums[ROUGH], sums[ROUGH_COUNT]
     for slot in range(2 * OWN):
         # The roughness of those beside it is its own.
         if slot != OWN - 1 and slot != OWN:
             i = place_of(k, slot)
-            us, square = prepared.rough[i : i + LANES], window.square[slot]
-            for lane in range(len(square)):
-                total[lane] += us[lane] if square[lane] < FAR else ZERO
-                count[lane] += ONE if square[lane] < FAR else ZERO
+            us, row = rough[i : i + LANES], square[slot]
+            for lane in range(len(row)):
+                total[lane] += us[lane] if row[lane] < FAR else ZERO
+                count[lane] += ONE if row[lane] < FAR else ZERO
 
 
 @kernel
@@ -218,18 +218,22 @@ def _copy(values: Singles, row: Singles) -> None:
 
 @kernel
 def _gather_other(
-    prepared: Prepared, ring: int, k: int, unit: Number, window: PatternWindow
+    rows: tuple[Singles, ...],
+    rough: Singles,
+    others: Places,
+    ring: int,
+    unit: Number,
+    window: PatternWindow,
 ) -> None:
     """Look at the returns around the azimuth in another ring: first put them side by side."""
-    rows, others = _rows(prepared.pattern), prepared.near[ring, k : k + LANES]
-    in_step = _is_in_step(others)
+    side, in_step = window.side, _is_in_step(others)
     for q in range(QUANTITIES):
-        _line_up(rows[q], others, in_step, window.side[q * AROUND : (q + 1) * AROUND])
+        _line_up(rows[q], others, in_step, side[q * AROUND : (q + 1) * AROUND])
     begin = 2 * OWN + ring * AROUND
     _compare(window, REACH_OTHER * unit, begin, AROUND, window.sums[THERE + 1])
     middle, inverse = window.square[begin + OTHER], window.inverse[ring]
-    nearest = window.side[RANGE * AROUND + OTHER]
-    total, count, rough = window.sums[ROUGH + 1], window.sums[ROUGH_COUNT + 1], prepared.rough
+    nearest = side[RANGE * AROUND + OTHER]
+    total, count = window.sums[ROUGH + 1], window.sums[ROUGH_COUNT + 1]
     for lane in range(len(middle)):
         good = middle[lane] < FAR
         inverse[lane] = ONE / nearest[lane] if good else -ONE
@@ -243,12 +247,12 @@ def _compare(window: PatternWindow, most: Number, begin: int, rows: int, there: 
 
     ``side`` has so many rows of x, then of y, z, range and phase.
     """
-    side, mine = window.side, window.mine
+    side, mine, squares, ranges = window.side, window.mine, window.square, window.away
     x, y, z, r, p = mine[0], mine[1], mine[2], mine[3], mine[4]
     for m in range(rows):
         xs, ys, zs = side[m], side[rows + m], side[2 * rows + m]
         rs, ps = side[3 * rows + m], side[4 * rows + m]
-        square, away = window.square[begin + m], window.away[begin + m]
+        square, away = squares[begin + m], ranges[begin + m]
         for lane in range(len(square)):
             good = abs(ps[lane] - p[lane]) <= most
             dx, dy, dz = xs[lane] - x[lane], ys[lane] - y[lane], zs[lane] - z[lane]
