@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 MOST = 10  # of each kind, for each sample
 APART = 1.0  # metres between two that are shown
 SHOWN, REACH = 240, 4.0  # points of a cutout, and how far they are at most, metres
-LOUD = 2  # features that are named
+NAMED = 2  # contributions that are listed
 
 
 class Failure(NamedTuple):
@@ -50,7 +50,7 @@ class Failure(NamedTuple):
     score : that it was judged by; above 1 rejected
     off : distance from the surface of its neighbours, metres
     sigma : standard deviation of these from it, metres
-    loudest : what most condemned it, and with how much of the threshold
+    largest : features that contributed most, and their parts of the threshold
     cutout : what lies around it
 
     """
@@ -60,7 +60,7 @@ class Failure(NamedTuple):
     score: float
     off: float
     sigma: float
-    loudest: tuple[tuple[str, float], ...]
+    largest: tuple[tuple[str, float], ...]
     cutout: Cutout
 
 
@@ -102,7 +102,7 @@ def failures(sample: Sample, parameters: FilterParameters) -> list[Failure]:
                 lost,
                 words((Cause(code) if code or kind is None else kind).name),
                 float(verdict.score[i]),
-                *_testimony(points.take(block), here, parameters),
+                *_features_of(points.take(block), here, parameters),
                 _cutout(points.xyz[block], here, bad[block], rejected[block]),
             )
         )
@@ -116,10 +116,10 @@ def _block(points: Points, i: int, parameters: FilterParameters) -> NDArray[np.i
     return np.flatnonzero((points.t >= begin - halo) & (points.t < begin + length + halo))
 
 
-def _testimony(
+def _features_of(
     points: Points, i: int, parameters: FilterParameters
 ) -> tuple[float, float, tuple[tuple[str, float], ...]]:
-    """Return how far a point is off its surface, how even that is, and who condemned it most."""
+    """Return how far a point is off its surface, how even that is, and what contributed most."""
     if len(points) <= K:
         return np.nan, np.nan, ()
     neighbourhood = Neighbourhood(points.xyz, K)
@@ -128,14 +128,14 @@ def _testimony(
     at = int(np.flatnonzero(neighbourhood.order == i)[0])
     threshold = parameters.evidence.threshold * weights.threshold
     shares = {
-        name: getattr(weights, name) * float(word) / threshold
-        for name, word in zip(features.FEATURES, result.contributions[at], strict=True)
+        name: getattr(weights, name) * float(contribution) / threshold
+        for name, contribution in zip(features.FEATURES, result.contributions[at], strict=True)
     }
-    loudest = sorted(shares.items(), key=lambda share: -share[1])[:LOUD]
+    largest = sorted(shares.items(), key=lambda share: -share[1])[:NAMED]
     return (
         float(result.around.off[at]),
         float(result.around.scale[at]),
-        tuple((name, share) for name, share in loudest if share > 0),
+        tuple((name, share) for name, share in largest if share > 0),
     )
 
 
@@ -177,8 +177,8 @@ def section(presets: Sequence[str], seeds: Sequence[int], folder: Path, progress
         f'that it left with the lowest; each more than {APART:g} m from the others of its drive. '
         f'A panel shows the {SHOWN} points nearest to one of them, up to {REACH:g} m away, that '
         'are judged in the same block, from the side: right is the direction in which they extend '
-        'most, up that in which they extend least, with scales of their own, in metres. Features '
-        'are those that condemn the point most, each with its part of the threshold, before '
+        'most, up that in which they extend least, with scales of their own, in metres. '
+        'Contributions are the largest of the features, each as a part of the threshold, before '
         'anything was rejected.',
         *parts,
     )
@@ -208,14 +208,14 @@ def _panel(failure: Failure) -> tuple[str, Cutout]:
 
 def _table(found: Sequence[Failure]) -> str:
     return table(
-        ('point', 'score', 'off its surface, cm', 'σ of that, cm', 'loudest features'),
+        ('point', 'score', 'off its surface, cm', 'σ of that, cm', 'largest contributions'),
         [
             (
                 f'{"lost" if one.lost else "missed"}: {one.what}',
                 number(one.score, 2),
                 number(100 * one.off, 1),
                 number(100 * one.sigma, 1),
-                ', '.join(f'{name} {share:.2f}' for name, share in one.loudest) or 'none',
+                ', '.join(f'{name} {share:.2f}' for name, share in one.largest) or 'none',
             )
             for one in found
         ],

@@ -14,7 +14,7 @@ Where more than k points coincide their k-distance is 0 and their density infini
 Breunig et al. (remark on definition 6) propose the *k-distinct-distance*, to the k-th nearest other
 place at which there are points. Here it takes the place of the k-distance exactly where that is 0;
 with fewer than k other places the farthest counts, and where all points coincide the LOF is 1. So
-all factors are finite, and neither a stack of points nor those around it are condemned for it.
+all factors are finite, and neither a stack of points nor those around it are rejected for it.
 
 How others differ: scikit-learn's ``LocalOutlierFactor`` (k is its ``n_neighbors``) gives the same
 factors but that it takes exactly k neighbours, some of those that tie for the last place, and that

@@ -75,7 +75,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
 
     Each pass rejects, of all points that fail, those that fail worse than every other within reach
     of their window, and the next one tests the neighbours again without them: the worst of a window
-    carries the others with it, so rejecting all at once would condemn good ones. The last pass
+    carries the others with it, so rejecting all at once would reject good ones. The last pass
     allowed rejects all that fail.
 
     Parameters

@@ -138,7 +138,7 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
 
 
 def compute_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Features]:
-    """Choose the weights of the sensor that saw all points, and receive what is said of them."""
+    """Choose the weights of the sensor that saw all points, and compute their features."""
     sensor = parameters.evidence.sensor
     if sensor == 'auto':
         spinning = is_interleaved(scan.ordered.t, scan.lines.first)

@@ -135,7 +135,7 @@ def see_without(scan: Scan, rejected: Bools, gap_factor: float) -> Scan:
 
 
 def compute(scan: Scan, *, spinning: bool) -> Features:
-    """Compute what the features say of all points.
+    """Compute the features of all points.
 
     Parameters
     ----------
@@ -159,14 +159,14 @@ def compute(scan: Scan, *, spinning: bool) -> Features:
 def compute_again(
     scan: Scan, before: Features, nearest: NDArray[np.int32], rejected: Bools
 ) -> Features:
-    """Compute what the features say of points that lost neighbours.
+    """Compute the features of points that lost neighbours.
 
     Standard deviations, and the part of the range, stay what they were.
 
     Parameters
     ----------
     scan : of the points that are left, more than 20
-    before : what was said of all
+    before : the features of all
     nearest, rejected : the lists of neighbours of all, and which of these were rejected, (N,), in
         their tree order
 
@@ -187,7 +187,7 @@ def compute_again(
 
 @kernel
 def weigh(contributions: Floats, weights: Floats) -> Floats:
-    """Sum up what the features say, each times its weight: (N,), at least 0."""
+    """Sum up the contributions, each times its weight: (N,), at least 0."""
     result = np.empty(len(contributions))
     for i in range(len(contributions)):
         total = 0.0
@@ -206,7 +206,7 @@ def _measure(scan: Scan, wanted: Bools, around: Surroundings) -> None:
 def _contribute(
     scan: Scan, wanted: Bools, around: Surroundings, usual: Usual
 ) -> tuple[Floats, Usual]:
-    """Find out what is usual for the wanted points, and let the features speak of them."""
+    """Find out what is usual for the wanted points, and compute their features."""
     lines, ordered, spins = scan.lines, scan.ordered, not np.isnan(usual.part)
     there = wanted[scan.back]
     values, along = np.empty((2 if spins else 3, len(wanted))), np.empty(len(wanted))
@@ -235,7 +235,9 @@ def _contribute(
     contributions = np.zeros((len(wanted), len(FEATURES)))
     nearest = scan.neighbourhood.nearest(K).index
     own = scan.place, *outcome
-    _run(scan, _speak, wanted, nearest, around, *own, usual, LEAST, MOST, contributions)
+    _run(
+        scan, _write_contributions, wanted, nearest, around, *own, usual, LEAST, MOST, contributions
+    )
     return contributions, usual
 
 
@@ -255,7 +257,7 @@ def _typical(values: Floats) -> float:
 
 
 @kernel
-def _speak(
+def _write_contributions(
     begin: int,
     end: int,
     wanted: Bools,
@@ -269,7 +271,7 @@ def _speak(
     most: Floats,
     contributions: Floats,
 ) -> None:
-    """Write what the features say of the wanted of a range of points."""
+    """Write what the features contribute to the scores of the wanted of a range of points."""
     points, near, ratio = np.empty(LANES, np.int64), np.empty((K, LANES)), np.empty(len(least))
     while begin < end:
         count, begin = fill(points, wanted, begin, end)
@@ -285,7 +287,7 @@ def _speak(
             even = min(EVEN * usual.surface / own, 1.0)
             sigmas = min(off / usual.surface, 2 * off / own, MANY_SIGMA) - FEW_SIGMA
             ratio[0] = around.few[i] / usual.spacing[i]
-            # Where steps are lacking all around, that of a point says nothing.
+            # Where steps are lacking all around, that of a point contributes nothing.
             ratio[1] = step[here] / usual.step[i] if usual.step[i] < np.inf else 0.0
             ratio[2] = around.some[i] / usual.some[i]
             ratio[3] = (near[K // 2 - 1, lane] + near[K // 2, lane]) / 2 / around.all[i]
@@ -293,7 +295,7 @@ def _speak(
             ratio[6] = (NEAR + 1) / (around.others[i] + 1)
             ratio[SURFACE] = 1.0
             for w in range(len(least)):
-                # A comparison with NaN, 0 ÷ 0 where all points coincide, is false: it says nothing.
-                word = np.log(ratio[w]) if ratio[w] > QUIET[w] else least[w]
-                contributions[i, w] = min(max(word, least[w]), most[w]) - least[w]
+                # A comparison with NaN, 0 ÷ 0 where all points coincide, is false: it adds nothing.
+                value = np.log(ratio[w]) if ratio[w] > QUIET[w] else least[w]
+                contributions[i, w] = min(max(value, least[w]), most[w]) - least[w]
             contributions[i, SURFACE] = max(sigmas, FOR) * even * around.amidst[i]

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A spinning sensor's points, judged by their scan pattern: features, and trees that weigh them.
 
-The first look knows each point's window alone. The second, of the points that are not clearly good,
-knows also what the first said of their neighbours, and of how many points it said so. The trees
-were taught; :mod:`.pattern_model` says by what.
+The first pass has the features of each point's window alone. The second pass judges the points that
+are not clearly good. It has also the scores of the first pass around them, and how many points have
+high ones. The trees were trained; :mod:`.pattern_model` says on what.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ def judge(pattern: Pattern, threshold: float, threads: int = 0) -> Floats:
 def log_odds(
     pattern: Pattern, first: Trees, again: Trees, doubtful: float, threads: int = 0
 ) -> Singles:
-    """Return what the trees say (M,) of each place; of places without a point, nothing.
+    """Return the log-odds (M,) of each place; those of places without a point mean nothing.
 
-    The second trees are asked of points of which the first say more than ``doubtful``.
+    The second trees judge the points to which the first give more than ``doubtful``.
     """
     prepared, lines = prepare(pattern, threads), len(pattern.first)
     score = np.zeros(len(pattern.order), np.float32)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Features of the second pass: those of the window, and what the first pass said around it."""
+"""Features of the second pass: those of the window, and scores of the first pass around it."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ OWN_SCORE, OWN_WEIGHT, CLOSE, LEVEL, BEHIND, BEFORE, ROWS = 0, 2, 4, 6, 8, 10, 1
 
 
 class FirstPass(NamedTuple):
-    """What the first pass said, and how many points it gave a score above 0.
+    """Scores of the first pass, and how many points have one above 0.
 
     Attributes
     ----------
