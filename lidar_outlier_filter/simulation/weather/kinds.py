@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Weather = Callable[['_Sweep'], BothEchoes]
+    Place = tuple[float, float]  # level, metres
+    Trail = Callable[[Place, float], Sequence[plumes.PlumePuff]]
 
 ONE_RETURN = ('strongest', 'first', 'last')
 BESIDE_EDGES = 0.35  # share of the beams at edges that are mixed
@@ -192,79 +194,76 @@ def _fog(sweep: _Sweep) -> BothEchoes:
     return _hanging(cloud, Cause.FOG, sweep)
 
 
+class _PlumeRanges(NamedTuple):
+    """Least and most of what a :class:`.plumes.Plume` is drawn from, in this order."""
+
+    ratio: tuple[float, float]
+    lump: tuple[float, float]
+    uneven: tuple[float, float]
+    grains: tuple[float, float]
+    cell: float = 0.15
+
+
+def _behind_vehicles(sweep: _Sweep, trail: Trail, ranges: _PlumeRanges, cause: Cause) -> BothEchoes:
+    """Let vehicles leave plumes behind; ``trail`` makes those of one."""
+    around, rng = sweep.around, sweep.fixed
+    puffs = [puff for start, heading in _vehicles(around, rng) for puff in trail(start, heading)]
+    ratio, lump, uneven, grains = (
+        low if low == high else rng.uniform(low, high) for low, high in ranges[:4]
+    )
+    cloud = plumes.Plume(
+        tuple(puffs),
+        ratio=ratio,
+        lump=lump,
+        uneven=uneven,
+        grains=grains,
+        cell=ranges.cell,
+        bottom=around.ground,
+    )
+    return _hanging(cloud, cause, sweep)
+
+
 def _spray(sweep: _Sweep) -> BothEchoes:
     """Whirl water up behind the wheels of vehicles."""
     ground, rng = sweep.around.ground, sweep.fixed
-    puffs: list[plumes.PlumePuff] = []
-    for start, heading in _vehicles(sweep.around, rng):
+
+    def trail(start: Place, heading: float) -> list[plumes.PlumePuff]:
+        puffs: list[plumes.PlumePuff] = []
         for side in (-0.8, 0.8):
-            wheel = (
-                start[0] - side * np.sin(heading),
-                start[1] + side * np.cos(heading),
-                ground + 0.1,
-            )
-            puffs += plumes.trail(wheel, heading, rng.uniform(3.0, 9.0), rng.uniform(0.3, 2.0), rng)
-    cloud = plumes.Plume(
-        tuple(puffs),
-        ratio=20.0,
-        lump=rng.uniform(0.4, 1.0),
-        uneven=rng.uniform(1.0, 1.7),
-        grains=rng.uniform(0.4, 1.2),
-        bottom=ground,
-    )
-    return _hanging(cloud, Cause.SPRAY, sweep)
+            x, y = start[0] - side * np.sin(heading), start[1] + side * np.cos(heading)
+            length, density = rng.uniform(3.0, 9.0), rng.uniform(0.3, 2.0)
+            puffs += plumes.trail((x, y, ground + 0.1), heading, length, density, rng)
+        return puffs
+
+    ranges = _PlumeRanges((20.0, 20.0), (0.4, 1.0), (1.0, 1.7), (0.4, 1.2))
+    return _behind_vehicles(sweep, trail, ranges, Cause.SPRAY)
 
 
 def _dust(sweep: _Sweep) -> BothEchoes:
     """Whirl dust up: broad plumes behind vehicles."""
     ground, rng = sweep.around.ground, sweep.fixed
     density = float(np.exp(rng.uniform(np.log(0.15), np.log(1.5))))
-    puffs: list[plumes.PlumePuff] = []
-    for start, heading in _vehicles(sweep.around, rng):
-        puffs += plumes.trail(
-            (*start, ground),
-            heading,
-            rng.uniform(4.0, 14.0),
-            density,
-            rng,
-            width=rng.uniform(0.5, 1.0),
-            growth=rng.uniform(0.1, 0.25),
-        )
-    cloud = plumes.Plume(
-        tuple(puffs),
-        ratio=rng.uniform(25.0, 55.0),
-        lump=rng.uniform(0.6, 2.5),
-        uneven=rng.uniform(0.6, 1.3),
-        grains=rng.uniform(1.0, 4.0),
-        bottom=ground,
-    )
-    return _hanging(cloud, Cause.DUST, sweep)
+
+    def trail(start: Place, heading: float) -> Sequence[plumes.PlumePuff]:
+        length, width = rng.uniform(4.0, 14.0), rng.uniform(0.5, 1.0)
+        growth = rng.uniform(0.1, 0.25)
+        return plumes.trail((*start, ground), heading, length, density, rng, width, growth)
+
+    ranges = _PlumeRanges((25.0, 55.0), (0.6, 2.5), (0.6, 1.3), (1.0, 4.0))
+    return _behind_vehicles(sweep, trail, ranges, Cause.DUST)
 
 
 def _exhaust(sweep: _Sweep) -> BothEchoes:
     """Let pipes smoke: small, dense clouds near the ground."""
     ground, rng = sweep.around.ground, sweep.fixed
-    puffs: list[plumes.PlumePuff] = []
-    for start, heading in _vehicles(sweep.around, rng):
-        puffs += plumes.trail(
-            (*start, ground + 0.25),
-            heading,
-            rng.uniform(0.8, 3.0),
-            rng.uniform(0.8, 3.0),
-            rng,
-            width=0.15,
-            growth=0.2,
-        )
-    cloud = plumes.Plume(
-        tuple(puffs),
-        ratio=rng.uniform(20.0, 45.0),
-        lump=rng.uniform(0.3, 0.8),
-        uneven=rng.uniform(0.6, 1.2),
-        grains=rng.uniform(1.0, 4.0),
-        cell=0.1,
-        bottom=ground,
-    )
-    return _hanging(cloud, Cause.EXHAUST, sweep)
+
+    def trail(start: Place, heading: float) -> Sequence[plumes.PlumePuff]:
+        length, density = rng.uniform(0.8, 3.0), rng.uniform(0.8, 3.0)
+        place = (*start, ground + 0.25)
+        return plumes.trail(place, heading, length, density, rng, width=0.15, growth=0.2)
+
+    ranges = _PlumeRanges((20.0, 45.0), (0.3, 0.8), (0.6, 1.2), (1.0, 4.0), cell=0.1)
+    return _behind_vehicles(sweep, trail, ranges, Cause.EXHAUST)
 
 
 def _mixed(sweep: _Sweep) -> BothEchoes:
