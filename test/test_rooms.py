@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections import defaultdict
 from functools import cache
@@ -51,6 +52,12 @@ OUTSIDE = {
     'results': ('PIL', 'matplotlib', 'numpy', 'open3d', 'rich', 'rosbags', 'scipy', 'sklearn'),
     'cli': ('numpy', 'rich', 'yaml'),
 }
+
+# Words that stood for others: feature, contribution, score, rng, reject, train.
+PRIVATE_WORDS = re.compile(
+    r'\b(witness(es)?|testimony|dice|gossip|loudest|condemn(s|ed)?|hears?|heard|told|taught)\b',
+    re.IGNORECASE,
+)
 
 
 class Module:
@@ -176,5 +183,19 @@ def test_nothing_is_left_to_others() -> None:
         for module in modules().values()
         for node in ast.walk(module.tree)
         if isinstance(node, ast.Name) and node.id == 'NotImplementedError'
+    ]
+    assert not wrong
+
+
+def test_plain_words() -> None:
+    """Sources and pages use the field's words: features contribute, and models are trained."""
+    folders = (ROOT / PACKAGE, ROOT / 'doc', ROOT / 'config', ROOT / 'launch')
+    paths = [path for folder in folders for path in folder.rglob('*')]
+    paths += [ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'CHANGELOG.rst')]
+    wrong = [
+        f'{path.relative_to(ROOT)}: {found[0]}'
+        for path in paths
+        if path.suffix in {'.py', '.md', '.rst', '.yaml'}
+        for found in PRIVATE_WORDS.finditer(path.read_text('utf-8'))
     ]
     assert not wrong

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The taught model of :mod:`.pattern`: a file beside this one, which says how it was taught."""
+"""The trained model of :mod:`.pattern`: a file beside this one, which says what it saw."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ NAME = 'pattern_model.json'
 
 
 class PatternModel(NamedTuple):
-    """What was taught.
+    """What was trained.
 
     Attributes
     ----------
-    first, again : the trees of both looks; their sums are log-odds
-    doubtful : log-odds of the first look from which on a point is looked at again
+    first, again : the trees of both passes; their sums are log-odds
+    doubtful : log-odds of the first pass from which on the second judges a point
     threshold : log-odds from which on a point is rejected
 
     """
