@@ -22,14 +22,24 @@ from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.results import demo
-from lidar_outlier_filter.simulation.demo_street import demo_drive
+from lidar_outlier_filter.simulation.demo_street import demo_drive, snow_drive
 from lidar_outlier_filter.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.simulation.drive import Drive
 
 OUTPUT = Path('demo_output')
-FILES = {'.lidar_outlier_filter_demo', 'drive', 'paper', 'default', 'demo.yaml', 'before_after.png'}
+FILES = {
+    '.lidar_outlier_filter_demo',
+    'drive',
+    'paper',
+    'default',
+    'demo.yaml',
+    'before_after.png',
+    'snow',
+    'snow_default',
+    'snow_before_after.png',
+}
 
 
 def short_drive() -> Drive:
@@ -48,7 +58,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Run the demo once: its folder, and what it printed."""
     output = tmp_path_factory.mktemp('demo') / 'new' / 'demo_output'
     console = Console(file=StringIO(), width=120)
-    assert demo.run(output, console, short_drive()) == 0
+    assert demo.run(output, console, short_drive(), replace(snow_drive(), lines=2)) == 0
     return output, console.file.getvalue()  # type: ignore[attr-defined]
 
 
@@ -90,10 +100,21 @@ def test_parameters_repeat_the_run(made: tuple[Path, str], tmp_path: Path) -> No
     assert score(again) == score(output / 'default')
 
 
-def test_picture(made: tuple[Path, str]) -> None:
-    """The picture has the README's size, stays small, and shows all four colours."""
+def test_the_filter_finds_snow(made: tuple[Path, str]) -> None:
+    """Of the sensor that spins it finds most flakes, loses next to nothing, and says so."""
+    output, printed = made
+    found = score(output / 'snow_default')
+    assert found.recall.ratio > 0.8
+    assert found.lost < 0.001 * found.good
+    figures = re.findall(r'^recall +([\d.]+) %$', printed, re.MULTILINE)
+    assert [float(text) for text in figures] == pytest.approx([100 * found.recall.ratio], abs=0.005)
+
+
+@pytest.mark.parametrize('name', ['before_after.png', 'snow_before_after.png'])
+def test_pictures(made: tuple[Path, str], name: str) -> None:
+    """The pictures have the README's size, stay small, and show all four colours."""
     output, _ = made
-    path = output / 'before_after.png'
+    path = output / name
     assert path.stat().st_size < 400_000
     with Image.open(path) as image:
         pixels = np.asarray(image.convert('RGB')).reshape(-1, 3).astype(np.int64)

@@ -62,10 +62,11 @@ def test_failures(sample: Sample, *, threshold: float, lost: bool) -> None:
     )
     for one in found:
         own = one.cutout
-        assert 1 <= len(own.flat) <= gallery.SHOWN
+        assert gallery.FEWEST <= len(own.flat) <= gallery.SHOWN
         np.testing.assert_array_equal(own.flat[0], 0.0)
         assert (own.bad[0], own.rejected[0]) == (not lost, lost)
-        assert np.linalg.norm(own.flat, axis=1).max() <= gallery.REACH
+        far = np.linalg.norm(own.flat, axis=1) > gallery.REACH
+        assert not far.any() or len(own.flat) == gallery.FEWEST
         assert all(share > 0 for _, share in one.largest)
 
 

@@ -149,11 +149,16 @@ def read_recording(
 
 
 def read_points(
-    recording: Path, topic: str | None = None
+    recording: Path, topic: str | None = None, number: int | None = None
 ) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
-    """Read all points of the answers, cleaned and outliers, and whether each was rejected."""
+    """Read all points of the answers, cleaned and outliers, and whether each was rejected.
+
+    ``number`` is that of one cloud, from 0; None: of all.
+    """
     points, rejected = [], []
     for answer in answers(recording, topic):
+        if number not in {None, answer.number}:
+            continue
         there = answer.points[is_return(_xyz(answer.points))]
         points.append(there)
         rejected.append(np.full(len(there), answer.rejected))

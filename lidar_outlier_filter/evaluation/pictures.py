@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A picture of a cloud before and after: the street in perspective, and the air above its road."""
+"""Pictures of a cloud before and after: in perspective, and from the side or from above."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from PIL import Image
 from lidar_outlier_filter.simulation.scene import Cause
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Mask = NDArray[np.bool_]
+    Panel = Callable[[Axes, Floats, Floats, Mask | None, list[tuple[Mask, str]]], str]
 
 WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
 COLOURS = 96  # of the palette: keeps the file small
@@ -30,17 +31,41 @@ FOUND, LEFT, LOST = '#0072b2', '#d81b1b', '#f0a30a'
 INK, PAPER = '#30343a', '#ffffff'
 FIELD_OF_VIEW = 0.62  # half the width of the view over its depth
 VIEW_WIDTH = 0.46  # share of the picture's width that the perspective takes
+SPARSE = 100_000  # points: of fewer each is drawn larger
 LOW = 0.5  # metres; most points below lie on the road, and most of these in the driven lane
 PROFILE_HALF_WIDTH = 3.0  # metres to both sides of the driven line
+PLAN, PLAN_AHEAD = 60.0, 32.0  # metres: length of a plan, and how much of it lies ahead
 
 
 def draw(points: NDArray[np.void], rejected: Mask, path: Path, title: str = '') -> None:
-    """Draw three rows, before, cleaned and outliers, each in perspective and from the side, as PNG.
+    """Draw a street in perspective, and the air above its road from the side; see :func:`_draw`."""
+    middle = float(np.median(points['x']))
+    eye, goal = (middle - 28.0, -2.6, 7.0), (middle + 4.0, 0.3, 1.2)
+    _draw(points, rejected, path, title, (eye, goal), _profile)
+
+
+def draw_sweep(points: NDArray[np.void], rejected: Mask, path: Path, title: str = '') -> None:
+    """Draw a sweep in perspective and from above, in its sensor's frame; see :func:`_draw`."""
+    _draw(points, rejected, path, title, ((-21.0, -5.0, 8.5), (8.0, 0.5, 0.0)), _plan)
+
+
+def _draw(  # noqa: PLR0913  what makes a picture
+    points: NDArray[np.void],
+    rejected: Mask,
+    path: Path,
+    title: str,
+    view: tuple[tuple[float, ...], tuple[float, ...]],
+    beside: Panel,
+) -> None:
+    """Draw three rows, before, cleaned and outliers, each in perspective and otherwise, as PNG.
 
     Parameters
     ----------
     points : (N,) structured, with x, y, z (metres), intensity and label
     rejected : (N,) bool
+    path, title : of the file, and at its top
+    view : where the eye is in perspective, and what it looks at
+    beside : draws the panel beside
 
     """
     xyz = np.stack([points[axis] for axis in 'xyz']).astype(np.float64)
@@ -56,11 +81,12 @@ def draw(points: NDArray[np.void], rejected: Mask, path: Path, title: str = '') 
     bottoms = (0.652, 0.345, 0.038)
     for (name, grey, coloured), bottom in zip(rows, bottoms, strict=True):
         scene = figure.add_axes((0.012, bottom, VIEW_WIDTH, 0.265))
-        profile = figure.add_axes((VIEW_WIDTH + 0.065, bottom + 0.02, 0.92 - VIEW_WIDTH, 0.235))
-        _perspective(scene, xyz, brightness, grey, coloured)
-        _profile(profile, xyz, brightness, grey, coloured)
+        other = figure.add_axes((VIEW_WIDTH + 0.065, bottom + 0.02, 0.92 - VIEW_WIDTH, 0.235))
+        _perspective(scene, xyz, brightness, grey, coloured, view)
+        below = beside(other, xyz, brightness, grey, coloured)
+        _frame(other)
         scene.set_title(name, loc='left', fontsize=15, fontweight='bold', color=INK, pad=4)
-    profile.set_xlabel('along the street, m', fontsize=12, color=INK, labelpad=1)
+    other.set_xlabel(below, fontsize=12, color=INK, labelpad=1)
     _legend(figure, title)
     save(canvas, path, COLOURS)
 
@@ -84,17 +110,16 @@ def _brightness(intensity: Floats) -> Floats:
     return 0.45 + 0.4 * np.sqrt(scaled)
 
 
-def _perspective(
+def _perspective(  # noqa: PLR0913  one panel's whole content
     axes: Axes,
     xyz: Floats,
     brightness: Floats,
     grey: Mask | None,
     coloured: list[tuple[Mask, str]],
+    view: tuple[tuple[float, ...], tuple[float, ...]],
 ) -> None:
-    """Look along the street from above the vehicle's start."""
-    middle = float(np.median(xyz[0]))
-    eye = np.array([middle - 28.0, -2.6, 7.0])
-    goal = np.array([middle + 4.0, 0.3, 1.2])
+    """Look from a place to another."""
+    eye, goal = np.array(view[0]), np.array(view[1])
     forward = (goal - eye) / np.linalg.norm(goal - eye)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -120,7 +145,7 @@ def _profile(
     brightness: Floats,
     grey: Mask | None,
     coloured: list[tuple[Mask, str]],
-) -> None:
+) -> str:
     """Look from the side at what is above the driven lane, heights exaggerated."""
     driven = np.median(xyz[1][xyz[2] < LOW])
     lane = np.abs(xyz[1] - driven) < PROFILE_HALF_WIDTH
@@ -128,8 +153,30 @@ def _profile(
     _scatter(axes, xyz[0], xyz[2], brightness, grey, coloured, order)
     axes.set_xlim(*np.percentile(xyz[0][order], [0.5, 99.5]))
     axes.set_ylim(-0.12, 1.75)
-    axes.tick_params(labelsize=12, colors=INK, length=3)
     axes.set_ylabel('height, m', fontsize=12, color=INK, labelpad=3)
+    return 'along the street, m'
+
+
+def _plan(
+    axes: Axes,
+    xyz: Floats,
+    brightness: Floats,
+    grey: Mask | None,
+    coloured: list[tuple[Mask, str]],
+) -> str:
+    """Look from above, as long as wide in metres."""
+    order = np.argsort(xyz[2], kind='stable')
+    _scatter(axes, xyz[0], xyz[1], brightness, grey, coloured, order)
+    box = axes.get_position()
+    half = PLAN / 2.0 * (box.height * HEIGHT) / (box.width * WIDTH)
+    axes.set_xlim(PLAN_AHEAD - PLAN, PLAN_AHEAD)
+    axes.set_ylim(-half, half)
+    axes.set_ylabel('to the left, m', fontsize=12, color=INK, labelpad=3)
+    return 'ahead of the sensor, m'
+
+
+def _frame(axes: Axes) -> None:
+    axes.tick_params(labelsize=12, colors=INK, length=3)
     for side in ('top', 'right'):
         axes.spines[side].set_visible(False)
     for side in ('left', 'bottom'):
@@ -150,8 +197,17 @@ def _scatter(  # noqa: PLR0913  one panel's whole content
     shown = order if grey is None else order[grey[order]]
     shade = np.full(len(shown), 0.93) if grey is None else brightness[shown]
     size = (72.0 / DPI) ** 2
+    wide = 1.0 if len(brightness) > SPARSE else 2.5
     axes.scatter(
-        u[shown], v[shown], s=size, c=shade, cmap='gray', vmin=0, vmax=1, marker='s', linewidths=0
+        u[shown],
+        v[shown],
+        s=wide * size,
+        c=shade,
+        cmap='gray',
+        vmin=0,
+        vmax=1,
+        marker='s',
+        linewidths=0,
     )
     for mask, colour in coloured:
         some = order[mask[order]]

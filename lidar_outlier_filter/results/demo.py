@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The main job in one command: a simulated drive, filtered in two ways, scored and drawn."""
+"""The main job in one command: two simulated drives, filtered, scored and drawn."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lidar_outlier_filter.evaluation.report import evaluate, summary
 from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive
+from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_filter.simulation.recording import record
 
 if TYPE_CHECKING:
@@ -32,10 +32,13 @@ if TYPE_CHECKING:
 
 MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
+SNOW, SNOW_FILTERED, SNOW_PICTURE = 'snow', 'snow_default', 'snow_before_after.png'
 FORMS: dict[str, Mapping[str, object]] = {'paper': PAPER, 'default': {}}
 
 
-def run(output: Path, console: Console, drive: Drive | None = None) -> int:
+def run(
+    output: Path, console: Console, drive: Drive | None = None, snow: Drive | None = None
+) -> int:
     """Simulate, filter, score and draw; everything is left in ``output``. Returns the exit status.
 
     The folder appears whole or not at all. One of an earlier demo is replaced.
@@ -44,7 +47,8 @@ def run(output: Path, console: Console, drive: Drive | None = None) -> int:
     ----------
     output : folder to be made
     console : where progress and results go
-    drive : what to simulate; None: four seconds through a street
+    drive : what a profile scanner does; None: four seconds through a street
+    snow : what a sensor that spins does; None: three turns on the same street in snow
 
     Raises
     ------
@@ -52,37 +56,59 @@ def run(output: Path, console: Console, drive: Drive | None = None) -> int:
         If ``output`` is there and not a demo's, or cannot be written.
 
     """
-    drive = drive or demo_drive()
-    with _new_folder(output) as folder:
-        truth, results = _work(folder, drive, console)
-    _report(console, output, drive, truth, results)
+    drive, snow = drive or demo_drive(), snow or snow_drive()
+    with _new_folder(output) as folder, _progress(console) as progress:
+        scanned = _scan(folder, drive, progress)
+        snowed = _turn(folder, snow, progress)
+    _report(console, drive, *scanned)
+    _report_snow(console, snow, *snowed)
+    _list(console, output)
     return 0
 
 
-def _work(folder: Path, drive: Drive, console: Console) -> tuple[Truth, dict[str, Evaluation]]:
-    """Make everything that the demo leaves."""
-    with _progress(console) as progress:
-        task = progress.add_task('simulating', total=1.0)
-        truth = record(
-            drive, folder / DRIVE, progress=lambda done: progress.update(task, completed=done)
-        )
-        for form in FORMS:
-            _filter(folder, form, progress)
-        task = progress.add_task('scoring and drawing', total=None)
-        results = {form: evaluate(read_recording(folder / form), CAUSES) for form in FORMS}
-        form = list(FORMS)[-1]
-        picture.draw(*read_points(folder / form), folder / PICTURE, form)
-        progress.update(task, total=1.0, completed=1.0)
+def _scan(folder: Path, drive: Drive, progress: Progress) -> tuple[Truth, dict[str, Evaluation]]:
+    """Make everything that the demo leaves of the profile scanner."""
+    task = progress.add_task('simulating', total=1.0)
+    truth = record(
+        drive, folder / DRIVE, progress=lambda done: progress.update(task, completed=done)
+    )
+    for form, values in FORMS.items():
+        _filter(folder / DRIVE, folder / form, {**SENSOR, **values}, progress)
+    task = progress.add_task('scoring and drawing', total=None)
+    results = {form: evaluate(read_recording(folder / form), CAUSES) for form in FORMS}
+    form = list(FORMS)[-1]
+    picture.draw(*read_points(folder / form), folder / PICTURE, form)
+    progress.update(task, total=1.0, completed=1.0)
     (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
     return truth, results
 
 
-def _filter(folder: Path, form: str, progress: Progress) -> None:
-    task = progress.add_task(f'filtering, {form}', total=None)
+def _turn(folder: Path, drive: Drive, progress: Progress) -> tuple[Truth, Evaluation]:
+    """Make everything that it leaves of the sensor that spins; draw the turn in the middle."""
+    task = progress.add_task('simulating snow', total=1.0)
+    truth = record(
+        drive,
+        folder / SNOW,
+        lines_per_message=1,
+        progress=lambda done: progress.update(task, completed=done),
+    )
+    _filter(folder / SNOW, folder / SNOW_FILTERED, {}, progress)
+    task = progress.add_task('scoring and drawing', total=None)
+    result = evaluate(read_recording(folder / SNOW_FILTERED), CAUSES)
+    turn = read_points(folder / SNOW_FILTERED, number=drive.lines // 2)
+    picture.draw_sweep(*turn, folder / SNOW_PICTURE, 'default, one turn')
+    progress.update(task, total=1.0, completed=1.0)
+    return truth, result
+
+
+def _filter(
+    recording: Path, output: Path, parameters: Mapping[str, object], progress: Progress
+) -> None:
+    task = progress.add_task(f'filtering, {output.name}', total=None)
     replay(
-        folder / DRIVE,
-        folder / form,
-        parameters={**SENSOR, **FORMS[form]},
+        recording,
+        output,
+        parameters=parameters,
         progress=lambda done, total: progress.update(task, completed=done, total=total),
     )
 
@@ -122,9 +148,7 @@ def _check(output: Path) -> None:
         raise RecordingError('the output', must_be, f'{output}, which holds something else')
 
 
-def _report(
-    console: Console, output: Path, drive: Drive, truth: Truth, results: dict[str, Evaluation]
-) -> None:
+def _report(console: Console, drive: Drive, truth: Truth, results: dict[str, Evaluation]) -> None:
     outliers = next(iter(results.values())).whole.outliers
     seconds = drive.lines / drive.sensor.lines_per_second
     for text in (
@@ -138,11 +162,30 @@ def _report(
     ):
         console.print(text, soft_wrap=True, highlight=False)
     console.print(summary(results))
+
+
+def _report_snow(console: Console, drive: Drive, truth: Truth, result: Evaluation) -> None:
+    share = 100 * truth.outliers / max(truth.points, 1)
+    for text in (
+        '',
+        f'Simulated {drive.lines} turns of a sensor that spins, on the same street in snow:',
+        f'{truth.points} points, {truth.outliers} ({share:.2f} %) of them outliers.',
+        '',
+    ):
+        console.print(text, soft_wrap=True, highlight=False)
+    console.print(summary({'default': result}))
     console.print()
+
+
+def _list(console: Console, output: Path) -> None:
+    """Say what is left, and how to go on."""
     left = {
         PICTURE: 'before and after',
+        SNOW_PICTURE: 'before and after, in snow',
         DRIVE: 'the recording; its fields label and surface are the truth',
         **{form: f'the recording, cleaned and outlier clouds, {form}' for form in FORMS},
+        SNOW: 'the recording in snow',
+        SNOW_FILTERED: 'the recording in snow, cleaned and outlier clouds',
         PARAMETERS: 'the parameters; change them and try again:',
     }
     width = max(len(str(output / name)) for name in left)

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 
 MOST = 10  # of each kind, for each sample
 APART = 1.0  # metres between two that are shown
-SHOWN, REACH = 240, 4.0  # points of a cutout, and how far they are at most, metres
+SHOWN, REACH = 240, 4.0  # points of a cutout at most, and how far they are, metres
+FEWEST = 60  # points of a cutout, however far
 NAMED = 2  # contributions that are listed
 
 
@@ -146,7 +147,7 @@ def _cutout(xyz: Floats, i: int, bad: Mask, rejected: Mask) -> Cutout:
     """
     distance = np.linalg.norm(xyz - xyz[i], axis=1)
     near = np.argsort(distance, kind='stable')[:SHOWN]
-    near = near[distance[near] <= REACH]
+    near = near[: max(int((distance[near] <= REACH).sum()), FEWEST)]
     there = xyz[near] - xyz[i]
     shape = there[~bad[near]] if np.count_nonzero(~bad[near]) > K else there
     shape = shape - shape.mean(axis=0)
@@ -175,11 +176,11 @@ def section(presets: Sequence[str], seeds: Sequence[int], folder: Path, progress
         f'Of each preset with a target, on seeds {", ".join(map(str, seeds))} together: up to '
         f'{MOST} good points that the default lost with the highest scores, and as many outliers '
         f'that it left with the lowest; each more than {APART:g} m from the others of its drive. '
-        f'A panel shows the {SHOWN} points nearest to one of them, up to {REACH:g} m away, that '
-        'are judged in the same block, from the side: right is the direction in which they extend '
-        'most, up that in which they extend least, with scales of their own, in metres. '
-        'Contributions are the largest of the features, each as a part of the threshold, before '
-        'anything was rejected.',
+        f'A panel shows the {SHOWN} points nearest to one of them, up to {REACH:g} m away, or the '
+        f'{FEWEST} nearest where fewer are within that. They are judged in the same block, and '
+        'seen from the side: right is the direction in which they extend most, up that in which '
+        'they extend least, with scales of their own, in metres. Contributions are the largest of '
+        'the features, each as a part of the threshold, before anything was rejected.',
         *parts,
     )
 

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
 
 COLUMNS = 5
-WIDTH, ROW, HEAD, DPI = 14.0, 2.5, 0.45, 80  # inches, of the whole, a row and the legend; per inch
+# Inches, of the whole, a row, the legend and what is below; dots per inch.
+WIDTH, ROW, HEAD, FOOT, DPI = 14.0, 2.5, 0.45, 0.12, 80
 COLOURS = 48  # of the palette: keeps the file small
 KEPT = '#8a9097'
-LEAST = 0.02  # metres that a panel shows at least to each side
+LEAST = 0.05  # metres that a panel shows at least to each side
 
 
 class Cutout(NamedTuple):
@@ -48,16 +49,20 @@ class Cutout(NamedTuple):
 def draw(panels: Sequence[tuple[str, Cutout]], path: Path) -> None:
     """Draw cutouts with their titles, row by row, as PNG."""
     rows = max(-(-len(panels) // COLUMNS), 1)
-    height = HEAD + ROW * rows
+    height = HEAD + ROW * rows + FOOT
     figure = Figure((WIDTH, height), dpi=DPI, facecolor=PAPER)
     canvas = FigureCanvasAgg(figure)
     for place, (title, cutout) in enumerate(panels):
         row, column = divmod(place, COLUMNS)
-        left = (column + 0.17) / COLUMNS
+        left = (column + 0.2) / COLUMNS
         bottom = (height - HEAD - (row + 0.87) * ROW) / height
-        axes = figure.add_axes((left, bottom, 0.80 / COLUMNS, 0.71 * ROW / height))
+        axes = figure.add_axes((left, bottom, 0.77 / COLUMNS, 0.71 * ROW / height))
         axes.set_title(title, fontsize=9.5, color=INK, pad=3)
         _panel(axes, cutout)
+        if column == 0:
+            axes.set_ylabel('across, m', fontsize=9, color=INK, labelpad=1)
+        if place + COLUMNS >= len(panels):
+            axes.set_xlabel('along, m', fontsize=9, color=INK, labelpad=1)
     outliers = ('outlier, rejected', FOUND), ('outlier, missed', LEFT)
     add_legend(figure, [('good', KEPT), ('good, lost', LOST), *outliers])
     save(canvas, path, COLOURS)

@@ -1,18 +1,28 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The street of the demo: wet, just below 0 °C, as in Leslar et al. 2010, section 4."""
+"""The street of the demo: wet, just below 0 °C, as in Leslar et al. 2010, section 4; and in snow.
+
+A profile scanner drives along it, and in the snow a sensor with 32 rings that spins.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from lidar_outlier_filter.simulation.drive import Drive
-from lidar_outlier_filter.simulation.particles import Puff
-from lidar_outlier_filter.simulation.scene import Kind, Scene
+from lidar_outlier_filter.simulation.particles import Fall, Puff
+from lidar_outlier_filter.simulation.random_streets import car, spray
+from lidar_outlier_filter.simulation.scene import Cause, Kind, Scene
+from lidar_outlier_filter.simulation.sensors import SpinningScanner
+from lidar_outlier_filter.simulation.spinning_streets import DRY, OPTICS, rings
 from lidar_outlier_filter.simulation.surfaces import BarrierArm, Box, Building, Ground, Pole
+from lidar_outlier_filter.simulation.trajectory import Trajectory
+from lidar_outlier_filter.simulation.weather.drops import snow
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.simulation.scene import Surface
+    from lidar_outlier_filter.simulation.scene import Air, Surface
 
 HALF_ROAD = 5.0  # metres from the middle of the road to its kerbs
 KERB = 0.12  # height of kerbs and sidewalks, metres
@@ -20,6 +30,7 @@ KERB_WIDTH = 0.15
 FRONT = 8.0  # metres from the middle of the road to the buildings
 BACK = 20.0
 START, END = -60.0, 100.0  # metres along the street
+SNOWFALL = 0.3  # mm of water per hour
 
 # How the filter reads the drive's clouds.
 SENSOR: dict[str, object] = {'line_source': 'angle', 'angle_field': 'scan_angle'}
@@ -84,3 +95,24 @@ def _exhaust(x: float, y: float) -> tuple[Puff, ...]:
 def demo_drive(seed: int = 1) -> Drive:
     """Drive four seconds through the street: 800 scan lines, about half a million points."""
     return Drive(street(), lines=800, seed=seed)
+
+
+def snow_drive(seed: int = 1) -> Drive:
+    """Turn three times, 0.3 s, on the same street in snow, behind a car that whirls it up."""
+    rng = np.random.default_rng(seed)
+    things = [thing for thing in street().surfaces if not isinstance(thing, BarrierArm)]
+    things += car(18.0, -1.6, rng, (8.0, 0.0, 0.0))
+    things += car(30.0, 1.6, rng, (-7.0, 0.0, 0.0))
+    air: tuple[Air, ...] = (
+        Fall(Cause.SNOW, snow(SNOWFALL), OPTICS),
+        *spray(18.0, -1.6, 8.0, rng, 1.5),
+    )
+    return Drive(
+        Scene(tuple(things), air),
+        lines=3,
+        sensor=SpinningScanner(elevation=rings(-25.0, 15.0, 32), columns=1024, column_time=97_664),
+        trajectory=Trajectory(start=(5.0, -1.6), mount=(0.0, 0.0, 2.0)),
+        disturbances=DRY,
+        seed=seed,
+        in_own_frame=True,
+    )
