@@ -67,6 +67,12 @@ ARGUMENTS = [
         description='Frame in which RViz shows the clouds: their own where there is no tf.',
     ),
     DeclareLaunchArgument(
+        'lifecycle',
+        default_value='false',
+        choices=['true', 'false'],
+        description='Start a managed node, which a manager configures and activates.',
+    ),
+    DeclareLaunchArgument(
         'respawn',
         default_value='false',
         choices=['true', 'false'],
@@ -112,6 +118,7 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
                 name=NODE_NAME,
                 parameters=parameters,
                 remappings=remappings(topics[0]) if len(topics) == 1 else [],
+                arguments=['--lifecycle'] if argument['lifecycle'] == 'true' else [],
                 ros_arguments=['--log-level', argument['log_level']],
                 output='screen',
                 **at_end,

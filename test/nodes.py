@@ -28,6 +28,8 @@ from lidar_outlier_filter.ros.node import OutlierFilterNode
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rclpy.subscription import Subscription
+
     from lidar_outlier_filter.ros.channel import Channel
     from lidar_outlier_filter.stream.cloud_filter import Answer
 
@@ -72,9 +74,13 @@ class Ros:
         """Make the node with ROS arguments, which follow ``--ros-args``."""
         cli_args = ['--ros-args', *arguments, '--']
         node = OutlierFilterNode(context=self.context, cli_args=cli_args, **options)
+        self.add(node)
+        return node
+
+    def add(self, node: OutlierFilterNode) -> None:
+        """Serve a node, and destroy it at the end."""
         self.executor.add_node(node)
         self._filters.append(node)
-        return node
 
     def wait(self, future: Future) -> Any:
         """Serve until there is a result."""
@@ -157,9 +163,12 @@ class Sensor:
             PointCloud2, topic, KEEP_ALL, event_callbacks=matched
         )
         self._answered = Future()
+        self._subscriptions: list[Subscription] = []
         for name, answers in (('cleaned', self.cleaned), ('outliers', self.outliers)):
-            ros.client.create_subscription(
-                PointCloud2, f'{topic}/{name}', self._collect(answers), KEEP_ALL
+            self._subscriptions.append(
+                ros.client.create_subscription(
+                    PointCloud2, f'{topic}/{name}', self._collect(answers), KEEP_ALL
+                )
             )
 
     def _collect(self, answers: list[PointCloud2]) -> Any:
@@ -169,6 +178,12 @@ class Sensor:
                 self._answered.set_result(time.monotonic())
 
         return collect
+
+    def destroy(self) -> None:
+        """Let go of its topics."""
+        self._ros.client.destroy_publisher(self._publisher)
+        for subscription in self._subscriptions:
+            self._ros.client.destroy_subscription(subscription)
 
     def wait_for_filter(self, node: OutlierFilterNode | Channel) -> None:
         """Serve until the topics of both sides are connected, all three."""

@@ -60,7 +60,7 @@ EXTRAS = {
     'pyarrow': 'parquet',
 }
 # Of ROS, and needed by rclpy itself, or by nav_msgs
-WITH_RCLPY = {'geometry_msgs', 'rosgraph_msgs'}
+WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}
 # Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
 PIP_ONLY = {'filterpy', 'laspy', 'lz4', 'lzf', 'mcap', 'mcap_ros2', 'pyarrow', 'rosbags'}
 SINCE_NUMPY_2 = {
@@ -249,6 +249,7 @@ def test_launch_arguments_are_described() -> None:
         'large_clouds',
         'rviz',
         'fixed_frame',
+        'lifecycle',
         'respawn',
         'log_level',
     }

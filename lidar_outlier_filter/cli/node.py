@@ -41,12 +41,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog='outlier_filter_node',
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        usage='%(prog)s [-h] [--version] [--ros-args ...]',
+        usage='%(prog)s [-h] [--version] [--lifecycle] [--ros-args ...]',
         allow_abbrev=False,
     )
     parser.add_argument('--version', action='version', version=__version__)
-    parser.parse_args(_own(sys.argv[1:] if arguments is None else arguments))
-    return run()
+    parser.add_argument(
+        '--lifecycle',
+        action='store_true',
+        help='wait for the transitions of a managed node: configure, activate, deactivate, '
+        'cleanup, shutdown',
+    )
+    options = parser.parse_args(_own(sys.argv[1:] if arguments is None else arguments))
+    return run(lifecycle=options.lifecycle)
 
 
 def _own(arguments: Sequence[str]) -> list[str]:

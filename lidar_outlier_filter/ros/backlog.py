@@ -104,6 +104,11 @@ class Inbox:
                 self._clouds = self._size = 0
             self._changed.notify()
 
+    def reopen(self) -> None:
+        """Take clouds again, once it is done."""
+        with self._changed:
+            self._closed = False
+
     @property
     def closed(self) -> bool:
         """Whether nothing is expected any more."""

@@ -64,7 +64,8 @@ class Channel:
         return self._filter.waiting + self.worker.inbox.clouds
 
     def start(self) -> None:
-        """Subscribe, and filter what comes in a thread of its own."""
+        """Subscribe, and filter what comes in a thread of its own; also after ``finish``."""
+        self.worker.inbox.reopen()
         self.worker.start(f'filter {self.topic}')
         self.receiver.start()
 
@@ -104,6 +105,11 @@ class Channel:
         """Let go of all that was received: there is nobody to send the answers to."""
         self.worker.inbox.close(discard=True)
         self.worker.join()
+
+    def destroy(self) -> None:
+        """Let go of the publishers."""
+        self.stop()
+        self.publisher.destroy()
 
     def _remarks(self) -> list[str]:
         remarks = []

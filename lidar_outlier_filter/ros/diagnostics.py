@@ -38,6 +38,12 @@ class Diagnostics:
         self._last = self._steady.now().nanoseconds
         self._timer = node.create_timer(PERIOD, self._look, clock=self._steady)
 
+    def end(self) -> None:
+        """Look no more."""
+        self._node.destroy_timer(self._timer)
+        for publisher in (self._status, self._plotted):
+            self._node.destroy_publisher(publisher)
+
     def _look(self) -> None:
         now = self._steady.now().nanoseconds
         seconds = max(now - self._last, 1) / SECOND

@@ -27,14 +27,18 @@ def keep_memory() -> None:
             set_option(option, value)
 
 
-def main() -> int:
-    """Load the node and run it; return the exit status."""
+def main(*, lifecycle: bool = False) -> int:
+    """Load the node, a managed one if asked for, and run it; return the exit status."""
     on_stop(leave)
     keep_memory()
     # ROS, NumPy and numba take a second or two.
     from lidar_outlier_filter.ros.node import main as run  # noqa: PLC0415
 
-    return run()
+    if not lifecycle:
+        return run()
+    from lidar_outlier_filter.ros.managed import ManagedFilterNode  # noqa: PLC0415
+
+    return run(make=ManagedFilterNode)
 
 
 if __name__ == '__main__':

@@ -27,7 +27,7 @@ from lidar_outlier_filter.ros.signals import leave, on_stop
 from lidar_outlier_filter.stream.topics import answers
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from rclpy.context import Context
     from rclpy.executors import Executor
@@ -70,6 +70,8 @@ class OutlierFilterNode(TunableNode):
     Made, it has its parameters, its compiled kernels and its publishers. ``start`` subscribes.
     """
 
+    is_managed = False  # and has its channels when it is configured
+
     def __init__(
         self,
         *,
@@ -97,9 +99,12 @@ class OutlierFilterNode(TunableNode):
             options['cli_args'] = [*options.get('cli_args', []), '--ros-args', *remap]
             parameters = {**(parameters or {}), 'inputs': (POINTS,)}
         super().__init__(parameters or {}, **options)
-        names = self._names()
-        self.channels = tuple(Channel(self, name, self.filter_parameters) for name in names)
+        self.channels = () if self.is_managed else self.make_channels()
         self._watch_parameters(self.apply)
+
+    def make_channels(self) -> tuple[Channel, ...]:
+        """Make a way for each input, with its kernels and publishers."""
+        return tuple(Channel(self, name, self.filter_parameters) for name in self._names())
 
     @property
     def statistics(self) -> Statistics:
@@ -122,9 +127,17 @@ class OutlierFilterNode(TunableNode):
         return self.channels[0].publisher.outliers
 
     def start(self) -> None:
-        """Subscribe, watch over ``max_delay``, offer the services, and log that it is ready."""
+        """Offer the services, and filter."""
+        self.serve()
+        self.run()
+
+    def serve(self) -> None:
+        """Offer the services."""
         self._serve_parameters()
         self.create_service(SetBool, '~/enable', self._enable)
+
+    def run(self) -> None:
+        """Subscribe, watch over ``max_delay``, and log that it is ready."""
         self._diagnostics = Diagnostics(self, self.channels)
         for channel in self.channels:
             channel.start()
@@ -173,8 +186,15 @@ class OutlierFilterNode(TunableNode):
         return response
 
 
-def main(args: list[str] | None = None) -> int:
+def main(
+    args: list[str] | None = None, make: Callable[[], OutlierFilterNode] = OutlierFilterNode
+) -> int:
     """Run the node until SIGINT or SIGTERM; what is pending is judged and published first.
+
+    Parameters
+    ----------
+    args : the command line; default: that of the process
+    make : gives the node
 
     Returns
     -------
@@ -186,7 +206,7 @@ def main(args: list[str] | None = None) -> int:
     stop = threading.Event()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = OutlierFilterNode()
+        node = make()
         on_stop(stop.set)
         node.start()
     # A RuntimeError is rclpy's, for arguments and QoS overrides that it cannot read.

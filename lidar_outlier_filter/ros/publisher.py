@@ -24,6 +24,7 @@ class AnswerPublisher:
 
     def __init__(self, node: Node, topic: str) -> None:
         """Advertise ``topic``/cleaned and ``topic``/outliers."""
+        self._node = node
         self._context = node.context
         self.cleaned, self.outliers = (advertise(node, name) for name in answers(topic))
 
@@ -51,3 +52,8 @@ class AnswerPublisher:
         """Wait until every subscriber has what was published last, on both topics."""
         for publisher in (self.cleaned, self.outliers):
             publisher.wait_for_all_acked(ACKNOWLEDGE)
+
+    def destroy(self) -> None:
+        """Advertise no more."""
+        for publisher in (self.cleaned, self.outliers):
+            self._node.destroy_publisher(publisher)
