@@ -4,7 +4,22 @@
 
 from __future__ import annotations
 
+import struct
 import traceback
+
+# Errors of a program that comes upon what it did not expect.
+_OF_THE_READER = (
+    LookupError,
+    TypeError,
+    ArithmeticError,
+    AttributeError,
+    AssertionError,
+    BufferError,
+    EOFError,
+    RecursionError,
+    UnicodeError,
+    struct.error,
+)
 
 
 class FilterError(Exception):
@@ -41,6 +56,18 @@ class JudgingError(CloudError):
         frames = traceback.extract_tb(error.__traceback__)
         self.place = f'{frames[-1].filename}:{frames[-1].lineno}' if frames else ''
         self.trace = ''.join(traceback.format_exception(error))
+
+
+def said_by(error: BaseException) -> str:
+    """Quote what a library says of a file, on one line, where that is a sentence on the file.
+
+    Others, such as ``list index out of range``, speak of the reader: the file holds then what its
+    format does not allow, and no more is known.
+    """
+    text = (error.strerror or '') if isinstance(error, OSError) else str(error)
+    if isinstance(error, _OF_THE_READER) or not text.strip():
+        text = 'bytes that its format does not allow'
+    return '"' + ' '.join(text.split()) + '"'
 
 
 class PoseError(FilterError):

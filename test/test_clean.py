@@ -271,7 +271,7 @@ def test_a_database_is_marked_only(tmp_path: Path, capsys: Capture) -> None:
     ):
         assert main(['clean', str(path), *options]) == 1
         assert capsys.readouterr().err == sentence + '\n'
-    assert main(['clean', str(path), '--table', 'b']) == 0
+    assert main(['clean', str(path), '--table', 'b']) == 3  # one row: nothing can be tested
     assert names(tmp_path) == {
         'two.db',
         'two_cleaned.db',
@@ -471,6 +471,16 @@ def test_some_refused_give_status_3(folder: Path, capsys: Capture) -> None:
     assert printed.err.startswith(f'the header of {folder}/broken.las {must_be}')
     assert [row['file'] for row in rows(printed.out)] == ['bun0.pcd', 'samp41-utm.pcd']
     assert 'samp41-utm_cleaned.pcd' in names(folder)
+
+
+def test_nothing_tested(folder: Path, capsys: Capture) -> None:
+    """A cloud of which no point could be tested is written, but not without a word."""
+    path = folder / 'few.csv'
+    path.write_text('x,y\n' + '1,2\n' * 3)
+    assert main(['clean', '--chain', 'sor', str(path)]) == 3
+    sentence = 'few.csv: sor could test none of its points\n'
+    assert capsys.readouterr().err.endswith(sentence)
+    assert 'few_cleaned.csv' in names(folder)
 
 
 def test_faces_keep_their_vertices(tmp_path: Path, capsys: Capture) -> None:

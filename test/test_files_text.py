@@ -164,3 +164,22 @@ def test_refused(tmp_path: Path, data: bytes, sentence: str) -> None:
     with pytest.raises(CloudError) as caught:
         columns(path)
     assert sentence.format(path) in str(caught.value)
+
+
+@pytest.mark.parametrize('separator', [',', ' '])
+def test_byte_order_mark_without_names(tmp_path: Path, separator: str) -> None:
+    """A byte order mark in front of a number belongs to no number, and is kept."""
+    text = separator.join('123') + '\n' + separator.join('456') + '\n'
+    path = make(tmp_path, b'\xef\xbb\xbf' + text.encode())
+    assert list(open_cloud(path).columns) == ['1', '2', '3']
+    assert [column.tolist() for column in columns(path)] == [[1, 4], [2, 5], [3, 6]]
+    assert copied(path, Change()).read_bytes() == path.read_bytes()
+    copy = copied(path, Change(keep=np.array([False, True])))
+    assert copy.read_bytes() == b'\xef\xbb\xbf' + separator.join('456').encode() + b'\n'
+
+
+def test_a_first_line_without_an_end(tmp_path: Path) -> None:
+    """Of a file that is one endless line no more than a first line is read."""
+    path = make(tmp_path, b'1,' * 2_000_000)
+    with pytest.raises(CloudError, match='must be of fewer than 1000000 letters, got more'):
+        open_cloud(path)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from time import process_time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,8 @@ from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.detectors import Hierarchical
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -400,6 +403,52 @@ def test_a_heap_of_coincident_points() -> None:
     outcome = detect(xyz, Hierarchical())
     assert outcome.cluster[:200_000].min() >= 200_000
     assert outcome.phase[0] == 0
+
+
+def axis(count: int) -> Floats:
+    """Put half of the points on a circle, the other half on its axis."""
+    turn = np.linspace(0, 2 * np.pi, count // 2, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(count // 2)], axis=1)
+    z = np.linspace(-1, 1, count - count // 2)
+    return np.concatenate([circle, np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=1)])
+
+
+def geometric(count: int) -> Floats:
+    """Put points on a line, each a little farther from the last one than that from the one before.
+
+    Of 17 decimal places.
+    """
+    return np.stack([np.geomspace(1e-9, 1e8, count), *np.zeros((2, count))], axis=1)
+
+
+def edges_of(xyz: Floats) -> set[tuple[int, int]]:
+    """Find the edges by holding every pair against every point."""
+    x, y, z = (xyz[:, i] - xyz[:, i, None] for i in range(3))  # of column less row
+    edges = set()
+    for p in range(len(xyz)):
+        obtuse = (x[p] * x[p:] + y[p] * y[p:]) + z[p] * z[p:] < 0
+        edges.update((p, p + int(q)) for q in np.flatnonzero(~obtuse.any(axis=1)) if q)
+    return edges
+
+
+@pytest.mark.parametrize('make', [axis, geometric])
+def test_shapes_with_many_candidates(make: Callable[[int], Floats]) -> None:
+    """Where points hide each other badly the graph is exact, too."""
+    xyz = make(600)
+    neighbourhood = Neighbourhood(xyz, 1)
+    assert given(neighbourhood, gabriel.gabriel_graph(neighbourhood).ends) == edges_of(xyz)
+
+
+@pytest.mark.parametrize('make', [axis, geometric])
+def test_no_shape_takes_quadratic_time(make: Callable[[int], Floats]) -> None:
+    """A point of such a shape takes at most five times as long as one of a street."""
+    seconds = []
+    for cloud in (street(0, 40_000), make(40_000)):
+        detect(cloud[:500], Hierarchical())  # compiled
+        begin = process_time()
+        detect(cloud, Hierarchical(), threads=1)
+        seconds.append(process_time() - begin)
+    assert seconds[1] < 5 * seconds[0]
 
 
 def test_a_point_that_sees_all() -> None:

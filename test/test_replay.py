@@ -320,6 +320,16 @@ def test_real_recording_without_clouds(recordings: Path, tmp_path: Path, name: s
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize('name', ['out', 'deep/out', '../drive/out'])
+def test_output_within_the_recording(tmp_path: Path, name: str) -> None:
+    """A recording stays as it is: nothing is written into its folder."""
+    source = write_drive(tmp_path / 'drive', [cloud(0)])
+    before = sorted(source.iterdir())
+    with pytest.raises(RecordingError, match=r'the output must be outside of .*drive, which'):
+        replay(source, source / name)
+    assert sorted(source.iterdir()) == before
+
+
 def test_name_that_only_ros1_allows(tmp_path: Path) -> None:
     """A topic that cannot be named in ROS 2 is refused in a sentence."""
     store = get_typestore(Stores.ROS1_NOETIC)

@@ -45,7 +45,8 @@ def add_clean(commands: Commands) -> None:
         'and scan lines (LAS: gps_time, and the scan direction, angle or edges; others: columns '
         'such as time and ring); where a file has none, the chain is sor unless one is given, '
         'and in tiles it is alpha_beta_gamma. Exit '
-        'status: 0 all done; 1 refused, nothing is written; 3 some of the files were refused.',
+        'status: 0 all done; 1 refused, nothing is written; 3 some of the files were '
+        'refused, or none of the points of one could be tested.',
     )
     parser.add_argument('files', type=Path, nargs='+', metavar='FILE', help='the clouds')
     parser.add_argument(
@@ -108,7 +109,10 @@ def _clean(options: argparse.Namespace) -> int:
             say(f'{path} is judged in tiles: chain {", ".join(report.chain)}')
     if reports:
         _show(reports)
-    if len(reports) == len(options.files):
+    untested = [report for report in reports if report.points == report.untested + report.invalid]
+    for report in untested:
+        say(f'{report.input}: {" and ".join(report.chain)} could test none of its points')
+    if len(reports) == len(options.files) and not untested:
         return DONE
     return INCOMPLETE if reports else REFUSED
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.errors import CloudError, FilterError
+from lidar_outlier_filter.errors import CloudError, FilterError, said_by
 from lidar_outlier_filter.files.room import check_count
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def copy(file: CloudFile, path: Path, change: Change) -> Iterator[int]:
         try:
             yield from file.copy(path, change)
         except OSError as err:
-            raise CloudError(f'the output {path}', 'written in full', _quoted(err)) from err
+            raise CloudError(f'the output {path}', 'written in full', said_by(err)) from err
 
 
 @contextmanager
@@ -191,14 +191,8 @@ def readable(path: Path) -> Iterator[None]:
     except FilterError:
         raise
     except Exception as err:  # on damaged files, the readers raise whatever they come upon
-        raise CloudError(f'the file {path}', 'readable', _quoted(err)) from err
+        raise CloudError(f'the file {path}', 'readable', said_by(err)) from err
 
 
 def _names(file: CloudFile) -> str:
     return ', '.join(file.columns) or 'none'
-
-
-def _quoted(err: Exception) -> str:
-    """Put a foreign sentence, on one line, into quotes."""
-    text = (err.strerror or '') if isinstance(err, OSError) else ''
-    return '"' + ' '.join((text or str(err) or repr(err)).split()) + '"'

@@ -8,6 +8,7 @@ Rows are copied as the bytes that they are; Python's own ``csv`` finds the numbe
 from __future__ import annotations
 
 import csv
+from codecs import BOM_UTF8
 from itertools import islice
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 _SEPARATORS = ',;\t| '
 FLOAT = np.dtype(np.float64)
+LONGEST_LINE = 1_000_000  # letters of the first line
 EXACT = 2**53  # up to here a float64 holds every whole number
 
 
@@ -49,8 +51,13 @@ class TextFile:
     def __init__(self, path: Path) -> None:
         """Find the separator, the names, and how many rows there are."""
         self.path = path
+        with path.open('rb') as raw:
+            self._mark = raw.read(len(BOM_UTF8)) == BOM_UTF8
         with self._open() as stream:
-            first = stream.readline().removeprefix('\ufeff')
+            first = stream.readline(LONGEST_LINE)
+        if len(first) == LONGEST_LINE:
+            must_be = f'of fewer than {LONGEST_LINE} letters'
+            raise CloudError(f'the first line of {path}', must_be, 'more')
         # The one that makes the most of the first line.
         self._separator = max(_SEPARATORS, key=lambda mark: len(_split(first, mark)))
         names = _split(first, self._separator)
@@ -71,8 +78,8 @@ class TextFile:
         self.columns: Mapping[str, np.dtype[Any]] = dict.fromkeys(self._places, FLOAT)
 
     def _open(self) -> TextIO:
-        # What is no UTF-8 comes out again as it went in.
-        return self.path.open(encoding='utf-8', errors='surrogateescape', newline='')
+        # What is no UTF-8 comes out again as it went in; a byte order mark belongs to no column.
+        return self.path.open(encoding='utf-8-sig', errors='surrogateescape', newline='')
 
     def _rows(self, stream: TextIO) -> Iterator[Row]:
         """Yield the rows, each with the text that it was; empty lines are none."""
@@ -132,6 +139,7 @@ class TextFile:
         done = 0
         mark = self._separator.encode()
         with self._open() as stream, path.open('wb') as output:
+            output.write(BOM_UTF8 if self._mark else b'')
             if self._has_names:
                 head = self._head()
                 names = self._separator.join(['', *change.added])

@@ -25,13 +25,11 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag1 import Reader as Reader1
-from rosbags.rosbag1 import ReaderError as Reader1Error
 from rosbags.rosbag2 import Reader as Reader2
-from rosbags.rosbag2 import ReaderError as Reader2Error
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 from lidar_outlier_filter.recordings.storage import (
     bound,
     check_storage,
@@ -259,10 +257,8 @@ def _readable(path: Path) -> Iterator[None]:
         yield
     except FilterError:
         raise
-    except (Reader1Error, Reader2Error, OSError) as err:
-        raise RecordingError(f'the recording {path}', 'readable', _quoted(str(err))) from err
     except Exception as err:  # on damaged files, the decoders raise whatever they come upon
-        raise RecordingError(f'the recording {path}', 'readable', _quoted(repr(err))) from err
+        raise RecordingError(f'the recording {path}', 'readable', said_by(err)) from err
 
 
 @contextmanager

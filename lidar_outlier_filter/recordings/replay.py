@@ -100,6 +100,8 @@ def replay(  # noqa: PLR0913  what the command line offers
 
     """
     given = FilterParameters().changed(parameters or {})
+    if recording.resolve() in output.resolve().parents:
+        raise RecordingError('the output', f'outside of {recording}, which stays as it is', output)
     with Recording(recording) as source, NewBag(output, source.custom_data) as bag:
         chosen = choose_clouds(source, topics, 'a topic to filter')
         _check_motion(source, chosen, given)

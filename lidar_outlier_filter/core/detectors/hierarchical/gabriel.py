@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 
 CHUNK = 2048  # points that a thread takes at once
 PLANES = 64  # most that are kept for a point: those of the nearest candidates
-SLACK = 1e-14  # of a product of lengths: more than its rounding
+MANY = 256  # candidates: more have their planes among the points before, too
+SLACK = 1e-14  # of a product of lengths, or of a coordinate: more than its rounding
 
 
 class _Scratch(NamedTuple):
@@ -46,9 +47,9 @@ class _Scratch(NamedTuple):
     ----------
     stack : (H + 2,) int64
         Nodes that wait.
-    planes : (PLANES, 7) float64
-        x, y, z of the point of the plane less those of the tested point; least product with a
-        difference from the tested point of what is surely beyond it; x, y, z of the point.
+    planes : (PLANES, 8) float64
+        x, y, z of the point of the plane less those of the tested point; their product with
+        themselves; x, y, z of the point; its distance from the tested point.
     candidates : (N,) int32
         Points that were in front of all planes when they were seen.
 
@@ -89,20 +90,19 @@ def _edges(xyz: Floats, tree: Tree, levels: int, begin: int, end: int) -> Index:
     ends, count = np.empty((4 * (end - begin) + 16, 2), np.int32), 0
     scratch = _Scratch(
         np.empty(levels + 2, np.int64),
-        np.empty((PLANES, 7)),
+        np.empty((PLANES, 8)),
         np.empty(len(xyz), np.int32),
     )
-    # Of differences, which the size of the cloud bounds, and of coordinates, which may be far off.
-    slack = SLACK * (np.sum(tree.high[0] - tree.low[0]) + np.max(np.abs(tree.high[0])))
-    slack += SLACK * np.max(np.abs(tree.low[0]))
     for p in range(begin, end):
-        found, planes = _find_candidates(xyz, tree, p, slack, scratch)
+        found, planes = _find_candidates(xyz, tree, p, False, scratch)  # noqa: FBT003  numba
+        if found > MANY:
+            found, planes = _find_candidates(xyz, tree, p, True, scratch)  # noqa: FBT003  numba
         for c in range(found):
             q = scratch.candidates[c]
             # The point's own plane leaves it alone: r - q is zero.
             if _is_beyond(scratch.planes, planes, xyz[q, 0], xyz[q, 1], xyz[q, 2]):
                 continue
-            if not _is_empty(xyz, tree, p, q, slack, scratch.stack):
+            if not _is_empty(xyz, tree, p, q, scratch.stack):
                 continue
             if count == len(ends):
                 larger = np.empty((2 * count, 2), np.int32)
@@ -115,9 +115,13 @@ def _edges(xyz: Floats, tree: Tree, levels: int, begin: int, end: int) -> Index:
 
 @kernel
 def _find_candidates(
-    xyz: Floats, tree: Tree, p: int, slack: float, scratch: _Scratch
+    xyz: Floats, tree: Tree, p: int, before: bool, scratch: _Scratch
 ) -> tuple[int, int]:
-    """Gather points behind p in tree order that no plane hides; return how many, and the planes."""
+    """Gather points behind p in tree order that no plane hides; return how many, and the planes.
+
+    The planes of the points behind p mostly do. Where they leave many, as on a circle with points
+    on its axis, those ``before`` p hide the most. Without them the search ends at ``MANY``.
+    """
     stack, planes, candidates = scratch.stack, scratch.planes, scratch.candidates
     x, y, z = xyz[p, 0], xyz[p, 1], xyz[p, 2]
     here, found, kept = (x, y, z, x, y, z), 0, 0
@@ -125,7 +129,9 @@ def _find_candidates(
     while waiting > 0:
         waiting -= 1
         node = stack[waiting]
-        if tree.last[node] <= p + 1 or _is_hidden(tree, node, planes, kept, x, y, z):
+        if not before and (found > MANY or tree.last[node] <= p + 1):
+            continue
+        if _is_hidden(tree, node, planes, kept, x, y, z):
             continue
         near = tree.child[node]
         if near >= 0:
@@ -143,7 +149,7 @@ def _find_candidates(
             if q > p:
                 candidates[found] = q
                 found += 1
-            kept = _add_plane(planes, kept, x, y, z, u, v, w, slack)
+            kept = _add_plane(planes, kept, x, y, z, u, v, w)
     return found, kept
 
 
@@ -153,12 +159,16 @@ def _is_hidden(
 ) -> bool:
     """Return whether the whole box of a node is beyond one of the planes."""
     low, high = tree.low[node], tree.high[node]
+    # To the farthest corner: what a product with it is rounded by goes with its length.
+    reach = max(abs(low[0] - x), abs(high[0] - x)) + max(abs(low[1] - y), abs(high[1] - y))
+    reach += max(abs(low[2] - z), abs(high[2] - z))
     for k in range(kept):
         a, b, c = planes[k, 0], planes[k, 1], planes[k, 2]
         u = low[0] if a > 0 else high[0]
         v = low[1] if b > 0 else high[1]
         w = low[2] if c > 0 else high[2]
-        if (a * (u - x) + b * (v - y)) + c * (w - z) > planes[k, 3]:
+        slack = SLACK * planes[k, 7] * (reach + planes[k, 7])
+        if (a * (u - x) + b * (v - y)) + c * (w - z) > planes[k, 3] + slack:
             return True
     return False
 
@@ -183,28 +193,26 @@ def _add_plane(
     u: float,
     v: float,
     w: float,
-    slack: float,
 ) -> int:
     """Sort the plane of (u, v, w), seen from (x, y, z), in by its distance; return how many."""
     a, b, c = u - x, v - y, w - z
     squared = (a * a + b * b) + c * c
-    least = squared + slack * np.sqrt(squared)
     k = kept
     if kept == PLANES:
-        if planes[kept - 1, 3] <= least:
+        if planes[kept - 1, 3] <= squared:
             return kept
         k = kept - 1
-    while k > 0 and planes[k - 1, 3] > least:
-        for column in range(7):
+    while k > 0 and planes[k - 1, 3] > squared:
+        for column in range(8):
             planes[k, column] = planes[k - 1, column]
         k -= 1
-    planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3] = a, b, c, least
-    planes[k, 4], planes[k, 5], planes[k, 6] = u, v, w
+    planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3] = a, b, c, squared
+    planes[k, 4], planes[k, 5], planes[k, 6], planes[k, 7] = u, v, w, np.sqrt(squared)
     return min(kept + 1, PLANES)
 
 
 @kernel
-def _is_empty(xyz: Floats, tree: Tree, p: int, q: int, slack: float, stack: Ints) -> bool:
+def _is_empty(xyz: Floats, tree: Tree, p: int, q: int, stack: Ints) -> bool:
     """Return whether no point is inside the ball between p and q."""
     px, py, pz = xyz[p, 0], xyz[p, 1], xyz[p, 2]
     qx, qy, qz = xyz[q, 0], xyz[q, 1], xyz[q, 2]
@@ -212,7 +220,9 @@ def _is_empty(xyz: Floats, tree: Tree, p: int, q: int, slack: float, stack: Ints
     here = (x, y, z, x, y, z)
     dx, dy, dz = qx - px, qy - py, qz - pz
     squared = 0.25 * ((dx * dx + dy * dy) + dz * dz)
-    reach = squared + slack * np.sqrt(squared)
+    # The middle is rounded as the coordinates are, which may be far off.
+    slack = SLACK * (abs(px) + abs(py) + abs(pz) + abs(qx) + abs(qy) + abs(qz))
+    reach = squared + slack * (np.sqrt(squared) + slack)
     stack[0], waiting = 0, 1
     while waiting > 0:
         waiting -= 1
