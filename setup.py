@@ -5,12 +5,19 @@
 The metadata live here and not in a [project] table, because colcon reads them here.
 """
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.develop import develop
+from setuptools.command.install import install
 
 NAME = 'lidar_outlier_filter'
 ROOT = Path(__file__).parent
+# What to compile at an installation: the detectors of a chain; nothing; without it, all that ships.
+COMPILE = 'LIDAR_OUTLIER_FILTER_COMPILE'
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
@@ -25,6 +32,40 @@ def shared_files() -> list[tuple[str, list[str]]]:
             if path.is_file() and '__pycache__' not in relative.parts:
                 found.setdefault(f'share/{NAME}/{relative.parent}', []).append(str(relative))
     return list(found.items())
+
+
+def compile_kernels(folder: str) -> None:
+    """Compile the kernels of the package in ``folder``. A failure costs the first start only."""
+    chain = os.environ.get(COMPILE)
+    if chain == '':
+        return
+    paths = os.pathsep.join([folder, *filter(None, [os.environ.get('PYTHONPATH')])])
+    command = [sys.executable, '-P', '-m', f'{NAME}.cli.main', 'compile']
+    if chain is not None:
+        command += ['--chain', chain]
+    done = subprocess.run(command, env={**os.environ, 'PYTHONPATH': paths}, check=False)  # noqa: S603
+    if done.returncode:
+        sys.stderr.write('The kernels are not compiled: the first start of the node does it.\n')
+
+
+class Install(install):  # type: ignore[misc]
+    """Installs for ``colcon build``, and compiles. A wheel is for other processors, too."""
+
+    def run(self) -> None:
+        """Install, and compile where nothing else, such as a wheel, was asked for."""
+        super().run()
+        if 'install' in self.distribution.commands:
+            compile_kernels(str(self.install_lib))
+
+
+class Develop(develop):  # type: ignore[misc]
+    """Links for ``colcon build --symlink-install``, and compiles."""
+
+    def run(self) -> None:
+        """Link, and compile."""
+        super().run()
+        if 'develop' in self.distribution.commands and not self.uninstall:
+            compile_kernels(os.fspath(Path.cwd()))
 
 
 setup(
@@ -95,6 +136,7 @@ setup(
             'types-PyYAML',
         ],
     },
+    cmdclass={'install': Install, 'develop': Develop},
     entry_points={
         'console_scripts': [
             f'lidar-outlier-filter = {NAME}.cli.start:start',

@@ -139,6 +139,7 @@ def test_what_is_not_filtered() -> None:
         health.received(1)
     health.lost(2)
     health.dropped()
+    health.answered(0.1, 0.1)
     health.counted(Statistics(passed=Counter(overload=1, disabled=5)))
     level, message, values, plotted = look(health)
     assert level == WARN
@@ -153,10 +154,43 @@ def test_what_is_not_filtered() -> None:
     for _ in range(2):
         health.received(1)
     health.dropped()
+    health.answered(0.1, 0.1)
     assert look(health)[1] == 'of 2 clouds 1 dropped'
     health.received(1)
     health.dropped(2)
     assert look(health)[0] == ERROR
+
+
+# Limits that complain of nothing.
+PATIENT = HealthLimits(
+    **{f'{name}_{level}': 1000.0 for name in ('delay', 'silence') for level in ('warn', 'error')},
+    unfiltered_warn=1.0,
+    unfiltered_error=1.0,
+)
+
+
+@pytest.mark.parametrize('oldest', [0.0, 0.9 * MAX_DELAY, 1.1 * MAX_DELAY, 100 * MAX_DELAY])
+def test_who_waits_longer_than_max_delay_is_not_well(oldest: float) -> None:
+    """Whatever the limits are: by the age of what waits, not by that of what was answered."""
+    health = Health()
+    health.received(1)
+    health.answered(0.01, 0.01)
+    found = health.look(1.0, PATIENT, MAX_DELAY, Backlog(0, 0.0, 1, oldest=oldest))
+    assert (found.level == OK) is (oldest <= MAX_DELAY)
+    assert ('no answer for' in found.message) is (oldest > MAX_DELAY)
+
+
+def test_who_drops_everything_is_not_well() -> None:
+    """As soon as that lasts longer than max_delay; an answer ends it."""
+    health = Health()
+    for number in range(4):
+        health.received(1)
+        health.dropped()
+        found = health.look(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING)
+        assert (found.level == OK) is (number < 2)
+    health.answered(0.01, 0.01)
+    health.dropped()
+    assert health.look(0.4 * MAX_DELAY, PATIENT, MAX_DELAY, NOTHING).level == OK
 
 
 def test_events_add_up() -> None:

@@ -5,14 +5,18 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
-if TYPE_CHECKING:
-    from pathlib import Path
+from lidar_outlier_filter.core import kernel_cache
+
+PACKAGE = Path(kernel_cache.__file__).parents[1]
+no_caches = shutil.ignore_patterns('__pycache__')
 
 KERNEL = """
 from lidar_outlier_filter.core.kernels import kernel
@@ -76,3 +80,63 @@ def test_only_what_a_kernel_can_reach_makes_it_old(toy: Path) -> None:
     # Those of the old sources are gone.
     assert len(files) == len(list(toy.rglob('caller.answer-*.nb[ic]'))) == 2
     assert not files & {path.name for path in toy.rglob('caller.answer-*.nb[ic]')}
+
+
+# Two copies of the package: what was compiled in one is used in the other, which cannot be written.
+TWICE = """
+from lidar_outlier_filter.core import kernel_cache
+from toy.caller import answer
+print(answer(1), sum(answer.stats.cache_hits.values()), len(kernel_cache.complaints))
+"""
+
+
+def run_elsewhere(toy: Path, **env: str) -> list[int]:
+    """Start Python anew in a changed environment; return answer, hits and complaints."""
+    paths = [str(toy), *filter(None, [os.environ.get('PYTHONPATH')])]
+    env = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), **env}
+    done = subprocess.run(
+        [sys.executable, '-P', '-c', TWICE], env=env, check=False, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, '')
+    return [int(word) for word in done.stdout.split()]
+
+
+def test_times_of_files_do_not_matter(toy: Path) -> None:
+    """An image, or an installation, may set others."""
+    assert run(toy) == [22, 0]
+    for path in toy.rglob('*.py'):
+        os.utime(path, (1, 1))
+    assert run(toy) == [22, 1]
+
+
+def test_what_came_with_the_installation_is_read(toy: Path, tmp_path: Path) -> None:
+    """Where new kernels go to another folder."""
+    assert run(toy) == [22, 0]
+    assert run_elsewhere(toy, NUMBA_CACHE_DIR=str(tmp_path / 'other')) == [22, 1, 0]
+
+
+def test_no_folder_can_be_written(toy: Path, tmp_path: Path) -> None:
+    """It works all the same, says so in one sentence, and leaves nothing behind."""
+    temporary = tmp_path / 'temporary'
+    temporary.mkdir()
+    for folder in (toy / 'toy', toy / 'toy' / 'room'):
+        # A file in the place of the folder: root may write to every folder.
+        (folder / '__pycache__').write_text('')
+    copy = shutil.copytree(PACKAGE, toy / PACKAGE.name, ignore=no_caches)
+    for folder in [copy, *(path for path in copy.rglob('*') if path.is_dir())]:
+        (folder / '__pycache__').write_text('')
+    nowhere = {'HOME': '/dev/null', 'XDG_CACHE_HOME': '/dev/null', 'TMPDIR': str(temporary)}
+    assert run_elsewhere(toy, **nowhere) == [22, 0, 1]
+    assert not list(temporary.iterdir())
+
+
+def test_a_kernel_that_cannot_be_saved_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk is one sentence."""
+    usual = IndexDataCacheFile('/dev/null', 'room.kernel-1.py311', None)  # type: ignore[no-untyped-call]
+    file = kernel_cache.CacheFile(usual, __file__, 'lidar_outlier_filter.core.kernels')
+    monkeypatch.setattr(kernel_cache, 'complaints', [])
+    for _ in range(2):
+        file.save('key', 'data')
+    assert kernel_cache.complaints == [
+        'what is compiled is not kept, as /dev/null: Not a directory'
+    ]

@@ -259,14 +259,18 @@ def test_launch_arguments_are_described() -> None:
 class Workspace:
     """A colcon workspace with nothing but this package in it."""
 
-    def __init__(self, root: Path, *options: str) -> None:
-        """Copy the package, and build it with the options given."""
+    def __init__(self, root: Path, compiled: str, *options: str) -> None:
+        """Copy the package, and build it with the options given; compile a chain."""
         self.root = root
         self.prefix = root / 'install' / NAME
         self.share = self.prefix / 'share' / NAME
         ignored = shutil.ignore_patterns('.*', '__pycache__', '*.egg-info', 'demo_output')
         shutil.copytree(ROOT, root / 'src' / NAME, ignore=ignored)
-        self.environment = {**os.environ, 'COLCON_HOME': str(root / 'colcon')}
+        self.environment = {
+            **os.environ,
+            'COLCON_HOME': str(root / 'colcon'),
+            'LIDAR_OUTLIER_FILTER_COMPILE': compiled,
+        }
         self.run(sys.executable, '-c', BUILD, 'build', *options, check=True)
 
     def run(self, *command: str, check: bool = False) -> subprocess.CompletedProcess[str]:
@@ -278,7 +282,7 @@ class Workspace:
             capture_output=True,
             text=True,
             check=False,
-            timeout=120,
+            timeout=300,
         )
         assert not check or answer.returncode == 0, answer.stdout + answer.stderr
         return answer
@@ -294,7 +298,7 @@ def workspace(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Workspace:
     """Build the package with colcon, both ways."""
-    options = {'copied': [], 'linked': ['--symlink-install']}[request.param]
+    options = {'copied': ['sor'], 'linked': ['', '--symlink-install']}[request.param]
     return Workspace(tmp_path_factory.mktemp('workspace'), *options)
 
 
@@ -315,6 +319,14 @@ def test_colcon_installs_all_of(workspace: Workspace, folder: str) -> None:
     there = {path.relative_to(workspace.share) for path in (workspace.share / folder).rglob('*.*')}
     assert ours
     assert there == ours
+
+
+@pytest.mark.slow
+def test_colcon_compiles_what_it_installs(workspace: Workspace) -> None:
+    """Beside the installed package, where it was asked to."""
+    linked = (workspace.root / 'build' / NAME / NAME).is_symlink()
+    assert any(workspace.root.rglob('sor.*.nbi')) is not linked
+    assert any((workspace.prefix / 'lib').rglob('sor.*.nbi')) is not linked
 
 
 @pytest.mark.slow

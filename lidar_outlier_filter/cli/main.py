@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.bench import add_bench
 from lidar_outlier_filter.cli.clean import add_clean
+from lidar_outlier_filter.cli.compile import add_compile
 from lidar_outlier_filter.cli.demo import add_demo
 from lidar_outlier_filter.cli.evaluate import add_evaluate
 from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
@@ -76,6 +77,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_results,
     add_demo,
     add_bench,
+    add_compile,
 )
 
 

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.compiling import SENSORS, sample
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.seen import Seen
 from lidar_outlier_filter.core.verdict import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -53,20 +54,9 @@ class Chain:
         verdict.settle(max(parameters.vote, 1))
         return verdict
 
-    def compile(self) -> None:
-        """Run every detector once on a few points, so that its kernels are ready."""
-        count = 128  # enough for each detector of the defaults to judge them
-        xyz = np.zeros((count, 3))
-        xyz[:, 0] = np.arange(count)
-        xyz[count // 2, 2] = 10.0
-        t = np.arange(count) * 1000
-        line, valid = np.zeros(count, np.int64), np.ones(count, np.bool_)
-        for order in (np.arange(count), np.arange(count)[::-1]):
-            self.judge(Points(xyz, t, line, valid).take(order))
-        # Four rings of a spinning sensor.
-        turned, ring = np.linspace(0.0, 6.0, count // 4), np.repeat(np.arange(4), count // 4)
-        level = np.column_stack([np.cos(turned), np.sin(turned), np.zeros(count // 4)])
-        xyz = np.tile(level, (4, 1))
-        xyz[:, 2] = 0.1 * ring
-        self.judge(Points(xyz, np.tile(t[: count // 4], 4), ring, valid))
+    def compile(self, sensors: Sequence[str] = SENSORS) -> None:
+        """Run every detector on a few points of these sensors, so that its kernels are ready."""
+        for sensor in sensors:
+            for points in sample(sensor):
+                self.judge(points)
         self.passes = 0

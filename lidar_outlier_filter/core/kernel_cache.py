@@ -7,17 +7,25 @@ old machine code after a change there. So the files of a kernel carry, in their 
 files of the package that the kernel's own file imports, directly or by others. Files of another
 hash are never read, because they may name classes that are gone. They are removed when the kernel
 is compiled anew.
+
+They lie beside the sources where that can be written, and are read there where it cannot. New ones
+then go to the user's own cache, or to a folder that is removed at the end.
 """
 
 from __future__ import annotations
 
+import atexit
+import os
 import re
+import shutil
 import sys
+import tempfile
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numba
 from numba.core.caching import IndexDataCacheFile
 
 if TYPE_CHECKING:
@@ -30,25 +38,64 @@ _IMPORT = re.compile(
 _DIGITS = 16  # of the hash, hexadecimal, in the name of a file
 
 
+complaints: list[str] = []  # why what is compiled is not kept, one sentence for each reason
+
+
 class CacheFile(IndexDataCacheFile):
     """The files of one kernel on disk: an index, and machine code for each of its signatures."""
 
-    def __init__(self, usual: IndexDataCacheFile, module: str) -> None:
-        """Lie beside the files that numba would use for a kernel of ``module``."""
+    def __init__(self, usual: IndexDataCacheFile, source: str, module: str) -> None:
+        """Lie where numba would put the files of a kernel of ``module``, the file ``source``."""
         index: Path = Path(usual._index_path)  # noqa: SLF001  numba has no other name for it
-        source: bytes = usual._source_stamp  # noqa: SLF001
-        base = f'{index.stem}.{stamp(module)[:_DIGITS]}'
-        super().__init__(str(index.parent), base, source)  # type: ignore[no-untyped-call]
+        # Not numba's stamp, the time of the file: an image or an installation may set another.
+        mine = stamp(module)[:_DIGITS]
+        base = f'{index.stem}.{mine}'
+        super().__init__(str(index.parent), base, mine)  # type: ignore[no-untyped-call]
         name, _, python = index.stem.rpartition('.')
         self._all = f'{name.rpartition("-")[0]}-*.{python}.*.nb[ic]'  # of whatever line and hash
-        self._mine = f'.{stamp(module)[:_DIGITS]}.'
+        self._mine = f'.{mine}.'
+        beside = Path(source).parent / '__pycache__'
+        self._installed = None  # what the installation has brought, where that is read-only
+        if beside != index.parent:
+            self._installed = IndexDataCacheFile(str(beside), base, mine)  # type: ignore[no-untyped-call]
+
+    def load(self, key: Any) -> Any:
+        """Read machine code, or what came with the installation; None where there is none."""
+        try:
+            found = super().load(key)  # type: ignore[no-untyped-call]
+            if found is None and self._installed is not None:
+                found = self._installed.load(key)  # type: ignore[no-untyped-call]
+        except OSError:  # as a folder that is none; a file that is missing is None anyway
+            return None
+        return found
 
     def save(self, key: Any, data: Any) -> None:
         """Write machine code, and remove what was made from other sources."""
-        super().save(key, data)  # type: ignore[no-untyped-call]
+        try:
+            super().save(key, data)  # type: ignore[no-untyped-call]
+        except OSError as err:
+            _complain(f'what is compiled is not kept, as {self._cache_path}: {err.strerror}')
+            return
         for path in Path(self._cache_path).glob(self._all):
             if self._mine not in path.name:
                 path.unlink(missing_ok=True)
+
+
+def use_temporary_folder() -> None:
+    """Keep what is compiled for this process and those that it starts: no other place is found."""
+    folder = tempfile.mkdtemp(prefix='lidar_outlier_filter-')
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
+    os.environ['NUMBA_CACHE_DIR'] = folder  # of the processes that this one starts
+    _complain(
+        'what is compiled is kept until the end of this process only: no folder for it can be '
+        'written; name one in NUMBA_CACHE_DIR'
+    )
+
+
+def _complain(sentence: str) -> None:
+    if sentence not in complaints:
+        complaints.append(sentence)
 
 
 @cache

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 import numba
 
-from lidar_outlier_filter.core.kernel_cache import CacheFile
+from lidar_outlier_filter.core.kernel_cache import CacheFile, use_temporary_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,11 +27,17 @@ def kernel(function: Function) -> Function:
     No fast-math flag: it would forbid NaN, and let the answer depend on the machine. What is cached
     is valid for the sources that it was made from, those of other files too.
     """
-    compiled = numba.njit(cache=True, nogil=True, error_model='numpy')(function)
+    compiler = numba.njit(cache=True, nogil=True, error_model='numpy')
+    try:
+        compiled = compiler(function)
+    except RuntimeError:  # numba finds no folder that can be written
+        use_temporary_folder()
+        compiled = compiler(function)
     # numba offers no other place for it. There is no cache where NUMBA_DISABLE_JIT is set.
     cache = getattr(compiled, '_cache', None)
     if cache is not None:
-        cache._cache_file = CacheFile(cache._cache_file, function.__module__)  # noqa: SLF001
+        source = function.__code__.co_filename
+        cache._cache_file = CacheFile(cache._cache_file, source, function.__module__)  # noqa: SLF001
     return cast('Function', compiled)
 
 

@@ -45,7 +45,7 @@ class Inbox:
         self._items: deque[Received | Command] = deque()
         self._commands: deque[Command] = deque()
         self._clouds = self._size = 0
-        self._woken = self._closed = False
+        self._woken = self._closed = self._discarded = False
 
     @property
     def clouds(self) -> int:
@@ -99,6 +99,7 @@ class Inbox:
                 self._add(item)
             self._closed = True
             if discard:
+                self._discarded = True
                 self._items.clear()
                 self._commands.clear()
                 self._clouds = self._size = 0
@@ -108,6 +109,17 @@ class Inbox:
         """Take clouds again, once it is done."""
         with self._changed:
             self._closed = False
+
+    @property
+    def discarded(self) -> bool:
+        """Whether what waited was let go of."""
+        return self._discarded
+
+    @property
+    def oldest(self) -> int | None:
+        """When the cloud was received that waits longest; None where none waits."""
+        with self._changed:
+            return next((one.at for one in self._items if isinstance(one, Received)), None)
 
     @property
     def closed(self) -> bool:
@@ -135,6 +147,12 @@ class Inbox:
                 self._clouds -= 1
                 self._size -= item.size
             return item
+
+    def take_command(self, seconds: float) -> Command | None:
+        """Wait for a command that is to be done at once; None for none. Clouds stay."""
+        with self._changed:
+            self._changed.wait_for(lambda: bool(self._commands) or self._discarded, seconds)
+            return self._commands.popleft() if self._commands else None
 
     def received_now(self, now: int) -> None:
         """Let all that waits be received now: the clock is another."""

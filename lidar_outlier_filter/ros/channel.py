@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.clocks import DelayClock
 from lidar_outlier_filter.ros.health import Backlog, Health, Report
@@ -22,17 +23,24 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.errors import CloudError, JudgingError
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.ros.compiler import Compiler
     from lidar_outlier_filter.stream.statistics import Statistics
 
 REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
 MEGABYTE = 1e6
 
 
+class _FilterOfNode(CloudFilter):
+    """Its kernels become ready while the node subscribes already."""
+
+    compiles = False
+
+
 class Channel:
     """The way of one topic: its clouds come in, cleaned and outlier clouds go out.
 
-    Made, it has its compiled kernels and its publishers. ``start`` subscribes: clouds are received
-    in the executor's thread, and filtered and published, in order, in a thread of their own.
+    Made, it has its publishers. ``start`` subscribes: clouds are received in the executor's thread,
+    and filtered and published, in order, in a thread of their own.
     """
 
     def __init__(self, node: Node, topic: str, parameters: FilterParameters) -> None:
@@ -45,7 +53,8 @@ class Channel:
         self._log = node.get_logger()
         self._parameters = parameters
         self._motion = make_motion(node, parameters)
-        self._filter = CloudFilter(parameters, self._log_info, self._log_warning, self._motion)
+        self._compiler: Compiler | None = None
+        self._filter = _FilterOfNode(parameters, self._log_info, self._log_warning, self._motion)
         self._filter.refuse = self._log_refusal
         self._filter.fail = self._log_failure
         self._clock = DelayClock(node)
@@ -61,11 +70,16 @@ class Channel:
     @property
     def waiting(self) -> int:
         """Count the clouds that were taken and have no answer yet."""
-        return self._filter.waiting + self.worker.inbox.clouds
+        return self._filter.waiting + self.worker.held + self.worker.inbox.clouds
 
-    def start(self) -> None:
-        """Subscribe, and filter what comes in a thread of its own; also after ``finish``."""
+    def start(self, compiler: Compiler) -> None:
+        """Subscribe, and filter in a thread of its own, once its kernels are ready.
+
+        Also after ``finish``.
+        """
+        self._compiler = compiler
         self.worker.inbox.reopen()
+        self.worker.wait_for_kernels()
         self.worker.start(f'filter {self.topic}')
         self.receiver.start()
 
@@ -87,7 +101,9 @@ class Channel:
         inbox = self.worker.inbox
         publishers = self._node.count_publishers(self.resolved)
         self._warn_of_losses(seconds)
-        backlog = Backlog(inbox.clouds, inbox.size / MEGABYTE, self._filter.waiting, publishers)
+        at, waiting = self.worker.oldest, self._filter.waiting + self.worker.held
+        oldest = 0.0 if at is None else (self._clock.now() - at) / SECOND
+        backlog = Backlog(inbox.clouds, inbox.size / MEGABYTE, waiting, publishers, oldest)
         limits, max_delay = self._parameters.health, self._parameters.max_delay
         return self.health.look(seconds, limits, max_delay, backlog, self._remarks())
 
@@ -113,6 +129,8 @@ class Channel:
 
     def _remarks(self) -> list[str]:
         remarks = []
+        if self._compiler is not None and self._compiler.compiling:
+            remarks.append(self._compiler.compiling)
         if not self.worker.enabled:
             remarks.append('disabled: clouds pass unfiltered')
         if self.worker.treatment is not Treatment.FILTER:

@@ -55,12 +55,13 @@ class _Tally:
 
 @dataclass(frozen=True)
 class Backlog:
-    """Clouds to be filtered, their megabytes, those without an answer; and who publishes."""
+    """Clouds to be filtered, their megabytes, those without an answer; who publishes; the age."""
 
     clouds: int
     megabytes: float
     waiting: int
     publishers: int = 0
+    oldest: float = 0.0  # seconds that the oldest of all these has waited
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,7 @@ class Health:
         self._tally = _Tally()
         self._lost = self._dropped = 0  # since the start
         self._silent = 0.0  # seconds, at the last look
+        self._unanswered = 0.0  # seconds in which clouds were dropped, and none was answered
         self._counts = self._before = Statistics()
 
     def received(self, points: int) -> None:
@@ -148,7 +150,12 @@ class Health:
             counts, before = self._counts, self._before
             self._before = counts
         self._silent = 0.0 if tally.clouds else self._silent + seconds
-        look = _Look(tally, counts, before, seconds, backlog, self._silent)
+        if tally.delays:
+            self._unanswered = 0.0
+        elif tally.dropped:
+            self._unanswered += seconds
+        waits = max(backlog.oldest, self._unanswered)
+        look = _Look(tally, counts, before, seconds, backlog, self._silent, waits)
         complaints = [*look.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
         level = max((level for level, _ in complaints), default=OK)
         return Report(
@@ -169,6 +176,7 @@ class _Look:
     seconds: float
     backlog: Backlog
     silent: float
+    waits: float  # seconds that the longest wait for an answer takes already
 
     @property
     def refused(self) -> int:
@@ -176,7 +184,7 @@ class _Look:
 
     @property
     def passed(self) -> int:
-        reasons = ('overload', 'failure')
+        reasons = ('overload', 'failure', 'compiling')
         return sum(self.now.passed[reason] - self.before.passed[reason] for reason in reasons)
 
     def share(self, name: str) -> float:
@@ -191,6 +199,10 @@ class _Look:
         failures = self.now.failures - self.before.failures
         if failures:
             yield ERROR, f'a detector raised an error in {failures} blocks: see the log'
+        # Whatever the limits are: delays are those of clouds that have an answer.
+        if self.waits > max_delay:
+            level = ERROR if self.backlog.oldest > limits.delay_error * max_delay else WARN
+            yield level, f'no answer for {self.waits:.1f} s, max_delay {max_delay:g} s'
         delay = _percentiles(tally.delays)[1]
         missed = {
             'refused': self.refused,

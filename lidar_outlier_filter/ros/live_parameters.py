@@ -121,9 +121,11 @@ class TunableNode(Node):  # type: ignore[misc]
         return SetParametersResult(successful=True)
 
     def _apply_parameters(self, parameters: list[RosParameter]) -> None:
-        """Apply what passed."""
-        self._parameters_now = self._changed(parameters)
-        self._apply(self._parameters_now)
+        """Apply what passed; what ROS declares itself, as QoS, changes nothing here."""
+        changed = self._changed(parameters)
+        if changed != self._parameters_now:
+            self._parameters_now = changed
+            self._apply(changed)
 
     def _save(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Write the parameters to a file that ``--params-file`` reads."""

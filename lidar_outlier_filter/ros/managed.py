@@ -43,7 +43,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         self.get_logger().info('managed: waits to be configured and activated')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the kernels and the publishers by the parameters of now."""
+        """Make the publishers by the parameters of now."""
         try:
             self.channels = self.make_channels()
         except FilterError as err:
@@ -52,7 +52,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Subscribe and filter."""
+        """Subscribe, and filter once the kernels are ready."""
         self.run()
         self._is_running = True
         return super().on_activate(state)

@@ -20,6 +20,7 @@ from std_srvs.srv import SetBool
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.channel import Channel
+from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
 from lidar_outlier_filter.ros.live_parameters import TunableNode
 from lidar_outlier_filter.ros.ready import ready_line
@@ -29,8 +30,10 @@ from lidar_outlier_filter.stream.topics import answers
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from rcl_interfaces.msg import SetParametersResult
     from rclpy.context import Context
     from rclpy.executors import Executor
+    from rclpy.parameter import Parameter as RosParameter
     from rclpy.publisher import Publisher
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -67,7 +70,8 @@ def _refuse_topic(what: str, name: str) -> None:
 class OutlierFilterNode(TunableNode):
     """Filters the clouds of one topic, or of several, each as a stream of its own.
 
-    Made, it has its parameters, its compiled kernels and its publishers. ``start`` subscribes.
+    Made, it has its parameters and its publishers. ``start`` subscribes, and makes its kernels
+    ready.
     """
 
     is_managed = False  # and has its channels when it is configured
@@ -99,6 +103,10 @@ class OutlierFilterNode(TunableNode):
             options['cli_args'] = [*options.get('cli_args', []), '--ros-args', *remap]
             parameters = {**(parameters or {}), 'inputs': (POINTS,)}
         super().__init__(parameters or {}, **options)
+        self._compiler = Compiler(
+            self._take_over, self.get_logger().info, self.get_logger().warning
+        )
+        self._is_started = self._is_ready = False
         self.channels = () if self.is_managed else self.make_channels()
         self._watch_parameters(self.apply)
 
@@ -137,12 +145,13 @@ class OutlierFilterNode(TunableNode):
         self.create_service(SetBool, '~/enable', self._enable)
 
     def run(self) -> None:
-        """Subscribe, watch over ``max_delay``, and log that it is ready."""
+        """Subscribe, watch over ``max_delay``, and make the kernels ready."""
+        self._is_ready = False
         self._diagnostics = Diagnostics(self, self.channels)
         for channel in self.channels:
-            channel.start()
-        topics = [channel.resolved for channel in self.channels]
-        self.get_logger().info(ready_line(self.filter_parameters, topics))
+            channel.start(self._compiler)
+        self._is_started = True
+        self._compiler.want(self.filter_parameters)
 
     def finish(self) -> None:
         """Answer and publish all that was received, before the node goes.
@@ -161,6 +170,7 @@ class OutlierFilterNode(TunableNode):
         """End what runs, and let go of the rest."""
         for channel in self.channels:
             channel.stop()
+        self._compiler.stop()
         super().destroy_node()
 
     def _names(self) -> tuple[str, ...]:
@@ -174,9 +184,30 @@ class OutlierFilterNode(TunableNode):
         return names
 
     def apply(self, parameters: FilterParameters) -> None:
-        """Filter by these parameters from the next block on."""
+        """Filter by these parameters from the next block on, or when their kernels are ready."""
+        if self._is_started:
+            self._compiler.want(parameters)
+        else:
+            self._take_over(parameters)
+
+    def set_parameters_atomically(self, parameter_list: list[RosParameter]) -> SetParametersResult:
+        """Set all or none; say what answers until then where the kernels are not ready."""
+        result = super().set_parameters_atomically(parameter_list)
+        if result.successful and self._compiler.reply:
+            result.reason = self._compiler.reply
+            self.get_logger().info(result.reason)
+        return result
+
+    def _take_over(self, parameters: FilterParameters) -> None:
+        """Filter by parameters whose kernels are ready, from the next block on."""
         for channel in self.channels:
             channel.change(parameters)
+        if self._is_started and not self._is_ready:
+            self._is_ready = True
+            for channel in self.channels:
+                channel.worker.kernels_are_ready()
+            topics = [channel.resolved for channel in self.channels]
+            self.get_logger().info(ready_line(parameters, topics))
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         for channel in self.channels:
@@ -202,7 +233,7 @@ def main(
         The exit status: 0, or 1 where the arguments make no sense; stderr says why.
 
     """
-    on_stop(leave)  # nothing to lose yet, and compiling the kernels may take half a minute
+    on_stop(leave)  # nothing to lose yet
     stop = threading.Event()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)

@@ -53,7 +53,6 @@ class Tf:
         self._time: Any = lambda t: Time(nanoseconds=t)
         self._jump, self._gap = parameters.time_jump, parameters.motion.max_gap
         self._buffer: Any = tf2_ros.Buffer(cache_time=Duration(seconds=60), node=node)
-        Track.compile()
         self._unknown: Any = tf2_ros.TransformException
         self._links = Links(self._buffer, parameters.time_jump)
         self._listener = tf2_ros.TransformListener(self._links, node)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.ros.publisher import AnswerPublisher
     from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
 
+LOOK = 0.02  # seconds between two looks whether a cloud has waited long enough for the kernels
+
 
 class Worker:
     """Takes clouds from its inbox, does with each what the load allows, and publishes in order.
@@ -52,6 +54,9 @@ class Worker:
         self._set_back_at = -(2**62)  # when the sensor's or the node's clock was, steady ns
         self._failure: BaseException | None = None
         self._thread: threading.Thread | None = None
+        self._ready = True  # the kernels are
+        self._held: Received | None = None  # the cloud that is filtered, or waits for them
+        self._waits: Received | None = None  # the cloud that has waited longest for its answer
 
     # For all threads --------------------------------------------------------------------------
 
@@ -66,6 +71,29 @@ class Worker:
         self.clock.watch(self._went_on, self._went_back, self._clock_changed)
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
+
+    def wait_for_kernels(self) -> None:
+        """Filter nothing until they are ready; what comes is treated by ``load.policy``."""
+        self._ready = False
+
+    def kernels_are_ready(self) -> None:
+        """Filter what waits, and what comes from now on."""
+
+        def apply() -> None:
+            self._ready = True
+
+        self._do(apply)
+
+    @property
+    def oldest(self) -> int | None:
+        """When the cloud was received that has waited longest; None where none waits."""
+        waiting = self._waits or self._held
+        return self.inbox.oldest if waiting is None else waiting.at
+
+    @property
+    def held(self) -> int:
+        """Count the clouds that were taken from the inbox, and wait for the kernels."""
+        return int(self._held is not None and not self._ready)
 
     def join(self) -> None:
         """Wait until all that the closed inbox held is filtered."""
@@ -126,13 +154,20 @@ class Worker:
 
     def _went_back(self) -> None:
         """Begin anew after the clouds of before."""
-        self.inbox.received_now(self.clock.now())
+        self._received_now()
         self.inbox.order(self._begin_anew, in_turn=True)
 
     def _clock_changed(self) -> None:
         """Answer what waits by a clock that is none any more."""
-        self.inbox.received_now(self.clock.now())
+        self._received_now()
         self.hurry()
+
+    def _received_now(self) -> None:
+        """Let all that is not in the filter be received now: the clock is another."""
+        now = self.clock.now()
+        if (held := self._held) is not None and not self._ready:
+            held.at = now
+        self.inbox.received_now(now)
 
     # In the thread that filters ---------------------------------------------------------------
 
@@ -145,6 +180,8 @@ class Worker:
 
     def _step(self) -> bool:
         """Do what comes next; return whether there will be more."""
+        if self._held is not None:
+            return self._hold(self._held)
         left = self._time_left()
         if left is not None and left <= 0 and not self.inbox.closed:
             # Poses may have come while a block was being judged.
@@ -152,8 +189,9 @@ class Worker:
             return True
         job = self.inbox.take(None if self.clock.is_simulated else left)
         if isinstance(job, Received):
-            self._take(job)
-        elif job is not None:
+            self._held = job
+            return self._hold(job)
+        if job is not None:
             job()
         else:
             self._publish(self._filter.advance())
@@ -161,9 +199,29 @@ class Worker:
             return not self.inbox.done
         return True
 
+    def _hold(self, held: Received) -> bool:
+        """Take a cloud, or let it wait for the kernels for as long as the load allows."""
+        if self._ready:
+            self._take(held)
+            self._held = None
+        elif self.inbox.discarded:
+            self._held = None
+        elif not self.enabled:
+            self._publish(self._process(held.msg, held, 'disabled'))
+            self._held = None
+        elif (treatment := self._treat(held)) is Treatment.DROP:
+            self._health.dropped()
+            self._held = None
+        elif treatment is not Treatment.FILTER:
+            self._publish(self._process(held.msg, held, 'compiling'))
+            self._held = None
+        elif command := self.inbox.take_command(LOOK):
+            command()
+        return True
+
     def _time_left(self) -> float | None:
         """Return how long the oldest cloud may still wait: seconds; None where none waits."""
-        received = self._filter.oldest
+        received = self._waits = self._filter.oldest
         if received is None:
             self._due = None
             return None

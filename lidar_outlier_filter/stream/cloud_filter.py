@@ -18,6 +18,7 @@ from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
+from lidar_outlier_filter.stream.compiling import make_ready
 from lidar_outlier_filter.stream.given_parameters import gather
 from lidar_outlier_filter.stream.moving import MovingStream
 from lidar_outlier_filter.stream.statistics import Statistics
@@ -98,6 +99,8 @@ class CloudFilter:
 
     """
 
+    compiles = True  # its kernels when it is made; else they must be ready before the first cloud
+
     def __init__(
         self,
         parameters: FilterParameters | Mapping[str, object] | None = None,
@@ -125,8 +128,8 @@ class CloudFilter:
             self._moving = MovingStream(self._stream, motion, parameters, self.refused)
             self.statistics.poses = motion.refusals
         self._entrance = self._moving or self._stream
-        self._decoder.compile()
-        self._stream.chain.compile()
+        if self.compiles:
+            make_ready(parameters)
         self._chain, self._short = self._stream.chain, _short(self._stream.chain)
         self._sheds = False
 

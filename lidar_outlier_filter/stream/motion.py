@@ -49,7 +49,6 @@ class Odometry:
         self.topic = motion.topic
         self.refusals: Counter[str] = Counter()
         self._track = Track(motion.max_gap, parameters.time_jump)
-        self._track.compile()
         self._mounting = Mounting.at(
             (motion.x, motion.y, motion.z), (motion.roll, motion.pitch, motion.yaw)
         )

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``compile``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, progress_bar, say
+
+if TYPE_CHECKING:
+    import argparse
+
+    from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+PACKAGE = 'lidar_outlier_filter'
+
+
+def add_compile(commands: Commands) -> None:
+    """Add the command ``compile``."""
+    parser = commands.add_parser(
+        'compile',
+        help='compile the kernels, so that the node starts in seconds',
+        description='Compile the kernels of the default chain, and of the chains of the files that '
+        'come with the package, side by side. They are kept beside the package where that can be '
+        'written, else in the cache of the user, or in NUMBA_CACHE_DIR.',
+    )
+    parser.add_argument(
+        '--chain', metavar='A,B', help='the detectors of another chain, instead of all these'
+    )
+    parser.set_defaults(run=_compile)
+
+
+def _compile(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.core import kernel_cache
+    from lidar_outlier_filter.stream.compiling import Processes, load, shares
+
+    # What is on disk already, in whatever order it was written, is not done again.
+    missing = [one for one in _wanted(options.chain) if not load(one)]
+    work = list(dict.fromkeys(share for one in missing for share in shares(one)))
+    errors: list[str] = []
+    processes = Processes()
+    if work:
+        with progress_bar('compiling') as bar:
+
+            def advance(done: int, total: int, text: str) -> None:
+                bar(done, total, text)
+                if not sys.stderr.isatty():
+                    say(f'compiled {done} of {total}: {text}')
+
+            bar(0, len(work), work[0].text)
+            try:
+                errors = processes.run(work, advance)
+            except KeyboardInterrupt:
+                processes.stop()
+                raise
+    for sentence in [*errors, *kernel_cache.complaints]:
+        say(sentence)
+    if not errors:
+        say('all kernels are compiled')
+    return INCOMPLETE if errors else DONE
+
+
+def _wanted(chain: str | None) -> list[FilterParameters]:
+    """Return the parameters of the chain that was asked for, or of all that the package brings."""
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.parameters.yaml_files import read_yaml
+
+    if chain is not None:
+        return [FilterParameters().changed({'chain': chain.split(',')})]
+    known = FilterParameters().flat()
+    files = [read_yaml(path) for path in _shipped()]
+    return [
+        FilterParameters(),
+        *(FilterParameters().changed({k: file[k] for k in file if k in known}) for file in files),
+    ]
+
+
+def _shipped() -> list[Path]:
+    """List the parameter files that come with the package: beside its sources, or installed."""
+    package = Path(__file__).parents[1]
+    beside = package.parent / 'config'
+    if (package.parent / 'setup.py').is_file():
+        return sorted(beside.glob('*.yaml'))
+    for root in package.parents:
+        share = root / 'share' / PACKAGE / 'config'
+        if share.is_dir():
+            return sorted(share.glob('*.yaml'))
+    return []
