@@ -79,10 +79,13 @@ def test_from_state_to_state(ros: Ros, capfd: pytest.CaptureFixture[str]) -> Non
     assert manager.change(Transition.TRANSITION_CONFIGURE)
     assert manager.state() == State.PRIMARY_STATE_INACTIVE
     assert topics(node) == (ANSWERS, False)
-    assert 'is ready' not in capfd.readouterr().err
+    assert 'ready: ' not in capfd.readouterr().err
     assert manager.change(Transition.TRANSITION_ACTIVATE)
     assert topics(node) == (ANSWERS, True)
-    assert 'is ready' in capfd.readouterr().err
+    said = ''
+    while 'ready: ' not in said:
+        ros.executor.spin_once(0.05)
+        said += capfd.readouterr().err
     sensor = Sensor(ros, '/points')
     send(ros, node, sensor, 0, 5)
     assert sensor.cleaned == []

@@ -77,7 +77,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         if self._is_running:
             self._is_running = False
             self.finish()
-            self._diagnostics.end()
+            self.rest()
 
     def _release(self) -> None:
         for channel in self.channels:

@@ -166,6 +166,12 @@ class OutlierFilterNode(TunableNode):
                 for channel in reversed(self.channels):
                     others.callback(channel.finish)
 
+    def rest(self) -> None:
+        """Compile nothing and report nothing until it runs again, once it has finished."""
+        self._compiler.stop()
+        self._is_started = False
+        self._diagnostics.end()
+
     def destroy_node(self) -> None:
         """End what runs, and let go of the rest."""
         for channel in self.channels:
