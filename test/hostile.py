@@ -145,6 +145,8 @@ def judge(cloud: Any) -> bool:
 
 def points(cloud: Any) -> list[bytes]:
     """List the bytes of each point."""
+    if cloud.height * cloud.width == 0:
+        return []
     data, step = bytes(cloud.data), cloud.point_step
     return [
         data[row * cloud.row_step + i * step :][:step]
