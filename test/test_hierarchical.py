@@ -424,7 +424,7 @@ def geometric(count: int) -> Floats:
 def edges_of(xyz: Floats) -> set[tuple[int, int]]:
     """Find the edges by holding every pair against every point."""
     x, y, z = (xyz[:, i] - xyz[:, i, None] for i in range(3))  # of column less row
-    edges: set[tuple[int, int]] = set()
+    edges = set[tuple[int, int]]()
     for p in range(len(xyz)):
         obtuse = (x[p] * x[p:] + y[p] * y[p:]) + z[p] * z[p:] < 0
         edges.update((p, p + int(q)) for q in np.flatnonzero(~obtuse.any(axis=1)) if q)

@@ -148,6 +148,21 @@ def test_place_of_the_chunks(tmp_path: Path, place: int) -> None:
     refused(path, 'the table of chunks of')
 
 
+@pytest.mark.parametrize('layer', range(9))
+def test_layers_of_a_chunk(tmp_path: Path, layer: int) -> None:
+    """A layer that is larger than its chunk is refused: gigabytes were taken for it."""
+    path = las(tmp_path, 'cloud.laz')
+    place = number(path, 96, 4) + 8 + number(path, 105, 2) + 4 + 4 * layer
+    refused(patch(path, place, b'\xff' * 4), 'the bytes in the layers of a chunk of')
+
+
+def test_items_of_a_point(tmp_path: Path) -> None:
+    """The items that LASzip lists make up a point: of one that was larger Rust despaired."""
+    path = las(tmp_path, 'cloud.laz')
+    place = path.read_bytes().index(b'laszip encoded') - 2 + 54 + 34
+    refused(patch(path, place + 2, b'\xff\xff'), 'must be of 30 bytes, as it says, got 65535')
+
+
 def texts(count: int) -> str:
     """Write rows as text."""
     return '1.5 2.5 3.5\n' * count

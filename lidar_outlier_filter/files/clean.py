@@ -12,9 +12,6 @@ from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
-from itertools import count
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -26,15 +23,17 @@ from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.core.tiled_chain import TiledChain
 from lidar_outlier_filter.core.verdict import SECOND_PHASE
 from lidar_outlier_filter.core.whole_cloud import chain_without_lines, judge_whole
-from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.errors import CloudError, said_by
 from lidar_outlier_filter.files import cloud_file, points
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 from lidar_outlier_filter.files.new_files import new_files
+from lidar_outlier_filter.files.scratch import scratch
 from lidar_outlier_filter.messages.cloud import DETECTORS, SCORE
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -141,7 +140,7 @@ def clean(
     with (
         _enough_memory(file),
         new_files([*clouds, *logs]) as built,
-        _scratch(output, wanted.tile) as allocate,
+        scratch(output, wanted.tile) as allocate,
     ):
         seconds: dict[str, float] = {}
         with _timed(seconds, 'read'):
@@ -169,8 +168,13 @@ def clean(
             versions=_versions(),
             parameters=parameters.flat(),
         )
-        built[-2].write_text(as_text(report), encoding='utf-8', errors='surrogateescape')
-        built[-1].write_text(json.dumps(asdict(report), indent=2) + '\n', encoding='utf-8')
+        texts = (as_text(report), json.dumps(asdict(report), indent=2) + '\n')
+        for text, target, log in zip(texts, built[-2:], logs, strict=True):
+            try:
+                target.write_text(text, encoding='utf-8', errors='surrogateescape')
+            except OSError as err:
+                must_be = 'written in full'
+                raise CloudError(f'the output {log}', must_be, said_by(err)) from err
     return report
 
 
@@ -265,26 +269,6 @@ def _counts(verdict: Verdict, valid: NDArray[np.bool_], chain: Sequence[str]) ->
         'second_phase': int(np.count_nonzero(verdict.detectors & SECOND_PHASE)),
         'undecided_by': by_detector(verdict.undecided),
     }
-
-
-@contextmanager
-def _scratch(output: Path, tile: float) -> Iterator[Allocate]:
-    """Give what makes arrays: in memory or, for tiles, in files beside the output."""
-    if not 0 <= tile < np.inf:
-        raise ParameterError('--tile', 'at least 0 and finite', tile)
-    if tile == 0:
-        yield np.empty
-        return
-    with TemporaryDirectory(
-        prefix=f'.{output.name}.points-', dir=output.parent, ignore_cleanup_errors=True
-    ) as folder:
-        numbers = count()
-
-        def allocate(shape: tuple[int, ...]) -> NDArray[np.float64]:
-            path = Path(folder, str(next(numbers)))
-            return np.asarray(np.memmap(path, np.float64, 'w+', shape=shape))
-
-        yield allocate
 
 
 @contextmanager

@@ -192,6 +192,11 @@ def readable(path: Path) -> Iterator[None]:
         raise
     except Exception as err:  # on damaged files, the readers raise whatever they come upon
         raise CloudError(f'the file {path}', 'readable', said_by(err)) from err
+    except BaseException as err:
+        # The library for LAZ, which is in Rust, ends so where it comes upon what cannot be.
+        if type(err).__name__ != 'PanicException':
+            raise
+        raise CloudError(f'the file {path}', 'readable', said_by(err)) from err
 
 
 def _names(file: CloudFile) -> str:

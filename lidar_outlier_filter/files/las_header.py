@@ -28,6 +28,9 @@ EVLR = struct.Struct('<H16sHQ32s')
 _TABLE = struct.Struct('<II')  # version, chunks
 _POINTERS = 8  # bytes of the place of the chunk table, in front of the first chunk
 _CHUNKED, _LAYERED = 2, 3  # compressors of LASzip
+# Layers of the items of a point, by their kind; of bytes as many as there are.
+_LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
+_BYTES = 14
 _SHORTEST_LASZIP = 34  # bytes, without any item
 _OF_ANY_SIZE = 2**32 - 1
 
@@ -102,6 +105,10 @@ def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
     with path.open('rb') as stream:
         header = stream.read(LONGEST)
         begin, each = _number(header, 96, 4), _number(header, 105, 2)
+        items = _items(laszip)
+        if sum(n for _, n in items) != each:
+            must_be = f'of {each} bytes, as it says'
+            raise CloudError(f'a point in {path}', must_be, sum(n for _, n in items))
         stream.seek(begin)
         table = int.from_bytes(stream.read(_POINTERS), 'little', signed=True)
         if table == -1:  # written behind all, by who could not go back
@@ -116,7 +123,9 @@ def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
         found = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip)) if chunks else []
         check_room(path, 'the bytes in all chunks', sum(n for _, n in found), 1, table - begin)
         if compressor == _LAYERED:
-            check_count(path, count, _count_layered(stream, begin, each, [n for _, n in found]))
+            sizes = [n for _, n in found]
+            layers = sum(n if kind == _BYTES else _LAYERS.get(kind, 0) for kind, n in items)
+            check_count(path, count, _count_layered(path, stream, begin, each, layers, sizes))
             return
     most = sum(n for n, _ in found)
     last = found[-1][0] - 1 if found and chunk_size != _OF_ANY_SIZE else 0
@@ -124,12 +133,27 @@ def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
         check_count(path, count, most)
 
 
-def _count_layered(stream: BinaryIO, begin: int, each: int, sizes: list[int]) -> int:
-    """Add up the points of chunks, each of which counts them behind the bytes of its first."""
+def _items(laszip: bytes) -> list[tuple[int, int]]:
+    """List what a point is made of: kind and size of each item."""
+    found = struct.iter_unpack('<HHH', laszip[_SHORTEST_LASZIP:][: 6 * _number(laszip, 32, 2)])
+    return [(kind, size) for kind, size, _ in found]
+
+
+def _count_layered(  # noqa: PLR0913  where the chunks are, and how large
+    path: Path, stream: BinaryIO, begin: int, each: int, layers: int, sizes: list[int]
+) -> int:
+    """Add up the points of chunks, each of which counts them behind the bytes of its first.
+
+    Behind the count are the sizes of its layers. Refuse a chunk that they do not fit into.
+    """
     total = 0
     for size in sizes:
         stream.seek(begin + each)
-        total += int.from_bytes(stream.read(4), 'little')
+        head = stream.read(4 + 4 * layers)
+        inside = sum(number for (number,) in struct.iter_unpack('<I', head[4 : len(head) & ~3]))
+        room = size - each - 4 - 4 * layers
+        check_room(path, 'the bytes in the layers of a chunk', inside, 1, room)
+        total += int.from_bytes(head[:4], 'little')
         begin += size
     return total
 

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import os
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.hidden_folder import hidden_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from pathlib import Path
 
 
 @contextmanager
@@ -21,7 +21,7 @@ def new_files(paths: Sequence[Path]) -> Iterator[list[Path]]:
     """Give, for each new file, a path to write it at; move all to their names at the end.
 
     Until then they are, under their own names, in hidden folders beside them; no error, no Ctrl-C
-    and no full disk leaves anything behind.
+    and no full disk leaves anything behind; what a killed run leaves, the next one removes.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def new_files(paths: Sequence[Path]) -> Iterator[list[Path]]:
         if os.path.lexists(path):
             raise CloudError('the output', 'a new file', f'{path}, which exists')
     with ExitStack() as stack:
-        hidden = [Path(stack.enter_context(_hidden(path)), path.name) for path in paths]
+        hidden = [stack.enter_context(_hidden(path)) / path.name for path in paths]
         yield hidden
         for built, path in zip(hidden, paths, strict=True):
             try:
@@ -46,12 +46,10 @@ def new_files(paths: Sequence[Path]) -> Iterator[list[Path]]:
 
 
 @contextmanager
-def _hidden(path: Path) -> Iterator[str]:
-    try:
-        folder = TemporaryDirectory(
-            prefix=f'.{path.name}.partial-', dir=path.parent, ignore_cleanup_errors=True
-        )
-    except OSError as err:
-        raise CloudError(f'the output {path}', 'written', f'"{err.strerror}"') from err
-    with folder as name:
-        yield name
+def _hidden(path: Path) -> Iterator[Path]:
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(hidden_folder(path))
+        except OSError as err:
+            raise CloudError(f'the output {path}', 'written', f'"{err.strerror}"') from err
+        yield folder

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import sqlite3
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Any
@@ -108,6 +109,12 @@ class SqliteFile:
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Copy the database and add the table with the verdict: a row for each, by its row id."""
+        try:
+            yield from self._copy(path, change)
+        except sqlite3.OperationalError as err:  # the database that is read is whole
+            raise OSError(errno.EIO, str(err)) from err
+
+    def _copy(self, path: Path, change: Change) -> Iterator[int]:
         with closing(connect(self.path)) as source, closing(sqlite3.connect(path)) as target:
             source.backup(target)
             name = _quoted(self.table + VERDICT)

@@ -37,7 +37,7 @@ def check_pages(path: Path, refuse: Callable[[str], Exception]) -> None:
         except sqlite3.DatabaseError as err:
             raise refuse(str(err)) from err
         if found != b'ok':
-            raise refuse(found.decode('latin-1'))
+            raise refuse(' '.join(found.decode('latin-1').split()))
 
 
 def connect(path: Path) -> sqlite3.Connection:

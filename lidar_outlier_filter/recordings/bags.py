@@ -7,8 +7,6 @@ from __future__ import annotations
 import os
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, cast
 
 from rosbags.convert.converter import is_same_wireformat
@@ -30,6 +28,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
+from lidar_outlier_filter.files.hidden_folder import hidden_folder
 from lidar_outlier_filter.recordings.storage import (
     bound,
     check_storage,
@@ -40,6 +39,7 @@ from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
     from types import TracebackType
     from typing import Self
 
@@ -194,13 +194,8 @@ class NewBag:
         if os.path.lexists(self.path):
             raise RecordingError('the output', 'a new folder', f'{self.path}, which exists')
         with ExitStack() as stack, _writable(self.path):
-            hidden = TemporaryDirectory(
-                prefix=f'.{self.path.name}.partial-',
-                dir=self.path.parent,
-                ignore_cleanup_errors=True,
-            )
             # In the hidden folder it has its final name already: its files are named after it.
-            self._built = Path(stack.enter_context(hidden), self.path.name)
+            self._built = stack.enter_context(hidden_folder(self.path)) / self.path.name
             stack.push(self._publish)
             writer = Writer(self._built, version=9, storage_plugin=StoragePlugin.MCAP)
             for key, value in self._custom_data.items():
