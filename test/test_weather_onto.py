@@ -211,6 +211,17 @@ def test_weather_stays_while_particles_change(recordings: Path) -> None:
     assert one.tobytes() != two.tobytes()
 
 
+def test_snow_is_densest_metres_away(recordings: Path) -> None:
+    """Where nothing else came back: most flakes are not those next to the sensor."""
+    msg = first_cloud(recordings, 'os0_32.bag')
+    new = rows(put(msg, 'os0_32.bag', 'heavy_snow'))
+    snow = new[new['label'] == Cause.SNOW]
+    far = np.sqrt(sum(snow[axis].astype(float) ** 2 for axis in 'xyz'))
+    number, edges = np.histogram(far, np.arange(0.0, 20.0, 0.5))
+    assert 1.5 <= edges[np.argmax(number)] <= 6.0
+    assert number[:3].max() < 0.6 * number.max()
+
+
 def test_clouds_without_a_pattern_stay(recordings: Path) -> None:
     """Empty ones, those without a return, and with too few of them get labels of 0, and count."""
     msg = first_cloud(recordings, 'vlp16_mrpt_mcap')

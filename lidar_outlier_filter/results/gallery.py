@@ -180,7 +180,8 @@ def section(presets: Sequence[str], seeds: Sequence[int], folder: Path, progress
         f'{FEWEST} nearest where fewer are within that. They are judged in the same block, and '
         'seen from the side: right is the direction in which they extend most, up that in which '
         'they extend least, with scales of their own, in metres. Contributions are the largest of '
-        'the features, each as a part of the threshold, before anything was rejected.',
+        'the features, each as a part of the threshold, before anything was rejected. They are '
+        'those of the weighted sum, also where trees on the scan pattern judge.',
         *parts,
     )
 

@@ -10,7 +10,7 @@ then those of that point.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Mask = NDArray[np.bool_]
 
+OPTICS = Optics(aperture=0.0)  # cones from a point, as Kilic et al. (2021) have them
 SEEN = 99.0  # percent of the points that are above the noise, however dark they are
 LEAST = 2 * FEWEST  # returns of a ring that show how its sensor turns
 
@@ -128,7 +129,7 @@ class CloudWeather:
         if self._first is None:
             # A surface of reflectance 0.9 would have been seen as far as this.
             reach = np.percentile(far * np.sqrt(0.9 / reflectance[seen]), SEEN)
-            optics = Optics(farthest=max(float(reach), Optics().farthest))
+            optics = replace(OPTICS, farthest=max(float(reach), OPTICS.farthest))
         else:
             optics = self._first[0]
         # What came back was above the noise.
