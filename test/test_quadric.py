@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow  # the kernels compile for a minute
 
 PAPER: dict[str, Any] = {'start': 'all', 'surfaces': 1}
+LITERAL: dict[str, Any] = {**PAPER, 'model': 'always', 'significance': 0.001}
 
 
 def detect(xyz: Floats, variance: Floats | None = None, threads: int = 0, **changed: Any) -> Floats:
@@ -63,6 +64,7 @@ def rules(parameters: Quadric) -> naive.Rules:
         parameters.min_points,
         parameters.surfaces,
         parameters.start == 'robust',
+        parameters.model == 'always',
     )
 
 
@@ -112,6 +114,17 @@ def test_window_with_more_outliers_against_loops(shape: Shape, share: float, see
     }
     expected = naive.judge(xyz, rules(Quadric(**changed)))
     assert_same(judge_window(xyz, **changed), expected)
+
+
+@pytest.mark.parametrize('kind', ['none', 'isotropic', 'full'])
+@pytest.mark.parametrize('shape', surfaces.SURFACES)
+def test_literal_form_against_loops(shape: Shape, kind: str) -> None:
+    """Ten parameters, always: also of what is flat, or a volume."""
+    rng = np.random.default_rng(1)
+    xyz, _ = surfaces.sample(shape, rng, 60, share=0.1)
+    variance = variances(kind, rng, 60)
+    expected = naive.judge(xyz, rules(Quadric(**LITERAL)), variance)
+    assert_same(judge_window(xyz, variance, **LITERAL), expected)
 
 
 def street(rng: np.random.Generator) -> Floats:
