@@ -103,6 +103,9 @@ def _clean(options: argparse.Namespace) -> int:
             say(str(err))
             continue
         reports.append(report)
+        if report.metres:
+            sizes = ', '.join(f'{name} = {size:.10g} m' for name, size in report.metres.items())
+            say(f'{path} is not in metres ({sizes}): it is judged in metres')
         if report.lack:
             say(f'{path} has {report.lack}: chain {", ".join(report.chain)}')
         elif report.tile > 0 and 'chain' not in wanted.parameters:
