@@ -193,7 +193,9 @@ class Frame:
         for a in vectors.T[:2]:
             slope, _ = self.spread(a, kept)
             far.append(sum((self.rows[kept] @ a) ** 2) / sum(slope[kept] ** 2))
-        return vectors[:, 0], far[1] / far[0]
+        # Of points exactly on a plane the best is z² = 0, which has no slope: there is no gap.
+        with np.errstate(divide='ignore', invalid='ignore'):
+            return vectors[:, 0], far[1] / far[0]
 
 
 # Tests --------------------------------------------------------------------------------------------
