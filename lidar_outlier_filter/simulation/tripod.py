@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.simulation.drive import Disturbances, Drive, simulate
-from lidar_outlier_filter.simulation.particles import Fall
 from lidar_outlier_filter.simulation.random_streets import Town, birds, car, lay_out
 from lidar_outlier_filter.simulation.scene import Cause, Kind, Scene
 from lidar_outlier_filter.simulation.sensors import SpinningScanner
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.simulation.scene import Air, Surface
+    from lidar_outlier_filter.simulation.scene import Air, Rays, Surface
 
     Floats = NDArray[np.float64]
 
@@ -77,6 +76,26 @@ class Tripod:
     def rotation(self, t: Floats) -> Floats:
         """Rotation (3, 3, N): none."""
         return np.tile(np.eye(3)[:, :, None], len(t))
+
+
+@dataclass(frozen=True)
+class Flakes:
+    """Something that falls, seen by chance: ``density / (1 + (range / fade)²)`` for each metre."""
+
+    density: float = 0.0005
+    fade: float = 15.0
+
+    @property
+    def cause(self) -> Cause:
+        """They are snow."""
+        return Cause.SNOW
+
+    def meet(self, rays: Rays, reach: Floats, bright: Floats, rng: Floats) -> Floats:  # noqa: ARG002
+        """Distance (N,) at which bundles are sent back before ``reach``; inf: never."""
+        depth = -np.log1p(-rng) / (self.density * self.fade)
+        falls = depth < np.pi / 2.0
+        far = np.where(falls, self.fade * np.tan(np.where(falls, depth, 0.0)), np.inf)
+        return np.where(far < reach, far, np.inf)
 
 
 def scan(
@@ -155,6 +174,6 @@ def facades(seed: int, rows: int = 200, columns: int = 1200) -> list[RangeImage]
         things = (*birds((x + 4.0, 2.0), 8, rng), *car(x + 7.0, 2.5, rng, (0.0, 0.0, 0.0)))
         surfaces = lay_out(Town(trees=False, things=things, start=-45.0, end=45.0), rng)
         place = (x, rng.uniform(-1.0, 1.0), 1.7)
-        air = (Fall(Cause.SNOW, 0.0005, 15.0),)
+        air = (Flakes(),)
         found.append(scan(surfaces, place, (rows, columns), seed + number, air))
     return found
