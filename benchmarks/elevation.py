@@ -14,13 +14,15 @@ from pathlib import Path
 from statistics import median
 from time import perf_counter
 
-import laspy
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from lidar_outlier_filter.core.detectors import elevation
+from lidar_outlier_filter.files import points
+from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.parameters.detectors import Elevation
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 RUNS = 5
 # Share eliminated and seconds; how many points there were is not said.
@@ -38,7 +40,7 @@ def run(console: Console, paths: list[Path]) -> None:
     for column in table.columns[1:]:
         column.justify = 'right'
     for path in paths:
-        xyz = np.ascontiguousarray(laspy.read(path).xyz)
+        xyz = points.load(open_cloud(path), 'xyz', FilterParameters(), timed=False).points.xyz
         _add(table, path.name, f'{len(xyz):,}', {k: measure(xyz, k) for k in (30, 60)})
     for name, figures in PAPER.items():
         _add(table, name, '', figures)

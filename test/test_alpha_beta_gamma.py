@@ -176,6 +176,7 @@ def slow(cloud: Points, parameters: AlphaBetaGamma) -> Outcome:
         sigma_floor=parameters.sigma_floor,
         min_window=parameters.min_window,
         passes=parameters.passes,
+        sigma_part=parameters.sigma_part,
     )
     back = np.argsort(order)
     return Outcome(scores[back], rejected[back], passes)
@@ -203,6 +204,13 @@ def test_fast_is_naive_on_all_clouds(name: str, sides: str) -> None:
     cloud = CLOUDS[name](np.random.default_rng(7))
     answer = assert_fast_is_naive(cloud, smoother(sides=sides))
     assert answer.rejected.any()
+
+
+@pytest.mark.parametrize('part', [1, 15, 40, 1000])
+@pytest.mark.parametrize('name', CLOUDS)
+def test_fast_is_naive_with_parts_of_lines(name: str, part: int) -> None:
+    """Parts of too few differences, of some, and longer than any line."""
+    assert_fast_is_naive(CLOUDS[name](np.random.default_rng(7)), smoother(sigma_part=part))
 
 
 @pytest.mark.parametrize(

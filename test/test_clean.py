@@ -189,7 +189,10 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
     ]
     assert all(log['rejected'] > 0 for log in logs)
     printed = capsys.readouterr()
-    assert printed.err == f'{files[2]} has no column that says its scan lines: chain sor\n'
+    assert printed.err == (
+        f'{files[1]} is not in metres (x = 0.3048 m, y = 0.3048 m, z = 0.3048 m): it is judged in '
+        f'metres\n{files[2]} has no column that says its scan lines: chain sor\n'
+    )
     table = rows(printed.out)
     assert [row['by evidence'] == '' for row in table] == [False, False, True]
 

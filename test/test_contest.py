@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.evaluation.confusion import Confusion
-from lidar_outlier_filter.results import contest, contest_tables, papers
+from lidar_outlier_filter.results import contest, contest_tables
 from lidar_outlier_filter.results.contest import Record, Standing, compete, score, standings
 from lidar_outlier_filter.results.contest_section import entries, written
 from lidar_outlier_filter.results.contest_tables import Target
 from lidar_outlier_filter.results.contestants import (
     DEFAULT,
-    FORM_A,
-    KANG_60,
     OURS,
     Judgement,
     Ours,
@@ -116,7 +114,6 @@ def test_like_is_compared_with_like() -> None:
     assert '| default | 0.667 |' in texts['default']
     assert '| default | **1.000** |' in texts['contest']
     assert '| `sor` | 0.947 |' in texts['contest']
-    assert "## The papers' tables" in texts['papers']
 
 
 def test_targets() -> None:
@@ -172,34 +169,3 @@ def test_parts() -> None:
     assert '| default | 0.947 | 0.950 | 0.00 % |' in text
     assert '| part | 0.593 | 0.950 | 10.00 % |' in text
     assert '| none | – | – | – |' in text
-
-
-def test_leslar() -> None:
-    """The paper's percentages come out of its counts; ours are per cloud."""
-    counts = (100, 50, 8, 1000)
-    found = standings([record(FORM_A, counts, seed) for seed in (1, 2)])
-    text = papers.leslar(found)
-    paper, ours = (line for line in text.splitlines() if line.endswith('|') and '(a) |' in line)
-    assert paper.split(' | ')[1:] == [
-        *('30.94 %', '7,621', '0.0050 %'),
-        *('33.37 %', '581', '0.0091 %'),
-        *('12.90 %', '27', '0.0013 % |'),
-    ]
-    assert ours.split(' | ')[1:] == [*['–'] * 3, '66.67 %', '50', '0.69 %', '–', '–', '– |']
-    assert '| 47.31 % | 5,060 | 1.40 % |' in text
-    assert text.endswith(
-        'Where ours is worse than the paper:\n\n* Leslar 2010 (a): is wrong more often on B'
-    )
-
-
-def test_the_other_papers() -> None:
-    """Sotoodeh's errors are those he prints; Kang's shares stand beside ours, if there are any."""
-    text = papers.sotoodeh({}, range(1))
-    assert '| paper | 6.95 % | 1.09 % | 3.69 % |' in text
-    assert 'ours, kang-urban' not in text
-    assert papers.kang({}) == ''
-    records = [
-        record(name, (3, 1, 16, 980), sample='kang-urban') for name in ('`elevation`', KANG_60)
-    ]
-    text = papers.kang(standings(records))
-    assert '| kang-urban | 0.047 % | 0.051 % | 1.90 % | 1.90 % | 0.40 % | 75.00 % |' in text

@@ -50,6 +50,7 @@ def assert_like_naive(xyz: Floats, parameters: Elevation) -> Floats:
             parameters.gap,
             parameters.share,
             parameters.sigma_floor,
+            parameters.neighbours,
         )
     )
     np.testing.assert_allclose(score, expected, rtol=1e-9, atol=1e-9)
@@ -72,6 +73,15 @@ def test_equals_naive(seed: int, sides: str) -> None:
     ):
         score = assert_like_naive(hills(seed), parameters)
         assert np.count_nonzero(score > 1) > 0
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_equals_naive_in_space(seed: int) -> None:
+    """Neighbours that are near in z, too, are others than those on the map."""
+    for k in (1, 7, 30):
+        parameters = Elevation(k=k, neighbours='space', gap=0.0)
+        score = assert_like_naive(hills(seed), parameters)
+        assert (score != detect(hills(seed), replace(parameters, neighbours='map'))).any()
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -112,6 +122,7 @@ def test_equals_naive_on_degenerate_clouds(name: str, k: int) -> None:
     """Ties count, and coincident points, however many there are."""
     for sides in SIDES:
         assert_like_naive(DEGENERATE[name], Elevation(k=k, sides=sides, gap=1.0, share=0.01))
+    assert_like_naive(DEGENERATE[name], Elevation(k=k, gap=0.0, neighbours='space'))
 
 
 @pytest.mark.parametrize('count', range(6))

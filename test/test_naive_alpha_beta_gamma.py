@@ -438,6 +438,21 @@ def test_estimated_sigma_is_the_lines_not_the_segments() -> None:
     assert np.isnan(scores).all()
 
 
+def test_estimated_sigma_of_a_part_of_the_line() -> None:
+    """Residuals of 1 m, then of 9 m: two parts of ten have a σ each, one of 20 that of both.
+
+    A point between two others differs from their mean; windows of one on a side see z0 ± 2 r.
+    """
+    z = [float(r * (-1) ** k) for r in (1, 9) for k in range(12)]
+    hand: dict[str, Any] = {'sigma': 0.0, 'before': 1, 'after': 1, 'passes': 1}
+    parts, _, _ = run(z, **hand, sigma_part=12)
+    whole, _, _ = run(z, **hand)
+    # 2 r ÷ √1.5 is every residual ÷ √(1 + q); its median is itself.
+    assert parts[4] == pytest.approx(1 / 1.4826 / NORMAL)
+    assert parts[18] == pytest.approx(1 / 1.4826 / NORMAL)
+    assert whole[4] < parts[4] < whole[18]
+
+
 def test_own_sigma_goes_before_the_parameter() -> None:
     """σ = 1, 2, 3 and a window of one on each side: σ²_δz = 4 + (1 + 9) / 4."""
     scores, _, _ = run([0, 10, 0], own_sigma=[1.0, 2.0, 3.0], before=1, after=1, passes=1)

@@ -42,6 +42,7 @@ def test_nearest() -> None:
     assert naive.nearest(ROW, 2, 1) == [1, 3]
     assert naive.nearest(ROW, 0, 2) == [1, 2]
     assert naive.nearest([(0, 0, 0), (0, 0, 5), (0, 0, 9)], 0, 1) == [1, 2]
+    assert naive.nearest([(0, 0, 0), (0, 0, 5), (0, 0, 9)], 0, 1, 3) == [1]
 
 
 def test_difference() -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters, describe
+from lidar_outlier_filter.parameters.papers import METHODS
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, read_yaml, table, write_yaml
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.declaration import Parameter
 
 CONFIG = Path(__file__).parents[1] / 'config'
-FILES = sorted(CONFIG.glob('*.yaml'))
+FILES = sorted(CONFIG.rglob('*.yaml'))
 DEFAULT = FilterParameters()
 EACH = pytest.mark.parametrize('parameter', describe(), ids=lambda parameter: parameter.name)
 
@@ -247,6 +248,19 @@ def test_files_of_families() -> None:
 def test_file_of_the_paper() -> None:
     """The file with the paper's settings has them."""
     assert read_yaml(CONFIG / 'leslar2010.yaml') == PAPER
+
+
+@pytest.mark.parametrize('name', METHODS)
+def test_files_of_the_papers(name: str) -> None:
+    """The file of each paper's method has the settings that its tables are made with."""
+    values = read_yaml(CONFIG / 'papers' / f'{name}.yaml')
+    assert values == METHODS[name]
+    assert DEFAULT.changed(values).chain == tuple(METHODS[name]['chain'])  # type: ignore[arg-type]
+
+
+def test_no_other_files_of_papers() -> None:
+    """Every file under config/papers is a method of a paper."""
+    assert {file.stem for file in (CONFIG / 'papers').iterdir()} == set(METHODS)
 
 
 def test_round_trip(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_steps import height
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.detectors import Quadric
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow  # the kernels compile for a minute
 
 PAPER: dict[str, Any] = {'start': 'all', 'surfaces': 1}
+LITERAL: dict[str, Any] = {**PAPER, 'model': 'always', 'significance': 0.001}
 
 
 def detect(xyz: Floats, variance: Floats | None = None, threads: int = 0, **changed: Any) -> Floats:
@@ -63,6 +65,7 @@ def rules(parameters: Quadric) -> naive.Rules:
         parameters.min_points,
         parameters.surfaces,
         parameters.start == 'robust',
+        parameters.model == 'always',
     )
 
 
@@ -112,6 +115,17 @@ def test_window_with_more_outliers_against_loops(shape: Shape, share: float, see
     }
     expected = naive.judge(xyz, rules(Quadric(**changed)))
     assert_same(judge_window(xyz, **changed), expected)
+
+
+@pytest.mark.parametrize('kind', ['none', 'isotropic', 'full'])
+@pytest.mark.parametrize('shape', surfaces.SURFACES)
+def test_literal_form_against_loops(shape: Shape, kind: str) -> None:
+    """Ten parameters, always: also of what is flat, or a volume."""
+    rng = np.random.default_rng(1)
+    xyz, _ = surfaces.sample(shape, rng, 60, share=0.1)
+    variance = variances(kind, rng, 60)
+    expected = naive.judge(xyz, rules(Quadric(**LITERAL)), variance)
+    assert_same(judge_window(xyz, variance, **LITERAL), expected)
 
 
 def street(rng: np.random.Generator) -> Floats:
@@ -173,24 +187,28 @@ def test_sections_against_loops(section: int, kind: str) -> None:
     assert_same(scores[order], expected)
 
 
+@pytest.mark.parametrize('form', [{}, LITERAL], ids=['default', 'literal'])
 @pytest.mark.parametrize('k', [14, 40])
-def test_patches_against_loops(k: int) -> None:
+def test_patches_against_loops(k: int, form: dict[str, Any]) -> None:
     """The nearest of each point are its window."""
     xyz = street(np.random.default_rng(8))[::4]
     neighbourhood = Neighbourhood(xyz, k)
     order = leaf_order(neighbourhood)
-    parameters = Quadric(window='patch', k=k)
+    parameters = Quadric(window='patch', k=k, **form)
     expected = naive.patches(xyz, order.tolist(), k, rules(parameters))
     assert_same(quadric.detect(neighbourhood, parameters), expected)
 
 
+@pytest.mark.parametrize('form', [{}, LITERAL], ids=['default', 'literal'])
 @pytest.mark.parametrize('cloud', CLOUDS)
-def test_odd_clouds_against_loops(cloud: Callable[[np.random.Generator], Floats]) -> None:
+def test_odd_clouds_against_loops(
+    cloud: Callable[[np.random.Generator], Floats], form: dict[str, Any]
+) -> None:
     """Ties, twins, stacks, lines and single places are judged alike."""
     xyz = cloud(np.random.default_rng(9))
     neighbourhood = Neighbourhood(xyz, 1)
     order = leaf_order(neighbourhood)
-    parameters = Quadric(section=48, sigma_floor=0.01)
+    parameters = Quadric(section=48, sigma_floor=0.01, **form)
     cores = tree_ranges(neighbourhood, 48)
     expected = naive.sections(xyz[order], cores, 48, rules(parameters))
     assert_same(quadric.detect(neighbourhood, parameters)[order], expected)
@@ -387,6 +405,28 @@ def test_undecided() -> None:
     for xyz in (rng.normal(size=(11, 3)), np.ones((40, 3)), exact, rng.normal(size=(200, 3))):
         for window in ('section', 'patch'):
             assert np.isnan(detect(xyz, window=window)).all()
+
+
+def test_what_always_needs() -> None:
+    """A quadric that nothing may lower begins with all points, and is the only surface."""
+    for changed in ({'start': 'robust', 'surfaces': 1}, {'start': 'all', 'surfaces': 2}):
+        with pytest.raises(FilterError, match=r'quadric\.model always must be with start: all'):
+            FilterParameters().changed(
+                {'quadric.model': 'always', **{f'quadric.{k}': v for k, v in changed.items()}}
+            )
+
+
+def test_the_literal_form_bends() -> None:
+    """A single outlier 10 cm above asphalt stands out from a plane; a quadric comes near to it."""
+    found = {'lowest': 0, 'always': 0}
+    for seed in range(20):
+        xyz, _ = surfaces.sample(surfaces.road, np.random.default_rng(seed), 31)
+        xyz[15, 2] += 0.1
+        for model in found:
+            changed = {**PAPER, 'model': model, 'significance': 0.001}
+            found[model] += judge_window(xyz, **changed)[15] > 1
+    assert found['lowest'] > 15
+    assert found['always'] < 8
 
 
 def test_a_third_on_no_surface() -> None:

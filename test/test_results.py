@@ -106,7 +106,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main(command) == 0
     text = page.read_text()
     assert text.startswith('# By hand\n\n<!-- begin default')
-    for part in ('default', 'contest', 'papers', 'neighbours', 'real'):
+    for part in ('default', 'contest', 'neighbours', 'real'):
         assert f'<!-- end {part} -->' in text
     assert '| `hierarchical` |' in text
     assert 'contest written to' in capsys.readouterr().out

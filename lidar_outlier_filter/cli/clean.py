@@ -103,10 +103,7 @@ def _clean(options: argparse.Namespace) -> int:
             say(str(err))
             continue
         reports.append(report)
-        if report.lack:
-            say(f'{path} has {report.lack}: chain {", ".join(report.chain)}')
-        elif report.tile > 0 and 'chain' not in wanted.parameters:
-            say(f'{path} is judged in tiles: chain {", ".join(report.chain)}')
+        _say_how(path, report, wanted)
     if reports:
         _show(reports)
     untested = [report for report in reports if report.points == report.untested + report.invalid]
@@ -115,6 +112,17 @@ def _clean(options: argparse.Namespace) -> int:
     if len(reports) == len(options.files) and not untested:
         return DONE
     return INCOMPLETE if reports else REFUSED
+
+
+def _say_how(path: Path, report: CleanReport, wanted: Wanted) -> None:
+    """Say in which way a file is not judged as it is."""
+    if report.metres:
+        sizes = ', '.join(f'{name} = {size:.10g} m' for name, size in report.metres.items())
+        say(f'{path} is not in metres ({sizes}): it is judged in metres')
+    if report.lack:
+        say(f'{path} has {report.lack}: chain {", ".join(report.chain)}')
+    elif report.tile > 0 and 'chain' not in wanted.parameters:
+        say(f'{path} is judged in tiles: chain {", ".join(report.chain)}')
 
 
 def _wanted(options: argparse.Namespace) -> Wanted:

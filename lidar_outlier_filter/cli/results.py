@@ -28,6 +28,7 @@ PAGE = Path('doc/results.md')
 DATA = Path('../shared/data')
 SEEDS = (101, 102, 103, 104, 105)
 LEARNT = 1  # the seed that the tuner may see
+PAPERS = ('leslar2010', 'sotoodeh2006', 'sotoodeh2007', 'kang2018', 'pirotti2018')
 QUICK_PRESETS = ('leslar-c', 'pirotti-fcd', 'sotoodeh-hod')
 
 
@@ -38,7 +39,8 @@ def add_results(commands: Commands) -> None:
         help='compare all detectors with the papers and with peers, and write it up',
         description='Simulate all presets, judge them with every detector, some chains and the '
         'peers that are installed, and put tables and pictures between markers into a page. What '
-        'else is on the page stays as it is. Takes about half an hour on two cores.',
+        'else is on the page stays as it is. Takes half an hour on two cores, and the papers '
+        'another.',
     )
     parser.add_argument(
         '--output', type=Path, default=PAGE, metavar='FILE', help=f'the page; default: {PAGE}'
@@ -73,6 +75,14 @@ def add_results(commands: Commands) -> None:
         help=f'write these only, of {", ".join(SECTIONS)}',
     )
     parser.add_argument(
+        '--papers',
+        nargs='+',
+        choices=PAPERS,
+        default=PAPERS,
+        metavar='P',
+        help=f'pages of the section papers, in papers/ beside FILE; of {", ".join(PAPERS)}',
+    )
+    parser.add_argument(
         '--data',
         type=Path,
         default=DATA,
@@ -104,9 +114,11 @@ def _run(options: argparse.Namespace) -> int:
             with TemporaryDirectory() as folder:
                 texts = SECTIONS[name](options, Path(folder), progress)
                 pictures = sorted(Path(folder).glob('*.png'))
+                page = options.output.parent / 'papers' if name == 'papers' else options.output
                 for number, (part, text) in enumerate(texts.items()):
-                    markdown.write(options.output, part, text, () if number else pictures)
-            console.print(f'{name} written to {options.output}', markup=False, highlight=False)
+                    one = page / f'{part}.md' if name == 'papers' else page
+                    markdown.write(one, part, text, () if number else pictures)
+            console.print(f'{name} written to {page}', markup=False, highlight=False)
     return DONE
 
 
@@ -145,6 +157,12 @@ def _real(options: argparse.Namespace, _pictures: Path, progress: Progress) -> d
     return {'real': section(options.data, progress)}
 
 
+def _papers(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_filter.results.papers.pages import write_up
+
+    return write_up(options.papers, options.presets, options.seeds[0], pictures, progress)
+
+
 def _tuner(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
     from lidar_outlier_filter.results.tuner_proof import section
 
@@ -159,4 +177,5 @@ SECTIONS: dict[str, Section] = {
     'growth': _growth,
     'real': _real,
     'tuner': _tuner,
+    'papers': _papers,
 }

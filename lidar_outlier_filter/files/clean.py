@@ -80,8 +80,9 @@ class CleanReport:
     """What became of a file; its log.
 
     ``invalid`` points (NaN, Inf, all 0) are none, ``untested`` ones could be tested by no detector;
-    both are kept. ``lines`` says what the scan lines were found by; ``lack`` what the file lacks,
-    so that another chain than the default was taken; ``second_phase`` how many of the points that
+    both are kept. ``metres`` says of coordinates in other units how many metres one is, ``lines``
+    what the scan lines were found by; ``lack`` what the file lacks, so that another chain than the
+    default was taken; ``second_phase`` how many of the points that
     ``hierarchical`` rejected its second phase did.
     """
 
@@ -91,6 +92,7 @@ class CleanReport:
     rejected_points: str
     coordinates: tuple[str, ...]
     tile: float
+    metres: Mapping[str, float]
     lines: str
     lack: str
     chain: tuple[str, ...]
@@ -160,6 +162,7 @@ def clean(
             rejected_points=wanted.rejected,
             coordinates=coordinates,
             tile=wanted.tile,
+            metres={one: file.metres[one] for one in coordinates if one in file.metres},
             lines=loaded.lines,
             lack=loaded.lack,
             chain=parameters.chain,

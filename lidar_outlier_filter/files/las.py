@@ -29,6 +29,7 @@ from lidar_outlier_filter.files.las_header import (
     check_laz_points,
     check_records,
 )
+from lidar_outlier_filter.files.units import USER, metres_per_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -76,7 +77,7 @@ class _Record:
 
 
 class LasFile:
-    """A LAS or LAZ file; see :class:`CloudFile`. The columns x, y and z are in metres."""
+    """A LAS or LAZ file; see :class:`CloudFile`. Columns x, y and z are in the unit of the file."""
 
     classes = True
     whole = ''
@@ -99,6 +100,12 @@ class LasFile:
         names = [
             name for name in header.point_format.dimension_names if name not in {'X', 'Y', 'Z'}
         ]
+        known = [*header.vlrs, *(header.evlrs or [])]
+        self.metres: Mapping[str, float] = metres_per_unit(
+            {one.record_id: one.record_data_bytes() for one in known if one.user_id == USER},
+            path,
+            wkt=bool(header.global_encoding.wkt),
+        )
         kinds = {item.name: item.dtype for item in header.point_format.dimensions}
         self.columns: Mapping[str, np.dtype[Any]] = {
             **dict.fromkeys(AXES, np.dtype(np.float64)),

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +32,7 @@ class ParquetFile:
     """A Parquet file; see :class:`CloudFile`."""
 
     classes = False
+    metres: Mapping[str, float] = MappingProxyType({})
     whole = ''
 
     def __init__(self, path: Path) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 from functools import cached_property
 from itertools import accumulate
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import lzf
@@ -49,6 +50,7 @@ class PcdFile:
     """A PCD file; see :class:`CloudFile`."""
 
     classes = False
+    metres: Mapping[str, float] = MappingProxyType({})
     whole = ''
 
     def __init__(self, path: Path) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
@@ -84,6 +85,7 @@ class PlyFile:
     """A PLY file; see :class:`CloudFile`."""
 
     classes = False
+    metres: Mapping[str, float] = MappingProxyType({})
 
     def __init__(self, path: Path) -> None:
         """Read the header, and find where the vertices begin."""

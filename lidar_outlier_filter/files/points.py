@@ -79,7 +79,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     allocate: Callable[[tuple[int, ...]], NDArray[np.float64]] = np.empty,
     progress: Callable[[int], object] = bool,
 ) -> Loaded:
-    """Read the points of a file.
+    """Read the points of a file, in metres.
 
     Parameters
     ----------
@@ -105,6 +105,8 @@ def load(  # noqa: PLR0913  which columns, and where to
         part = slice(done, done + len(chunk[0]))
         for axis in range(3):
             xyz[part, axis] = cloud_file.filled(chunk[axis]) if axis < len(coordinates) else 0.0
+            if axis < len(coordinates) and coordinates[axis] in file.metres:
+                xyz[part, axis] *= file.metres[coordinates[axis]]
         for name, values in zip(others, chunk[len(coordinates) :], strict=True):
             if done == 0:
                 columns[name] = np.ma.empty(len(file), values.dtype)

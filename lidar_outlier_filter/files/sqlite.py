@@ -7,6 +7,7 @@ from __future__ import annotations
 import errno
 import sqlite3
 from contextlib import closing, suppress
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,6 +38,7 @@ class SqliteFile:
     """A table of an SQLite database; see :class:`CloudFile`."""
 
     classes = False
+    metres: Mapping[str, float] = MappingProxyType({})
     whole = 'the verdict on a table is a table of its own'
 
     def __init__(self, path: Path, table: str | None) -> None:

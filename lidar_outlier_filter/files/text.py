@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 from codecs import BOM_UTF8
 from itertools import islice
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
@@ -46,6 +47,7 @@ class TextFile:
     """
 
     classes = False
+    metres: Mapping[str, float] = MappingProxyType({})
     whole = ''
 
     def __init__(self, path: Path) -> None:

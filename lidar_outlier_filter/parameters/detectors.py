@@ -49,6 +49,14 @@ class AlphaBetaGamma(Section):
     sigma_floor: float = declare(
         0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
     )
+    sigma_part: int = declare(
+        0,
+        'Points of a part of a line whose standard deviation is estimated by itself, as noise may '
+        'grow along a line; 0: one estimate for the line.',
+        '',
+        0,
+        1_000_000,
+    )
     min_window: int = declare(
         3, 'Fewest other points in a window; with fewer a point stays untested.', '', 3, 1000
     )
@@ -99,12 +107,24 @@ class Quadric(Section):
         'First surface: robust: of the half that agrees best; all: of all points (the paper).',
         choices=('robust', 'all'),
     )
+    model: str = declare(
+        'lowest',
+        'lowest: a plane or a paraboloid where it will do; always: all ten parameters, of whatever '
+        'the window holds (the paper; needs start: all and surfaces: 1).',
+        choices=('lowest', 'always'),
+    )
     min_points: int = declare(
         12, 'Fewest points that make a surface; with fewer a point stays untested.', '', 11, 1000
     )
     sigma_floor: float = declare(
         0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
     )
+
+    def check(self) -> None:
+        """Refuse a robust start of quadrics that nothing may lower."""
+        if self.model == 'always' and (self.start, self.surfaces) != ('all', 1):
+            got = f'start: {self.start} and surfaces: {self.surfaces}'
+            raise ParameterError('quadric.model always', 'with start: all and surfaces: 1', got)
 
 
 @dataclass(frozen=True)
@@ -181,8 +201,11 @@ class Hierarchical(Section):
 class Elevation(Section):
     """Elevation against the mean of the neighbours on the map."""
 
-    k: int = declare(
-        30, 'Neighbours in x and y whose mean elevation counts; ties count too.', '', 1, 1000
+    k: int = declare(30, 'Neighbours whose mean elevation counts; ties count too.', '', 1, 1000)
+    neighbours: str = declare(
+        'map',
+        'map: the nearest in x and y (the paper); space: the nearest in x, y and z.',
+        choices=('map', 'space'),
     )
     multiplier: float = declare(
         3.0, 'Standard deviations of all differences that one may differ.', '', 1e-6, 1000.0

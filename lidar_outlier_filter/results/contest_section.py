@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.results import contest_tables, papers
+from lidar_outlier_filter.results import contest_tables
 from lidar_outlier_filter.results.contest import compete, standings
 from lidar_outlier_filter.results.contest_tables import TARGETS
 from lidar_outlier_filter.results.contestants import (
@@ -51,7 +51,7 @@ def entries(presets: Sequence[str], seeds: Sequence[int], full: int) -> list[Ent
 def section(
     presets: Sequence[str], seeds: Sequence[int], full: int, progress: Progress
 ) -> dict[str, str]:
-    """Run the contest and write it up: the sections ``default``, ``contest`` and ``papers``."""
+    """Run the contest and write it up: the sections ``default`` and ``contest``."""
     return written(compete(entries(presets, seeds, full), progress), seeds, full)
 
 
@@ -62,12 +62,6 @@ def written(records: Sequence[Record], seeds: Sequence[int], full: int) -> dict[
     return {
         'default': _default(found, seeds),
         'contest': _contest(alike, seeds[:full]),
-        'papers': paragraphs(
-            "## The papers' tables",
-            papers.leslar(alike),
-            papers.sotoodeh(alike),
-            papers.kang(alike),
-        ),
     }
 
 
@@ -102,8 +96,8 @@ def _contest(found: Standings, seeds: Sequence[int]) -> str:
         '## All detectors, chains and peers on simulated clouds',
         'Protocol: `lidar-outlier-filter simulate PRESET --seed N` for each preset and seed; '
         'everybody gets the same points and is counted alike. Detectors have their default '
-        'parameters, unless the name says otherwise; the forms of Leslar have ±5 points, '
-        'acceleration, one surface, a significance of 0.001, and each point tested once. '
+        'parameters, unless the name says otherwise; those with ±5 points have acceleration, and '
+        'test each point once; these, and those with one surface, have a significance of 0.001. '
         'Recordings go through the stream in blocks of 0.1 s with 10 ms before and after, as in '
         'the node; single clouds (`pirotti-…`, `sotoodeh-hod`, `kang-…`) are judged as a whole, as '
         'by `clean`. Peers get what stands still as a whole (`leslar-…` and single clouds) and '

@@ -110,28 +110,28 @@ class Peer:
         return Judgement(rejected, np.concatenate(scores) if scores else None)
 
 
-# Algorithm (a) of Leslar et al. (2010) is PAPER; (b) is a patch around each point, (c) a section.
+# Near to Leslar et al. (2010), whose forms by the letter are on the pages of the papers.
 ONE_SURFACE = {
     'quadric.surfaces': 1,
     'quadric.start': 'all',
     'quadric.significance': PAPER['alpha_beta_gamma.significance'],
 }
 PATCH = {**ONE_SURFACE, 'quadric.window': 'patch'}
-FORM_A, FORM_B, FORM_C, FORM_AB = (
-    f'Leslar 2010 {which}' for which in ('(a)', '(b)', '(c)', '(a), then (b)')
-)
 SMALL_ONES = ('leslar-b', 'leslar-c')  # a surface for each point takes minutes on larger ones
-KANG_60 = '`elevation`, k = 60'
 ALL_THREE = ('alpha_beta_gamma', 'quadric', 'lof')
 
 OURS: tuple[Ours, ...] = (
     Ours(DEFAULT),
     Ours('`alpha_beta_gamma`', {'chain': ('alpha_beta_gamma',)}),
-    Ours(FORM_A, {**PAPER, 'chain': ('alpha_beta_gamma',)}),
+    Ours('smoother ±5, σ of each line', {**PAPER, 'chain': ('alpha_beta_gamma',)}),
     Ours('`quadric`', {'chain': ('quadric',)}),
-    Ours(FORM_B, {**PATCH, 'chain': ('quadric',)}, only=SMALL_ONES),
-    Ours(FORM_C, {**ONE_SURFACE, 'chain': ('quadric',)}),
-    Ours(FORM_AB, {**PAPER, **PATCH, 'chain': ('alpha_beta_gamma', 'quadric')}, only=SMALL_ONES),
+    Ours('`quadric`, one surface, `patch`', {**PATCH, 'chain': ('quadric',)}, only=SMALL_ONES),
+    Ours('`quadric`, one surface', {**ONE_SURFACE, 'chain': ('quadric',)}),
+    Ours(
+        'smoother ±5, then one surface, `patch`',
+        {**PAPER, **PATCH, 'chain': ('alpha_beta_gamma', 'quadric')},
+        only=SMALL_ONES,
+    ),
     Ours('`lof`', {'chain': ('lof',)}),
     Ours('`sor`', {'chain': ('sor',)}),
     Ours('`sor`, radius', {'chain': ('sor',), 'sor.statistic': 'radius'}),
@@ -159,7 +159,7 @@ OURS: tuple[Ours, ...] = (
     ),
     Ours('`hierarchical`', {'chain': ('hierarchical',)}),
     Ours('`elevation`', {'chain': ('elevation',)}),
-    Ours(KANG_60, {'chain': ('elevation',), 'elevation.k': 60}, only=('kang-',)),
+    Ours('`elevation`, k = 60', {'chain': ('elevation',), 'elevation.k': 60}, only=('kang-',)),
     Ours('`alpha_beta_gamma`, `quadric`, `lof`', {'chain': ALL_THREE}),
     Ours('two of these three (`vote: 2`)', {'chain': ALL_THREE, 'vote': 2}),
 )

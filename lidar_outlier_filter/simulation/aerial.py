@@ -8,7 +8,7 @@ Each is one message, all of it of one instant (t = 0), so that a filter judges i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.simulation.landscape import Landscape
+
     Floats = NDArray[np.float64]
+    # How far outliers are moved: a draw from low to high, metres.
+    Law = Callable[[np.random.Generator, float, float], float]
 
 MATCHED = np.dtype([*FIRST, *TRUTH])
 SCANNED = np.dtype([*FIRST, ('gps_time', '<f8'), ('line', '<u4'), *TRUTH])
@@ -42,13 +46,24 @@ MATCHING = 0.03  # standard deviation of heights from images, metres; of plants 
 ROUGH = 0.12
 
 
+def uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draw a distance, every one as probable: half of them are beyond the middle."""
+    return float(rng.uniform(low, high))
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draw a distance, every magnitude as probable: half are within the geometric mean."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 def photogrammetry(
-    seed: int, share: float | None, progress: Callable[[float], object]
+    seed: int, share: float | None, progress: Callable[[float], object], law: Law = uniform
 ) -> Iterator[Cloud]:
     """Simulate Pirotti's cloud: a wood with a clearing, meadows, a few houses, points moved off.
 
     Half of the outliers are single points, at 1 to 200 m from the others, half of them below; half
-    lie in clusters of 2 to 30, 2 to 200 m above.
+    lie in clusters of 2 to 30, 2 to 200 m above. The paper calls these distances random; ``law`` is
+    how they are drawn.
     """
     rng = np.random.default_rng([seed, OUTLIERS])
     total = GOOD + OUTLIERS
@@ -57,7 +72,7 @@ def photogrammetry(
         raise FilterError('the share', 'from 0 to 0.1', share)
     points = _match(total, rng)
     progress(0.5)
-    _move_off(points, outliers, rng)
+    _move_off(points, outliers, rng, law)
     progress(1.0)
     yield Cloud(START, START, points)
 
@@ -92,7 +107,7 @@ def _points(
     return points
 
 
-def _move_off(points: NDArray[np.void], outliers: int, rng: np.random.Generator) -> None:
+def _move_off(points: NDArray[np.void], outliers: int, rng: np.random.Generator, law: Law) -> None:
     """Choose points by lot and move them off the surface, alone or in clusters."""
     chosen = rng.permutation(len(points))[:outliers]
     xyz = np.stack([points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
@@ -100,13 +115,13 @@ def _move_off(points: NDArray[np.void], outliers: int, rng: np.random.Generator)
     stay[chosen] = False
     tree = cKDTree(xyz[stay])
     singles = outliers // 2
-    moved = [_single(xyz[i], tree, rng) for i in chosen[:singles]]
+    moved = [_single(xyz[i], tree, rng, law) for i in chosen[:singles]]
     left = outliers - singles
     while left:
         size = min(int(rng.integers(MEMBERS[0], MEMBERS[1] + 1)), left)
         # None is left alone at the end.
         size -= 1 if left - size == 1 and size > MEMBERS[0] else 0
-        moved += _cluster(xyz[chosen[len(moved)]], size, tree, rng)
+        moved += _cluster(xyz[chosen[len(moved)]], size, tree, rng, law)
         left -= size
     for name, values in zip('xyz', np.reshape(moved, (-1, 3)).T, strict=True):
         points[name][chosen] = values
@@ -117,19 +132,21 @@ def _move_off(points: NDArray[np.void], outliers: int, rng: np.random.Generator)
     points['surface'][chosen] = Kind.AIR
 
 
-def _single(place: Floats, tree: cKDTree, rng: np.random.Generator) -> Floats:
+def _single(place: Floats, tree: cKDTree, rng: np.random.Generator, law: Law) -> Floats:
     """Move a point up or down, until it is far enough from all that stay."""
     while True:
-        off = rng.uniform(*SINGLES) * rng.choice([-1.0, 1.0])
+        off = law(rng, *SINGLES) * rng.choice([-1.0, 1.0])
         moved: Floats = place + np.array([0.0, 0.0, off])
         if tree.query(moved)[0] >= SINGLES[0]:
             return moved
 
 
-def _cluster(place: Floats, size: int, tree: cKDTree, rng: np.random.Generator) -> list[Floats]:
+def _cluster(
+    place: Floats, size: int, tree: cKDTree, rng: np.random.Generator, law: Law
+) -> list[Floats]:
     """Put some points around one that is above the surface, none of them near to it."""
     while True:
-        centre = place + np.array([0.0, 0.0, rng.uniform(*CENTRES)])
+        centre = place + np.array([0.0, 0.0, law(rng, *CENTRES)])
         members = centre + rng.normal(0.0, rng.uniform(*SPREAD), (size, 3))
         if tree.query(members)[0].min() >= SINGLES[0]:
             return list(members)
@@ -188,13 +205,7 @@ def flight(
     outliers = how.outliers if share is None else round(share * total)
     if not 0 <= outliers <= total // 10:
         raise FilterError('the share', 'from 0 to 0.1', share)
-    origin, direction, size = _beams(how)
-    land = build(hills(size, CELL, how.steep, rng), CELL, how.plants, rng)
-    origin[2] += land.ground.mean()
-    progress(0.2)
-    into, deep = LEAVES
-    depth = np.where(rng.random(total) < into, rng.exponential(deep, total), 0.0)
-    distance, kind = land.cast(origin, direction, depth)
+    origin, direction, distance, kind, _ = fly(how, rng)
     progress(0.8)
     distance += RANGING * rng.standard_normal(total)
     label = np.full(total, Cause.GOOD, np.uint8)
@@ -207,6 +218,28 @@ def flight(
     points['gps_time'] = START // SECOND + shot * (LINE_TIME / how.shots / SECOND)
     progress(1.0)
     yield Cloud(START, START, points)
+
+
+class Flown(NamedTuple):
+    """What the N shots of a flight meet: origins and directions (3, N), and the country itself."""
+
+    origin: Floats
+    direction: Floats
+    distance: Floats
+    kind: NDArray[np.uint8]
+    land: Landscape
+
+
+def fly(how: Flight, rng: np.random.Generator, leaves: tuple[float, float] = LEAVES) -> Flown:
+    """Build a country and scan it from the air, without noise."""
+    total = how.lines * how.shots
+    origin, direction, size = _beams(how)
+    land = build(hills(size, CELL, how.steep, rng), CELL, how.plants, rng)
+    origin[2] += land.ground.mean()
+    into, deep = leaves
+    depth = np.where(rng.random(total) < into, rng.exponential(deep, total), 0.0)
+    distance, kind = land.cast(origin, direction, depth)
+    return Flown(origin, direction, distance, kind, land)
 
 
 def _beams(how: Flight) -> tuple[Floats, Floats, tuple[float, float]]:

@@ -55,6 +55,14 @@ class Line:
         Standard deviation of a position, metres, most of it slow.
     rests : float
         Seconds that the bus stands at each end of the route.
+    thrown : (low, high)
+        Metres that a reflection throws a position.
+    off : float
+        Metres that a detour is away from the route at least.
+    detours : (low, high)
+        Positions of one.
+    standing : float
+        Share of the detours that end with the bus standing.
 
     """
 
@@ -64,10 +72,32 @@ class Line:
     speed: float
     noise: float
     rests: float
+    thrown: tuple[float, float] = THROWN
+    off: float = OFF
+    detours: tuple[int, int] = (12, 40)
+    standing: float = STANDING
 
 
 # Line 11 is dense all along; 39 goes fast, and stands long at its ends.
 LINES = {11: Line(24_000, 160, 14, 7.0, 3.0, 60.0), 39: Line(12_000, 110, 9, 13.0, 5.0, 900.0)}
+# As hard as in the paper: outliers come near to the route, on 11 alone, on 39 many in one place.
+HARD = {
+    11: Line(
+        24_000, 480, 30, 10.0, 4.0, 60.0, thrown=(6.0, 100.0), off=6.0, detours=(2, 4), standing=0.0
+    ),
+    39: Line(
+        12_000,
+        440,
+        9,
+        13.0,
+        8.0,
+        900.0,
+        thrown=(8.0, 150.0),
+        off=8.0,
+        detours=(20, 60),
+        standing=0.7,
+    ),
+}
 
 
 def lines(seed: int, share: float | None, progress: Callable[[float], object]) -> Iterator[Cloud]:
@@ -101,12 +131,12 @@ def track(how: Line, outliers: int, rng: np.random.Generator) -> NDArray[np.void
     way = _drive(route, how, how.points - outliers, rng)
     thrown = outliers // 3
     near = cKDTree(way.place)
-    detours = _detours(way, outliers - thrown, near, rng)
+    detours = _detours(way, how, outliers - thrown, near, rng)
     count = len(way.speed)
     place = np.concatenate([way.place + _drift(count, how.noise, rng), detours.place])
     speed = np.concatenate([way.speed, detours.speed])
     speed = np.maximum(speed + 0.3 * rng.standard_normal(len(speed)), 0.0)
-    place = np.concatenate([place, _throw(way, thrown, near, rng)])
+    place = np.concatenate([place, _throw(way, how, thrown, near, rng)])
     speed = np.concatenate([speed, rng.uniform(0.0, how.speed, thrown)])
     points = np.zeros(how.points, POSITION)
     points['x'], points['y'], points['z'] = place[:, 0], place[:, 1], KMH * speed
@@ -165,35 +195,35 @@ def _drift(count: int, noise: float, rng: np.random.Generator) -> Floats:
     return errors
 
 
-def _throw(way: _Way, count: int, near: cKDTree, rng: np.random.Generator) -> Floats:
+def _throw(way: _Way, how: Line, count: int, near: cKDTree, rng: np.random.Generator) -> Floats:
     """Throw some positions (count, 2) off the route, anywhere."""
     places: list[Floats] = []
     while len(places) < count:
-        heading, length = rng.uniform(0.0, 2.0 * np.pi), np.exp(rng.uniform(*np.log(THROWN)))
+        heading, length = rng.uniform(0.0, 2.0 * np.pi), np.exp(rng.uniform(*np.log(how.thrown)))
         start = way.place[rng.integers(len(way.place))]
         place = start + length * np.array([np.cos(heading), np.sin(heading)])
-        if near.query(place)[0] >= THROWN[0]:
+        if near.query(place)[0] >= how.thrown[0]:
             places.append(place)
     return np.reshape(places, (-1, 2))
 
 
-def _detours(way: _Way, count: int, near: cKDTree, rng: np.random.Generator) -> _Way:
+def _detours(way: _Way, how: Line, count: int, near: cKDTree, rng: np.random.Generator) -> _Way:
     """Leave the route along another street, now and then to stand there."""
     places, speeds = [np.zeros((0, 2))], [np.zeros(0)]
     left = count
     while left:
-        size = min(int(rng.integers(12, 40)), left)
+        size = min(int(rng.integers(*how.detours)), left)
         start = way.place[rng.integers(len(way.speed))]
         heading = rng.choice([-1.0, 1.0], 2) * rng.permutation([1.0, 0.35])
         heading /= np.linalg.norm(heading)
         speed = np.full(size, rng.uniform(6.0, 12.0))
-        if rng.random() < STANDING:
+        if rng.random() < how.standing:
             speed[size // 2 :] = 0.0
-        place = start + (THROWN[0] + np.cumsum(speed))[:, None] * heading
+        place = start + (how.thrown[0] + np.cumsum(speed))[:, None] * heading
         # One that stands is at the very same place each second.
         moving = speed > 0.0
         place[moving] += rng.normal(0.0, 2.0, (int(moving.sum()), 2))
-        if near.query(place)[0].min() < OFF:
+        if near.query(place)[0].min() < how.off:
             continue
         places.append(place)
         speeds.append(speed)

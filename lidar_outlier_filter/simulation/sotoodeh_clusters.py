@@ -34,6 +34,8 @@ NEAR = (0.2, 0.6)
 SPREAD = 0.08  # standard deviation of a cluster's coordinates, metres
 NOISE = 0.01  # standard deviation of the scanner's, metres
 JITTER = 0.25  # of a step
+BRANCHES, TWIGS = 4, 5  # thin things that stick out of the wall, good points along each
+FIRST_TWIG, LONGER = 0.12, 1.6  # metres from the wall to the first, and how each step grows
 MARGIN = (np.array([0.6, 0.6, 0.6]), np.array([0.6, 1.2, 0.6]))  # around the good points, metres
 # Table 1 of the paper: α- and β-error of both phases, shares of the points the phase has seen.
 PAPER = (0.0045, 0.0137, 0.0104, 0.0052)
@@ -73,8 +75,12 @@ class Errors(NamedTuple):
         return self.left / self.seen
 
 
-def simulate(seed: int) -> LabelledClusters:
-    """Scan the two surfaces and scatter the outliers; the same seed gives the same points."""
+def simulate(seed: int, *, cluttered: bool = False) -> LabelledClusters:
+    """Scan the two surfaces and scatter the outliers; the same seed gives the same points.
+
+    With clutter some of the good points are on thin things that stick out of the wall, the farther
+    the sparser: points that are right, and that no method which goes by distances can keep.
+    """
     rng = np.random.default_rng(seed)
     u, v = _grid(rng, (24, 21), 0.2)
     wall = np.stack([u, 0.35 * np.sin(1.1 * u) * np.cos(0.8 * v), v], axis=1)
@@ -82,7 +88,9 @@ def simulate(seed: int) -> LabelledClusters:
     board = np.stack([u + 1.2, 0.3 * (u - 0.6) ** 2 - 1.8, v + 0.8], axis=1)
     good = np.concatenate([wall, board])
     good += rng.normal(0.0, NOISE, good.shape)
-    good = good[np.sort(rng.permutation(len(good))[:GOOD])]
+    loose = _branches(rng, wall) if cluttered else np.zeros((0, 3))
+    good = good[np.sort(rng.permutation(len(good))[: GOOD - len(loose)])]
+    good = np.concatenate([good, loose])
     outliers = np.concatenate(
         [
             _scatter(rng, good, STRAY, FAR),
@@ -104,6 +112,17 @@ def _grid(rng: np.random.Generator, shape: tuple[int, int], step: float) -> tupl
     jitter = JITTER * step
     u, v = u.ravel(), v.ravel()
     return u + rng.uniform(-jitter, jitter, len(u)), v + rng.uniform(-jitter, jitter, len(v))
+
+
+def _branches(rng: np.random.Generator, wall: Floats) -> Floats:
+    """Let thin things stick out of the wall, towards the scanner and aside."""
+    reach = np.cumsum(FIRST_TWIG * LONGER ** np.arange(TWIGS))
+    found = []
+    for foot in wall[rng.choice(len(wall), BRANCHES, replace=False)]:
+        heading = np.array([rng.uniform(-0.5, 0.5), -1.0, rng.uniform(-0.5, 0.5)])
+        heading /= np.linalg.norm(heading)
+        found.append(foot + reach[:, None] * heading + rng.normal(0.0, NOISE, (TWIGS, 3)))
+    return np.concatenate(found)
 
 
 def _scatter(
@@ -133,11 +152,13 @@ def _errors(seen: int, lost: Bools, left: Bools) -> Errors:
     return Errors(seen, int(np.count_nonzero(lost)), int(np.count_nonzero(left)))
 
 
-def mean_errors(seeds: Iterable[int], parameters: Hierarchical) -> tuple[float, ...]:
+def mean_errors(
+    seeds: Iterable[int], parameters: Hierarchical, *, cluttered: bool = False
+) -> tuple[float, ...]:
     """Return the means over scenes of the α- and β-error of phase 1, then those of phase 2."""
     rows = []
     for seed in seeds:
-        scene = simulate(seed)
+        scene = simulate(seed, cluttered=cluttered)
         outcome = hierarchical.detect(scene.xyz, parameters)
         first, second = errors(scene.outlier, outcome)
         rows.append((first.alpha, first.beta, second.alpha, second.beta))

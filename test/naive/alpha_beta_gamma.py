@@ -294,20 +294,36 @@ def is_peak(p: int, scores: Sequence[float], reach: int) -> bool:
     return True
 
 
+def all_residuals(
+    points: Line, members: Sequence[Sequence[int]], rule: Rule
+) -> dict[int, tuple[Floats, float]]:
+    """Residuals of all points from the windows around them, of those that have one."""
+    found = {}
+    for segment in members:
+        for p, k in enumerate(segment):
+            window = centred_window(p, len(segment), rule.before, rule.after)
+            answer = window_residual(points, k, [segment[j] for j in window], rule)
+            if answer is not None:
+                found[k] = answer
+    return found
+
+
 def estimated_unit(
-    points: Line, members: Sequence[Sequence[int]], line: Ints, rule: Rule, floor: float
+    found: dict[int, tuple[Floats, float]], line: Ints, floor: float, part: int
 ) -> Floats:
-    """Estimate σ (N, 3) of each line from the windows around all of its points."""
+    """Estimate σ (N, 3) of each line, or part of it, from the residuals of its points."""
     unit = np.full((len(line), 3), nan)
     for one in sorted(set(line.tolist())):
-        found = []
-        for segment in members:
-            for p, k in enumerate(segment):
-                if line[k] == one:
-                    window = centred_window(p, len(segment), rule.before, rule.after)
-                    found.append(window_residual(points, k, [segment[j] for j in window], rule))
-        usable = [f for f in found if f is not None]
-        unit[line == one] = robust_sigma([r for r, _ in usable], [q for _, q in usable], floor)
+        of_line = [k for k in range(len(line)) if line[k] == one]
+        parts = max(1, len(of_line) // part) if part else 1
+        cuts = [len(of_line) * number // parts for number in range(parts + 1)]
+        groups = [of_line[low:high] for low, high in pairwise(cuts)]
+        for number, group in enumerate([of_line, *groups]):
+            usable = [found[k] for k in group if k in found]
+            sigma = robust_sigma([r for r, _ in usable], [q for _, q in usable], floor)
+            # A part with too few residuals has the σ of its line.
+            if number == 0 or not np.isnan(sigma[0]):
+                unit[group] = sigma
     return unit
 
 
@@ -327,6 +343,7 @@ def alpha_beta_gamma(  # noqa: PLR0913  all there is to choose
     sigma_floor: float,
     min_window: int,
     passes: int,
+    sigma_part: int = 0,
     own_sigma: Floats | None = None,
 ) -> tuple[Floats, NDArray[np.bool_], int]:
     """Scores (N,) (NaN: untested), rejected (N,) and the number of passes, the last one included.
@@ -343,7 +360,7 @@ def alpha_beta_gamma(  # noqa: PLR0913  all there is to choose
     elif sigma > 0:
         points = points._replace(unit=np.full((count, 3), sigma))
     else:
-        unit = estimated_unit(points, members, line, rule, sigma_floor)
+        unit = estimated_unit(all_residuals(points, members, rule), line, sigma_floor, sigma_part)
         points = points._replace(unit=unit)
 
     scores = np.full(count, nan)

@@ -37,21 +37,24 @@ def set_apart(elevation: Sequence[float], gap: float, share: float) -> list[floa
     return beyond
 
 
-def nearest(cloud: Cloud, p: int, k: int) -> list[int]:
-    """Step 3: the k nearest others in x and y, and all that are as near as the k-th."""
+def nearest(cloud: Cloud, p: int, k: int, axes: int = 2) -> list[int]:
+    """Step 3: the k nearest others in x and y, or in z too, and all that are as near."""
 
     def squared(q: int) -> float:
-        dx, dy = cloud[p][0] - cloud[q][0], cloud[p][1] - cloud[q][1]
-        return float(dx * dx + dy * dy)
+        total = 0.0
+        for axis in range(axes):
+            step = cloud[p][axis] - cloud[q][axis]
+            total += step * step
+        return total
 
     others = {q: squared(q) for q in range(len(cloud)) if q != p}
     reach = sorted(others.values())[k - 1]
     return [q for q, distance in others.items() if distance <= reach]
 
 
-def difference(cloud: Cloud, p: int, k: int) -> float:
+def difference(cloud: Cloud, p: int, k: int, axes: int = 2) -> float:
     """Step 3: M, mean elevation of the neighbours less that of the point."""
-    return fmean(cloud[q][2] for q in nearest(cloud, p, k)) - cloud[p][2]
+    return fmean(cloud[q][2] for q in nearest(cloud, p, k, axes)) - cloud[p][2]
 
 
 def scores(  # noqa: PLR0913  all settings
@@ -62,6 +65,7 @@ def scores(  # noqa: PLR0913  all settings
     gap: float,
     share: float,
     sigma_floor: float,
+    neighbours: str = 'map',
 ) -> list[float]:
     """Go through steps 1 to 5: statistic ÷ critical value; NaN where there are too few others."""
     if len(cloud) <= k:
@@ -72,7 +76,8 @@ def scores(  # noqa: PLR0913  all settings
     if len(left) <= k:
         return answer
     body = [cloud[i] for i in left]
-    differences = [difference(body, p, k) for p in range(len(body))]
+    axes = 2 if neighbours == 'map' else 3
+    differences = [difference(body, p, k, axes) for p in range(len(body))]
     mean, sigma = fmean(differences), max(sigma_floor, stdev(differences))
     for i, m in zip(left, differences, strict=True):
         off = (m - mean) / (multiplier * sigma)

@@ -35,6 +35,7 @@ class Rules:
     fewest: int = 12
     surfaces: int = 3
     robust: bool = True
+    always: bool = False
 
 
 @dataclass
@@ -192,7 +193,9 @@ class Frame:
         for a in vectors.T[:2]:
             slope, _ = self.spread(a, kept)
             far.append(sum((self.rows[kept] @ a) ** 2) / sum(slope[kept] ** 2))
-        return vectors[:, 0], far[1] / far[0]
+        # Of points exactly on a plane the best is z² = 0, which has no slope: there is no gap.
+        with np.errstate(divide='ignore', invalid='ignore'):
+            return vectors[:, 0], far[1] / far[0]
 
 
 # Tests --------------------------------------------------------------------------------------------
@@ -300,7 +303,8 @@ class Window:
                 break
             score = np.minimum(score, fit.test)
             left = [i for i in range(n) if score[i] > 1]
-        return [nan] * n if 3 * len(left) > n else list(score)
+        undecided = len(left) == n if rules.always else 3 * len(left) > n
+        return [nan] * n if undecided else list(score)
 
     def begin(self, left: Members, floor: float) -> Members:
         """Choose the points that a surface begins with."""
@@ -339,7 +343,7 @@ class Window:
         if not self.rules.robust:
             self.frame = Frame(self.plane(start), self.points, self.variance)
             quadric = self.grow_quadric(start, left, growth)
-            if quadric is not None:
+            if quadric is not None or self.rules.always:
                 return quadric
         plane = self.settle(start, left, PLANE, np.zeros(10), growth)
         if plane is None or deviation(plane) <= growth.floor:
@@ -358,9 +362,11 @@ class Window:
         """Grow a quadric from the algebraic start; None if it is ambiguous."""
         assert self.frame is not None
         a, gap = self.frame.algebraic(start)
-        if not gap > GAP:
+        if not gap > GAP and not self.rules.always:
             return None
         quadric = self.settle(start, left, QUADRIC, a, growth)
+        if self.rules.always:
+            return quadric
         return quadric if quadric is not None and is_flat(quadric) else None
 
     def rise(self, paraboloid: Fit, left: Members, growth: Growth) -> Fit:

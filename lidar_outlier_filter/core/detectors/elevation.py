@@ -8,7 +8,7 @@ Their section 3.3, with its numbers:
    here an empty stretch of elevations wider than ``gap`` sets points beyond it apart, if they are
    at most ``share`` of all, or one. The stretch is between two points, not between two bins, so
    that it does not matter where bins begin.
-2. A kd-tree of x and y of the points that are left.
+2. A kd-tree of x and y of the points that are left; ``neighbours: space`` has one of x, y and z.
 3. M, the mean elevation of the k nearest in it, the point left out, less its own elevation. Others
    that are exactly as near as the k-th count too, so M does not depend on the order of the points.
 4. Mean and standard deviation σ of all M.
@@ -104,7 +104,12 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     left = ~apart
     if np.count_nonzero(left) <= parameters.k:
         return score
-    difference = differences(xyz[left] if apart.any() else xyz, parameters.k, threads)
+    difference = differences(
+        xyz[left] if apart.any() else xyz,
+        parameters.k,
+        threads,
+        on_map=parameters.neighbours == 'map',
+    )
     sigma = max(parameters.sigma_floor, float(np.std(difference, ddof=1)))
     off = (difference - np.mean(difference)) / (parameters.multiplier * sigma)
     score[left] = np.abs(off) if parameters.sides == 'both' else off
@@ -133,11 +138,12 @@ def body(elevation: Floats, gap: float, share: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def differences(xyz: Floats, k: int, threads: int = 0) -> Floats:
+def differences(xyz: Floats, k: int, threads: int = 0, *, on_map: bool = True) -> Floats:
     """Return M of step 3 for every point, metres; there must be more than k."""
-    flat = xyz.copy()
-    flat[:, 2] = 0.0
-    neighbourhood = Neighbourhood(flat, k, threads)
+    place = xyz.copy()
+    if on_map:
+        place[:, 2] = 0.0
+    neighbourhood = Neighbourhood(place, k, threads)
     index, tied = neighbourhood.nearest(k)
     order = neighbourhood.order
     # A column of its own first: picked from the rows, each would fetch a whole line of memory.
@@ -173,7 +179,7 @@ def _correct_ties(
         return
     xyz = neighbourhood.xyz
     away = xyz[tied] - xyz[index[tied, -1]]
-    squared = away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1]
+    squared = away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2]
     # Coincident ones all have the same neighbours: the others of their stack. Lists of them would
     # grow with the square of its height.
     stacked = tied[squared == 0]

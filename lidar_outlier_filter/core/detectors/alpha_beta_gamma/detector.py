@@ -196,30 +196,54 @@ def _precision(
         return np.ones((3, len(points)))
     if parameters.sigma > 0:
         return np.full((3, len(points)), 1 / parameters.sigma)
-    return _line_precision(standard[CENTRED], lines.first, parameters.sigma_floor)
+    return _line_precision(
+        standard[CENTRED], lines.first, parameters.sigma_floor, parameters.sigma_part
+    )
 
 
 @kernel
 def _line_precision(
-    standard: NDArray[np.float64], first: NDArray[np.int64], floor: float
+    standard: NDArray[np.float64], first: NDArray[np.int64], floor: float, part: int
 ) -> NDArray[np.float64]:
     """Estimate 1/σ of each line and coordinate from its median absolute centred difference.
 
-    A line with too few differences for a median has NaN: its points stay untested.
+    A line with too few differences for a median has NaN: its points stay untested. Where a part
+    has a number of points, the line falls into as many equal parts as have that many; a part with
+    too few differences has the σ of its line.
     """
     result = np.full(standard.shape, np.nan)
     scratch = np.empty(standard.shape[1])
     for axis in range(3):
         for line in range(len(first) - 1):
-            count = 0
-            for i in range(first[line], first[line + 1]):
-                value = abs(standard[axis, i])
-                scratch[count] = value
-                count += not np.isnan(value)
-            if count >= FEWEST_RESIDUALS:
-                sigma = max(floor, MAD_TO_SIGMA * median(scratch, count))
-                result[axis, first[line] : first[line + 1]] = 1 / sigma
+            begin, end = first[line], first[line + 1]
+            result[axis, begin:end] = _one_precision(standard[axis], begin, end, floor, scratch)
+            parts = (end - begin) // part if part > 0 else 1
+            for number in range(parts if parts > 1 else 0):
+                low = begin + (end - begin) * number // parts
+                high = begin + (end - begin) * (number + 1) // parts
+                value = _one_precision(standard[axis], low, high, floor, scratch)
+                if not np.isnan(value):
+                    result[axis, low:high] = value
     return result
+
+
+@kernel
+def _one_precision(
+    standard: NDArray[np.float64],
+    begin: int,
+    end: int,
+    floor: float,
+    scratch: NDArray[np.float64],
+) -> float:
+    """Estimate 1/σ of points begin to end; NaN of too few."""
+    count = 0
+    for i in range(begin, end):
+        value = abs(standard[i])
+        scratch[count] = value
+        count += not np.isnan(value)
+    if count < FEWEST_RESIDUALS:
+        return np.nan
+    return 1 / max(floor, MAD_TO_SIGMA * median(scratch, count))
 
 
 @kernel

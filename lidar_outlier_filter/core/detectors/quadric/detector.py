@@ -149,6 +149,7 @@ def _rules(parameters: Quadric) -> Rules:
         parameters.min_points,
         parameters.surfaces,
         parameters.start == 'robust',
+        parameters.model == 'always',
     )
 
 

@@ -49,6 +49,8 @@ class Rules(NamedTuple):
         Largest number of surfaces.
     robust : bool
         Whether a surface begins with the points nearest to a plane; else with all, as a quadric.
+    always : bool
+        Whether nothing but a quadric is fitted, ambiguous or not, and every window is decided.
 
     """
 
@@ -58,6 +60,7 @@ class Rules(NamedTuple):
     fewest: int
     surfaces: int
     robust: bool
+    always: bool
 
 
 class FittedSurface(NamedTuple):

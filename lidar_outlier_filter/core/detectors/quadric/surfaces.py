@@ -72,7 +72,7 @@ def judge(window: Window, n: int, rules: Rules) -> None:
 
     ``window.score`` is, for each point, T ÷ its critical value under the surface it agrees with
     best; NaN for all if the window is undecided: too few points, all in one place, or more than a
-    third of them on no surface.
+    third of them on no surface; of quadrics that are always fitted, all of them.
     """
     window.score[:n] = np.nan
     if n < rules.fewest:
@@ -99,7 +99,7 @@ def judge(window: Window, n: int, rules: Rules) -> None:
             window.score[i] = min(window.score[i], window.test[i])
             window.left[i] = window.score[i] > 1
             left += window.left[i]
-    if MISSING * left > n:
+    if left == n or (MISSING * left > n and not rules.always):
         window.score[:n] = np.nan
 
 
@@ -237,7 +237,7 @@ def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface
         fill_rows(window, n)
         start = window.kept[:n].copy()
         quadric = _grow_quadric(window, n, rules, growth)
-        if quadric.size > 0:
+        if quadric.size > 0 or rules.always:
             return quadric
         window.kept[:n] = start
     plane = _settle(window, n, SIZES[0], rules, growth)
@@ -273,10 +273,13 @@ def _rise(
 
 @kernel
 def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
-    """Grow a quadric from the algebraic start, in the rows' frame; none if it is ambiguous."""
-    if start_algebraic(window, n) > GAP:
+    """Grow a quadric from the algebraic start, in the rows' frame; none if it is ambiguous.
+
+    By the letter of the paper every quadric is taken.
+    """
+    if start_algebraic(window, n) > GAP or rules.always:
         quadric = _settle(window, n, SIZES[2], rules, growth)
-        if quadric.size > 0 and is_flat(window, n):
+        if rules.always or (quadric.size > 0 and is_flat(window, n)):
             return quadric
     return NONE
 

@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The methods of the papers by their letter: ``config/papers/NAME.yaml`` says the same of each.
+
+What a paper leaves open is chosen here, and its page under ``doc/papers`` says so.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.parameters.filter import PAPER
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+A_PRIORI = 0.2  # metres: with it (a) finds about as much of cloud A as in the paper
+
+_SMOOTHER: Mapping[str, object] = {**PAPER, 'alpha_beta_gamma.sigma': A_PRIORI}
+_SURFACE: Mapping[str, object] = {
+    'quadric.surfaces': 1,
+    'quadric.start': 'all',
+    'quadric.model': 'always',
+    'quadric.significance': 0.001,
+    # The paper knows none.
+    'quadric.sigma_floor': 1e-6,
+}
+
+METHODS: Mapping[str, Mapping[str, object]] = MappingProxyType(
+    {
+        'leslar2010_a': _SMOOTHER,
+        'leslar2010_b': {'chain': ['quadric'], 'quadric.window': 'patch', **_SURFACE},
+        'leslar2010_c': {'chain': ['quadric'], 'quadric.window': 'section', **_SURFACE},
+        'leslar2010_ab': {
+            **_SMOOTHER,
+            'quadric.window': 'patch',
+            **_SURFACE,
+            'chain': ['alpha_beta_gamma', 'quadric'],
+        },
+        'sotoodeh2006': {'chain': ['lof'], 'lof.min_pts': 20, 'lof.threshold': 1.2},
+        'sotoodeh2007': {
+            'chain': ['hierarchical'],
+            'hierarchical.global_confidence': 0.99,
+            'hierarchical.local_confidence': 0.95,
+            'hierarchical.min_cluster': 100,
+        },
+        'pirotti2018_sor2': {
+            'chain': ['sor'],
+            'sor.statistic': 'sor2',
+            'sor.k': 60,
+            'sor.limit': 0.25,
+        },
+        'pirotti2018_lof': {'chain': ['lof'], 'lof.min_pts': 10, 'lof.threshold': 1.1},
+        'kang2018': {
+            'chain': ['elevation'],
+            'elevation.k': 30,
+            'elevation.multiplier': 3.0,
+            'elevation.sides': 'low',
+            'elevation.sigma_floor': 1e-6,
+        },
+        'all_three': {'chain': ['alpha_beta_gamma', 'quadric', 'lof']},
+    }
+)

@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scans from a tripod: range images of a room and of a street of houses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.simulation import tripod
+from lidar_outlier_filter.simulation.scene import Cause, Kind
+
+
+@pytest.fixture(scope='module')
+def room() -> tripod.RangeImage:
+    """Scan a room, coarsely."""
+    return tripod.room(1, rows=60, columns=360)
+
+
+def test_pixels_are_directions(room: tripod.RangeImage) -> None:
+    """Row 0 looks up, the middle column ahead; every shot in a room has a point."""
+    assert len(room.points) == 60 * 360
+    from_scanner = room.xyz - [-1.2, 0.0, 1.3]
+    elevation = room.image(np.arcsin(from_scanner[:, 2] / np.linalg.norm(from_scanner, axis=1)))
+    np.testing.assert_allclose(elevation[0], np.radians(30), atol=0.01)
+    np.testing.assert_allclose(elevation[-1], np.radians(-30), atol=0.01)
+    azimuth = room.image(np.arctan2(from_scanner[:, 1], from_scanner[:, 0]))
+    assert abs(azimuth[30, 180]) < 0.03
+    assert azimuth[30, 90] == pytest.approx(np.pi / 2, abs=0.03)
+
+
+def test_the_room(room: tripod.RangeImage) -> None:
+    """All is within the walls; outliers are between two surfaces, and few."""
+    assert (np.abs(room.xyz) < [3.7, 3.1, 2.8]).all()
+    label = room.points['label']
+    assert set(label.tolist()) == {Cause.GOOD, Cause.MIXED}
+    assert 0 < np.mean(label == Cause.MIXED) < 0.02
+    assert {Kind.ROAD, Kind.FACADE, Kind.SIGN, Kind.GLASS} <= set(room.points['surface'].tolist())
+
+
+def test_without_an_echo() -> None:
+    """Pixels of the sky have no value."""
+    scan = tripod.facades(1, rows=40, columns=120)[0]
+    pixels = scan.image(np.ones(len(scan.points)))
+    assert pixels.shape == (40, 120)
+    assert 0 < np.isnan(pixels).sum() == 40 * 120 - len(scan.points)
+
+
+def test_a_street_from_three_places() -> None:
+    """Flakes and mixed points are in every scan; the same seed gives the same."""
+    scans = tripod.facades(3, rows=40, columns=120)
+    again = tripod.facades(3, rows=40, columns=120)
+    assert len(scans) == 3
+    for one, other in zip(scans, again, strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
+        assert Cause.SNOW in one.points['label']
