@@ -169,6 +169,7 @@ def test_rings_unevenly_spaced_are_no_pattern(elevations: Sequence[float], *, ev
     for seed, lost in ((7, 0.0), (8, 0.4)):
         points = sweep(seed, lost, elevations=elevations)
         assert (find_pattern(points, spins=True) is not None) == even
+        assert find_pattern(points, spins=True, crowded=True) is not None
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,13 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from test_scan_pattern import sweep
 
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import read_trees
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.tuning.held_out import LIMITS, choose_threshold, figures, judge_at_all
 from lidar_outlier_filter.tuning.learner import export
-from lidar_outlier_filter.tuning.train import Recipe, Sweep, train
+from lidar_outlier_filter.tuning.train import FALL, RISE, Recipe, Sweep, train
 
 FEW = (3, 4)  # trees
 
@@ -80,6 +81,28 @@ def test_features_are_left_out() -> None:
     assert asked
     assert not asked & without
     assert not {*data['uses']} & without
+
+
+def test_log_odds_rise_and_fall_as_physics_says() -> None:
+    """Farther from all others never makes a point better, even where the labels say so."""
+    rng = np.random.default_rng(5)
+    inverse = [one._replace(outlier=~one.outlier) for one in sweeps()]
+    data = json.loads(train(inverse, {}, Recipe(1, FEW, monotone=True)).text)
+    for key, names in (('first', FEATURES), ('again', (*FEATURES, *AGAIN))):
+        trees = read_trees(data[key], names)
+        values = rng.uniform(-4.0, 8.0, (len(names), 400)).astype(np.float32)
+        before = np.empty(400, np.float32)
+        add_up(trees, values, before)
+        for name, sign in [(name, 1) for name in RISE] + [(name, -1) for name in FALL]:
+            if name in names:
+                more = values.copy()
+                more[names.index(name)] += rng.uniform(0.0, 5.0, 400).astype(np.float32)
+                after = np.empty(400, np.float32)
+                add_up(trees, more, after)
+                assert (sign * (after - before) >= -1e-4).all(), (key, name)
+    free = json.loads(train(inverse, {}, Recipe(1, FEW)).text)
+    assert free['first'] != data['first']
+    assert free['again'] != data['again']
 
 
 def test_sensor_that_is_left_out_does_not_train() -> None:

@@ -26,7 +26,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenes, 'STREETS', ())
     monkeypatch.setattr(scenes, 'OF_EACH', 1)
     monkeypatch.setattr(scenes, 'WEATHERS', {'dust': WEATHERS['dust']})
-    monkeypatch.setattr(train.Recipe.__new__, '__defaults__', (1, (3, 4), ()))
+    monkeypatch.setattr(train.Recipe.__new__, '__defaults__', (1, (3, 4), (), False))
 
 
 def sensor(recordings: Path, name: str) -> scenes.CleanRecording:
@@ -62,6 +62,17 @@ def test_weather_is_put_into_a_cloud(recordings: Path) -> None:
     good = [tuple(row) for row in points.xyz[~outlier].astype(np.float32).round(3).tolist()]
     assert np.mean([row in given for row in good]) > 0.95
     assert points.valid.all()
+
+
+@pytest.mark.usefixtures('few')
+def test_crowded_rings_train_and_are_not_judged(recordings: Path) -> None:
+    """The trees do not judge a VLP-32C, so that their threshold is not chosen on it."""
+    for name, judged in (('VLP-32C', False), ('VLP-16', True)):
+        clouds = scenes.read_sweeps(sensor(recordings, name), 1)
+        sweeps = scenes.recorded_sweeps(name, clouds, 1)
+        assert [one.kind for one in sweeps] == ['clean', 'dust']
+        assert [(one.trains, one.judged) for one in sweeps] == [(True, judged)] * 2
+        assert not sweeps[0].outlier.any()
 
 
 @pytest.mark.slow

@@ -69,6 +69,12 @@ def add_train(commands: Commands) -> None:
     parser.add_argument(
         '--without', nargs='+', default=[], metavar='FEATURE', help='features to leave out'
     )
+    parser.add_argument(
+        '--monotone',
+        action='store_true',
+        help='let log-odds only rise with distances and first results around, and only fall with '
+        'shares that are near',
+    )
     add_parameter_options(parser)
     parser.add_argument(
         '--output', type=Path, default=OUTPUT, metavar='FILE', help=f'new; default: {OUTPUT}'
@@ -91,7 +97,7 @@ def _run(options: argparse.Namespace) -> int:
         raise FilterError('--seed', 'at least 0', options.seed)
     if options.output.exists():
         raise FilterError('--output', 'a new file', options.output)
-    recipe = Recipe(options.seed, without=options.without)
+    recipe = Recipe(options.seed, without=options.without, monotone=options.monotone)
     with stopping() as leave_if_asked, progress_bar('training') as show:
 
         def progress(done: int, total: int, what: str) -> None:
@@ -114,7 +120,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _recordings(options: argparse.Namespace) -> list[tuple[str, list[Points]]]:
-    """Read clean clouds of each sensor; known recordings without a pattern are left out."""
+    """Read clean clouds of each sensor."""
     from lidar_outlier_filter.tuning.scenes import (
         CleanRecording,
         has_pattern,
@@ -122,24 +128,22 @@ def _recordings(options: argparse.Namespace) -> list[tuple[str, list[Points]]]:
         read_sweeps,
     )
 
-    found = []
+    found: list[tuple[str, list[Points]]] = []
     folder = options.data or (None if options.onto else DATA)
     if folder is not None:
         known = known_recordings(folder / 'bags')
         if not known:
             raise FilterError('--data', 'a folder with bags/ of the known recordings', folder)
-        for recording in known:
-            clouds = read_sweeps(recording)
-            if all(map(has_pattern, clouds)):
-                found.append((recording.sensor, clouds))
-            else:
-                say(f'{recording.sensor} is left out: its rings have no scan pattern')
+        found = [(recording.sensor, read_sweeps(recording)) for recording in known]
     values = read_parameters(options.params, options.settings)
-    for path in options.onto:
-        clouds = read_sweeps(CleanRecording(path.stem, path, values))
+    found += [
+        (path.stem, read_sweeps(CleanRecording(path.stem, path, values))) for path in options.onto
+    ]
+    for sensor, clouds in found:
+        if not all(has_pattern(cloud, crowded=True) for cloud in clouds):
+            raise FilterError('a recording to train on', 'one of a spinning sensor', sensor)
         if not all(map(has_pattern, clouds)):
-            raise FilterError('--onto', 'of spinning sensors with a scan pattern', path)
-        found.append((path.stem, clouds))
+            say(f'{sensor} trains, and is not judged: its rings are unevenly spaced')
     return found
 
 

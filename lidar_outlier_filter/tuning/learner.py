@@ -35,9 +35,17 @@ def check_learner() -> None:
 
 
 def fit(
-    values: Singles, outlier: NDArray[np.bool_], weight: NDArray[np.float64], rounds: int
+    values: Singles,
+    outlier: NDArray[np.bool_],
+    weight: NDArray[np.float64],
+    rounds: int,
+    signs: Sequence[int] | None = None,
 ) -> Learner:
-    """Learn so many trees from points with these features (F, N)."""
+    """Learn so many trees from points with these features (F, N).
+
+    ``signs`` (F,): 1 where the log-odds may only rise with a feature, -1 where they may only fall,
+    0 for either; None: either for all.
+    """
     learner: Learner = import_module('sklearn.ensemble').HistGradientBoostingClassifier(
         max_iter=rounds,
         max_leaf_nodes=2**DEPTH,
@@ -48,6 +56,7 @@ def fit(
         min_samples_leaf=FEWEST,
         l2_regularization=1.0,
         random_state=0,
+        monotonic_cst=signs,
     )
     # On a busy machine its threads wait for each other much longer than one works alone.
     with import_module('threadpoolctl').threadpool_limits(1):

@@ -28,17 +28,18 @@ if TYPE_CHECKING:
 
     Progress = Callable[[int, int, str], object]
 
-# Clean recordings of spinning sensors in a folder of real data, and how they are read.
+# Clean recordings of spinning sensors in a folder of real data, and how they are read. Their order,
+# and that of the streets behind them, makes the folds: every fourth is in one.
 RECORDINGS: Mapping[str, tuple[str, Mapping[str, object]]] = {
-    'VLP-16': ('vlp16_mrpt_mcap', {}),
     'HDL-32E': ('hdl32_mrpt_mcap', {}),
-    'VLP-32C': ('vlp32_nebula_db3', {}),
     'OS1-128': ('os1_128_db3', {}),
-    'OS0-32': ('os0_32.bag', {}),
-    'XT32': ('hesai_xt32_nebula_mcap', {'time_field': 'stamp'}),
     'lidar_link': ('cloudini_lidar_link_mcap', {}),
+    'VLP-32C': ('vlp32_nebula_db3', {}),
+    'VLP-16': ('vlp16_mrpt_mcap', {}),
+    'XT32': ('hesai_xt32_nebula_mcap', {'time_field': 'stamp'}),
+    'OS0-32': ('os0_32.bag', {}),
 }
-STREETS = ('street-16', 'street-32', 'street-64', 'street-128')
+STREETS = ('street-128', 'street-64', 'street-16', 'street-32')
 STREET_SEEDS, STREET_SEED_HELD_OUT = (11, 12), 101
 MOST_CLEAN = 4  # sweeps of a recording that are taken as they are
 OF_EACH = 3  # sweeps with each weather
@@ -54,7 +55,7 @@ class CleanRecording(NamedTuple):
 
 
 def known_recordings(folder: Path) -> list[CleanRecording]:
-    """List the recordings of ``RECORDINGS`` that a folder has, with a scan pattern or without."""
+    """List the recordings of ``RECORDINGS`` that a folder has."""
     return [
         CleanRecording(sensor, folder / name, values)
         for sensor, (name, values) in RECORDINGS.items()
@@ -84,24 +85,33 @@ def read_sweeps(recording: CleanRecording, most: int = MOST_CLEAN) -> list[Point
     return kept
 
 
-def has_pattern(points: Points) -> bool:
-    """Return whether trees can be trained on a cloud."""
-    return find_pattern(points, spins=True) is not None
+def has_pattern(points: Points, *, crowded: bool = False) -> bool:
+    """Return whether the trees judge a cloud; with ``crowded``: whether they can be trained on it.
+
+    What looks across rings that are crowded together is no good for judging, but for training:
+    there are as many points that lie alone as anywhere.
+    """
+    return find_pattern(points, spins=True, crowded=crowded) is not None
 
 
 def recorded_sweeps(
     sensor: str, clouds: Sequence[Points], seed: int, *, trains: bool = True
 ) -> list[Sweep]:
-    """Take clouds as they are, and put every weather into some of them."""
+    """Take clouds as they are, and put every weather into some of them.
+
+    They are judged, too, where the filter would judge them by trees.
+    """
+    judged = all(map(has_pattern, clouds))
     sweeps = [
-        Sweep(f'{sensor} {CLEAN} {k}', sensor, CLEAN, points, np.zeros(len(points), bool), trains)
+        Sweep(f'{sensor} {CLEAN} {k}', sensor, CLEAN, points, nothing, trains, judged)
         for k, points in enumerate(clouds)
+        for nothing in (np.zeros(len(points), np.bool_),)
     ]
     for weather in WEATHERS:
         for k in range(OF_EACH):
             name = f'{sensor} {weather} {k}'
             points, outlier = put_weather(clouds[k % len(clouds)], weather, [seed, _number(name)])
-            sweeps.append(Sweep(name, sensor, weather, points, outlier, trains))
+            sweeps.append(Sweep(name, sensor, weather, points, outlier, trains, judged))
     return sweeps
 
 

@@ -52,16 +52,25 @@ DOUBTFUL = -1.0  # from which on a point is looked at again
 BAD, GOOD = 400, 900  # points of a sweep that are drawn
 GOOD_OF_CLEAN = (4000, 5000)  # of a clean sweep, in both passes
 ENOUGH = 500  # outliers of a sweep from which on all sweeps count the same
-# How much a sweep's outliers, and its good points, count; 1 for every other kind.
+# How much a sweep's outliers, and its good points, count; 1 for every other kind. Ghosts and mixed
+# points of recordings look like thin things far away.
 BAD_COUNTS = {'ghosts': 0.15, 'mixed': 0.3, 'street': 1.5}
 GOOD_COUNTS = {CLEAN: 5.0, 'street': 1.5}
 GOOD_COUNT = (2.0, 8.0)  # how much good points count, in both passes
+# The log-odds may only rise with these features, whatever else is known of a point: far from all
+# others, off all predictions, amidst points that are outliers.
+RISE = (
+    *('step', 'leap', 'along', 'along_m', 'between', 'beside', 'across'),
+    *('near3', 'near5', 'near5_m', 'first', 'first_own', 'first_other', 'first_close'),
+    *('first_level', 'wide_own', 'wide_other', 'share', 'share_range'),
+)
+FALL = ('level_own', 'level_other', 'dense', 'sparse')  # and only fall with these
 
 
 class Sweep(NamedTuple):
     """Points of one sweep in the sensor's own frame, and which of them are outliers.
 
-    ``kind`` is a weather, ``clean`` or ``street``. It trains, or is only judged, or both.
+    ``kind`` is a weather, ``clean`` or ``street``. It trains, or is judged, or both.
     """
 
     name: str
@@ -81,12 +90,14 @@ class Recipe(NamedTuple):
     seed : of the points drawn, from 0
     rounds : trees of both ensembles
     without : features that are left out
+    monotone : whether log-odds may only rise with ``RISE``, and only fall with ``FALL``
 
     """
 
     seed: int = 1
     rounds: tuple[int, int] = ROUNDS
     without: Collection[str] = ()
+    monotone: bool = False
 
 
 class _Seen(NamedTuple):
@@ -145,13 +156,8 @@ def train(
     seen = [_look(sweep) for sweep in sweeps]
     first, odds = _pass(seen, None, recipe, progress)
     again, results = _pass(seen, odds, recipe, progress)
-    held = [
-        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
-        for one, result in zip(seen, results, strict=True)
-        if one.sweep.judged
-    ]
-    threshold = choose_threshold(held)
-    held_out = figures(held, threshold)
+    threshold, held_out = _held_out(seen, results)
+    _, one_pass = _held_out(seen, odds)
     data = {
         'version': VERSION,
         **about,
@@ -159,6 +165,7 @@ def train(
         'uses': _used(_names(again=True), recipe),
         'sweeps': [sweep.name for sweep in sweeps if sweep.trains],
         'held_out': held_out,
+        'held_out_one_pass': one_pass,
         'doubtful': DOUBTFUL,
         'threshold': threshold,
         'first': first,
@@ -187,7 +194,7 @@ def _pass(
         some = [table for table, mine in zip(drawn, fold, strict=True) if mine != k]
         trees = read_trees(_learn(some, recipe, again=again), _names(again=again))
         for number, one in enumerate(seen):
-            if fold[number] == k:
+            if fold[number] == k and (one.sweep.judged or not again):
                 results[number] = _judge(one, trees, before[number])
     progress(again * (count + 1) + count, 2 * (count + 1), 'with every sensor')
     return _learn(drawn, recipe, again=again), results
@@ -202,8 +209,19 @@ def _folds(sensors: Sequence[str]) -> tuple[list[int], int]:
     return [number[sensor] % count for sensor in sensors], count
 
 
+def _held_out(seen: Sequence[_Seen], odds: Sequence[Singles]) -> tuple[float, Mapping[str, Any]]:
+    """Choose a threshold on the sensors left out, and say what it gives."""
+    held = [
+        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
+        for one, result in zip(seen, odds, strict=True)
+        if one.sweep.judged
+    ]
+    threshold = choose_threshold(held)
+    return threshold, figures(held, threshold)
+
+
 def _look(sweep: Sweep) -> _Seen:
-    pattern = find_pattern(sweep.points, spins=True)
+    pattern = find_pattern(sweep.points, spins=True, crowded=True)
     if pattern is None:
         raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
     outlier = sweep.outlier[pattern.order[pattern.order >= 0]]
@@ -261,6 +279,7 @@ def _learn(drawn: Sequence[_Drawn], recipe: Recipe, *, again: bool) -> dict[str,
         np.concatenate([one.outlier for one in drawn]),
         np.concatenate([one.weight for one in drawn]),
         recipe.rounds[again],
+        [(name in RISE) - (name in FALL) for name in used] if recipe.monotone else None,
     )
     return export(learner, used)
 

@@ -126,3 +126,19 @@ def tree(feature: list[int], limit: list[float], value: list[float], point: list
     for _ in range(3):
         place = 2 * place + (2 if point[feature[place]] > limit[place] else 1)
     return value[place - 7]
+
+
+def additions(
+    feature: list[int], limit: list[float], value: list[float], point: list[float]
+) -> dict[int, float]:
+    """Return what each feature that a tree asks about adds to the mean of all its values."""
+    place, possible = 0, value
+    added: dict[int, float] = {}
+    for _ in range(3):
+        right = point[feature[place]] > limit[place]
+        half = len(possible) // 2
+        left = possible[half:] if right else possible[:half]
+        change = sum(left) / len(left) - sum(possible) / len(possible)
+        added[feature[place]] = added.get(feature[place], 0.0) + change
+        place, possible = 2 * place + (2 if right else 1), left
+    return added

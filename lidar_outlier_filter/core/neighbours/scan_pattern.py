@@ -88,7 +88,9 @@ class Pattern(NamedTuple):
     gap: Singles
 
 
-def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pattern | None:
+def find_pattern(
+    points: Points, threads: int = 0, *, spins: bool = False, crowded: bool = False
+) -> Pattern | None:
     """Sort points by ring and azimuth.
 
     Parameters
@@ -96,6 +98,7 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
     points : valid ones, in the sensor's own frame
     threads : at most so many at once; 0 for as many as there are cores
     spins : the sensor is known to spin; otherwise it does where lines are measured at once
+    crowded : rings unevenly spaced in elevation are a pattern, too
 
     Returns
     -------
@@ -119,7 +122,7 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
     _typical(turned.up, turned.phase, first, elevation, step)
     rank = np.argsort(elevation, kind='stable')
     between = _spacings(elevation[rank])
-    if not _is_even(between):
+    if not (crowded or _is_even(between)):
         return None
     level = (step * np.sqrt(1.0 - elevation**2))[rank].astype(np.float32)
     placed = make_pattern(np.diff(first)[rank], level, _gaps(between))
