@@ -20,6 +20,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.cli import terminal
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
@@ -206,6 +207,19 @@ def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Captu
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(('period', 'steps'), [(0.0, [0, 1, 2]), (1e9, [0])])
+def test_progress_in_lines(
+    period: float, steps: list[int], monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """Where there is no terminal and lines are asked for: the first step, then by the clock."""
+    monkeypatch.setattr(terminal, 'LINE_PERIOD', period)
+    with terminal.progress_bar('results', lines=True) as show:
+        for step in range(3):
+            show(step, 3, 'street')
+    expected = ''.join(f'results: street, {step} of 3\n' for step in steps)
+    assert capsys.readouterr().err == expected
+
+
 def test_progress_on_a_terminal_only(drive: Path, tmp_path: Path) -> None:
     """A terminal sees a bar, a file does not."""
     command = [*RUN, 'replay', str(drive), '--output']

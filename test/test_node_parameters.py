@@ -107,7 +107,8 @@ def test_a_cloud_that_waits_keeps_its_form(ros: Ros) -> None:
         ('alpha_beta_gamma.sides', 'left', "sides must be one of 'both', 'either', got 'left'"),
         ('alpha_beta_gamma.order', 2, 'min_window must be at least order + 2 = 4, got 3'),
         ('block', 0.2, 'block must be 0.1 as at the start (read-only), got 0.2'),
-        ('unheard_of', 1, 'undeclared'),
+        ('lof.treshold', 2.0, "names, got 'lof.treshold' (did you mean 'lof.threshold'?)"),
+        ('unheard', 1, "a parameter must be one of those that `ros2 param list` names, got 'unhea"),
     ],
 )
 def test_what_makes_no_sense_is_refused(ros: Ros, name: str, value: object, sentence: str) -> None:
@@ -150,7 +151,7 @@ def test_all_or_nothing(ros: Ros) -> None:
     reason = ros.set_together(alpha_beta_gamma__before=1, alpha_beta_gamma__after=1)
     assert reason.endswith('must be together at least min_window = 3, got 1 and 1')
     assert 'read-only' in ros.set_together(gap_factor=2.0, halo=0.02)
-    assert 'undeclared' in ros.set_together(gap_factor=2.0, unheard_of=1)
+    assert "got 'unheard_of'" in ros.set_together(gap_factor=2.0, unheard_of=1)
     assert values(node) == before
     # Order 2 alone is refused, as for it min_window is too small.
     assert ros.set_together(alpha_beta_gamma__order=2, alpha_beta_gamma__min_window=4) == ''

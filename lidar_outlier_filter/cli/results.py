@@ -104,20 +104,22 @@ def _run(options: argparse.Namespace) -> int:
     options.presets = options.presets or (QUICK_PRESETS if options.quick else tuple(PRESETS))
     options.seeds = options.seeds or (SEEDS[:1] if options.quick else SEEDS)
     console = Console()
-    with stopping() as leave_if_asked, progress_bar('results') as show:
+    with stopping() as leave_if_asked, progress_bar('results', lines=True) as show:
 
         def progress(done: int, total: int, what: str) -> None:
             leave_if_asked()
             show(done, total, what)
 
-        for name in options.sections:
+        for number, name in enumerate(options.sections):
+            # Before the first step there are imports, simulations and compilation.
+            progress(number, len(options.sections), f'section {name}')
             with TemporaryDirectory() as folder:
                 texts = SECTIONS[name](options, Path(folder), progress)
                 pictures = sorted(Path(folder).glob('*.png'))
                 page = options.output.parent / 'papers' if name == 'papers' else options.output
-                for number, (part, text) in enumerate(texts.items()):
+                for place, (part, text) in enumerate(texts.items()):
                     one = page / f'{part}.md' if name == 'papers' else page
-                    markdown.write(one, part, text, () if number else pictures)
+                    markdown.write(one, part, text, () if place else pictures)
             console.print(f'{name} written to {page}', markup=False, highlight=False)
     return DONE
 

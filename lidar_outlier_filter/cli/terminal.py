@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Protocol
 
 from lidar_outlier_filter.errors import ParameterError
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 
+LINE_PERIOD = 5.0  # seconds between two lines of progress, where there is no terminal
 # Exit statuses; INTERRUPTED is another one, and argparse itself exits with 2.
 DONE, REFUSED, INCOMPLETE = 0, 1, 3
 
@@ -39,15 +41,28 @@ def say(sentence: str) -> None:
     Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
 
 
+def progress_lines(text: str) -> Advance:
+    """Write a line to stderr at the first step, and then at most one in ``LINE_PERIOD``."""
+    due = 0.0
+
+    def advance(done: int, total: int, what: str = '') -> None:
+        nonlocal due
+        if monotonic() >= due:
+            due = monotonic() + LINE_PERIOD
+            say(f'{text}: {what}, {done} of {total}')
+
+    return advance
+
+
 @contextmanager
-def progress_bar(text: str) -> Iterator[Advance]:
-    """Show a bar on stderr if that is a terminal."""
+def progress_bar(text: str, *, lines: bool = False) -> Iterator[Advance]:
+    """Show a bar on stderr if that is a terminal; else lines, where they are asked for."""
     from rich.console import Console
     from rich.progress import Progress
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda _done, _total, _text='': None
+        yield progress_lines(text) if lines else lambda _done, _total, _text='': None
         return
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task(text, total=None)

@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
 from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.declaration import did_you_mean
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
 
@@ -60,6 +61,12 @@ class TunableNode(Node):  # type: ignore[misc]
         A read-only parameter may be given with the value that it has, as in a file of all
         parameters. A number may be text, as ros2cli hands over '1e-06'.
         """
+        for item in parameter_list:
+            if not self.has_parameter(item.name):
+                must_be = 'one of those that `ros2 param list` names'
+                got = repr(item.name) + did_you_mean([item.name], (one.name for one in describe()))
+                err = ParameterError('a parameter', must_be, got)
+                return SetParametersResult(successful=False, reason=str(err))
         given = [_as_declared(item) for item in parameter_list]
         given = [item for item in given if not self._is_read_only_as_it_is(item)]
         result = self._check_parameters(given)
