@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from live import Program, environment
-from nodes import Ros, Sensor, line
+from nodes import Ros, Sensor, line, wait_for_kernels
 
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.managed import ManagedFilterNode
@@ -82,6 +82,7 @@ def test_from_state_to_state(ros: Ros, capfd: pytest.CaptureFixture[str]) -> Non
     assert 'is ready' not in capfd.readouterr().err
     assert manager.change(Transition.TRANSITION_ACTIVATE)
     assert topics(node) == (ANSWERS, True)
+    wait_for_kernels(node)
     assert 'is ready' in capfd.readouterr().err
     sensor = Sensor(ros, '/points')
     send(ros, node, sensor, 0, 5)
