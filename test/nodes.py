@@ -186,9 +186,10 @@ class Sensor:
             self._ros.client.destroy_subscription(subscription)
 
     def wait_for_filter(self, node: OutlierFilterNode | Channel) -> None:
-        """Serve until the topics of both sides are connected, all three."""
+        """Serve until the topics of both sides are connected, all three, and kernels are ready."""
         self._ros.wait(self._matched)
         channel = node.channels[0] if isinstance(node, OutlierFilterNode) else node
+        assert channel.worker.ready.wait(PATIENCE)
         publishers = (channel.publisher.cleaned, channel.publisher.outliers)
         while not all(publisher.get_subscription_count() for publisher in publishers):
             self._ros.executor.spin_once(0.05)
@@ -202,6 +203,12 @@ class Sensor:
     def wait_for_answers(self) -> float:
         """Serve until the expected answers are there; return when (monotonic, seconds)."""
         return float(self._ros.wait(self._answered))
+
+
+def wait_for_kernels(node: OutlierFilterNode) -> None:
+    """Wait until a node that is started filters."""
+    for channel in node.channels:
+        assert channel.worker.ready.wait(PATIENCE)
 
 
 def wait_for_thread(node: OutlierFilterNode) -> None:

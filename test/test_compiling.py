@@ -22,7 +22,7 @@ from lidar_outlier_filter.core.compiling import SENSORS, NotCompiled, only_compi
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, detector_names
 from lidar_outlier_filter.stream import compiling
-from lidar_outlier_filter.stream.compiling import Processes, Work, is_ready, shares
+from lidar_outlier_filter.stream.compiling import KernelShare, Processes, is_ready, shares
 
 PACKAGE = Path(compiling.__file__).parents[1]
 QUICK = ('sor',)
@@ -105,7 +105,7 @@ def test_shares_are_all_the_work() -> None:
 
 def test_a_failed_share_is_one_sentence() -> None:
     """The others are compiled all the same, and each is counted."""
-    good, bad = shares(parameters(*QUICK))[0], Work('lov', (), SENSORS)
+    good, bad = shares(parameters(*QUICK))[0], KernelShare('lov', (), SENSORS)
     steps: list[tuple[int, int]] = []
     errors = Processes().run([bad, good], lambda done, total, _: steps.append((done, total)))
     assert len(errors) == 1

@@ -201,9 +201,10 @@ def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
         Program('-m', 'lidar_outlier_filter.cli.node', env=env) as node,
     ):
         collecting.wait_for('matched')
+        ready = node.wait_for('is ready')
         node.signal(signal.SIGINT)
         assert node.wait() == 0
-    (ready,) = node.output
+    assert node.output[-1] == ready
     assert f'version {__version__} is ready: inputs /points; chain evidence; ' in ready
 
 

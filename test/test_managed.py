@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from live import Program, environment
-from nodes import Ros, Sensor, line
+from nodes import Ros, Sensor, line, wait_for_kernels
 
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.managed import ManagedFilterNode
@@ -79,13 +79,11 @@ def test_from_state_to_state(ros: Ros, capfd: pytest.CaptureFixture[str]) -> Non
     assert manager.change(Transition.TRANSITION_CONFIGURE)
     assert manager.state() == State.PRIMARY_STATE_INACTIVE
     assert topics(node) == (ANSWERS, False)
-    assert 'ready: ' not in capfd.readouterr().err
+    assert 'is ready' not in capfd.readouterr().err
     assert manager.change(Transition.TRANSITION_ACTIVATE)
     assert topics(node) == (ANSWERS, True)
-    said = ''
-    while 'ready: ' not in said:
-        ros.executor.spin_once(0.05)
-        said += capfd.readouterr().err
+    wait_for_kernels(node)
+    assert 'is ready' in capfd.readouterr().err
     sensor = Sensor(ros, '/points')
     send(ros, node, sensor, 0, 5)
     assert sensor.cleaned == []

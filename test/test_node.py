@@ -15,7 +15,17 @@ import pytest
 import rclpy
 from clouds import SECOND
 from live import PATIENCE, clouds
-from nodes import Ros, Sensor, broken, flush, line, process, rejected, wait_for_thread
+from nodes import (
+    Ros,
+    Sensor,
+    broken,
+    flush,
+    line,
+    process,
+    rejected,
+    wait_for_kernels,
+    wait_for_thread,
+)
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
@@ -88,6 +98,7 @@ def test_says_once_that_it_is_ready(
     node = ros.filter('-r', '__ns:=/car', parameters=names | parameters)
     assert 'ready' not in capfd.readouterr().err
     node.start()
+    wait_for_kernels(node)
     expected = (
         f'version {__version__} is ready: inputs /car/left/points, /right; '
         f'chain alpha_beta_gamma, lof; {blocks}; threads {threads}\n'

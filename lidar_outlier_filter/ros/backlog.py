@@ -108,7 +108,7 @@ class Inbox:
     def reopen(self) -> None:
         """Take clouds again, once it is done."""
         with self._changed:
-            self._closed = False
+            self._closed = self._discarded = False
 
     @property
     def discarded(self) -> bool:

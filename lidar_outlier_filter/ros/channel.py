@@ -73,10 +73,7 @@ class Channel:
         return self._filter.waiting + self.worker.held + self.worker.inbox.clouds
 
     def start(self, compiler: Compiler) -> None:
-        """Subscribe, and filter in a thread of its own, once its kernels are ready.
-
-        Also after ``finish``.
-        """
+        """Subscribe, and filter in a thread of its own when kernels are ready; also again."""
         self._compiler = compiler
         self.worker.inbox.reopen()
         self.worker.wait_for_kernels()

@@ -54,7 +54,7 @@ class Compiler:
         wanted, now = self._wanted, self._now
         if wanted is None or now is None:
             return ''
-        took = seconds(wanted.chain)
+        took = seconds(wanted)
         return (
             f'{", ".join(wanted.chain)} takes over when its kernels are ready, in about {took} s '
             f'where they must be compiled; {", ".join(now.chain)} answers until then'
@@ -121,7 +121,7 @@ class Compiler:
     def _sentence(self, parameters: FilterParameters) -> str:
         """Say what is compiled, about how long it takes, and what is done until then."""
         names = ', '.join(parameters.chain)
-        said = f'compiling {names}, which takes about {seconds(parameters.chain)} s'
+        said = f'compiling {names}, which takes about {seconds(parameters)} s'
         if self._now is None:
             return f'{said}; until then load.policy says what becomes of clouds'
         return f'{said}; until then {", ".join(self._now.chain)} answers'

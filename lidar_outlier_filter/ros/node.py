@@ -111,7 +111,7 @@ class OutlierFilterNode(TunableNode):
         self._watch_parameters(self.apply)
 
     def make_channels(self) -> tuple[Channel, ...]:
-        """Make a way for each input, with its kernels and publishers."""
+        """Make a way for each input, with its publishers."""
         return tuple(Channel(self, name, self.filter_parameters) for name in self._names())
 
     @property
@@ -165,11 +165,11 @@ class OutlierFilterNode(TunableNode):
             with ExitStack() as others:  # which finish where one has failed
                 for channel in reversed(self.channels):
                     others.callback(channel.finish)
+        self._is_started = False
 
     def rest(self) -> None:
         """Compile nothing and report nothing until it runs again, once it has finished."""
         self._compiler.stop()
-        self._is_started = False
         self._diagnostics.end()
 
     def destroy_node(self) -> None:
@@ -210,10 +210,10 @@ class OutlierFilterNode(TunableNode):
             channel.change(parameters)
         if self._is_started and not self._is_ready:
             self._is_ready = True
-            for channel in self.channels:
-                channel.worker.kernels_are_ready()
             topics = [channel.resolved for channel in self.channels]
             self.get_logger().info(ready_line(parameters, topics))
+            for channel in self.channels:
+                channel.worker.kernels_are_ready()
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         for channel in self.channels:

@@ -54,7 +54,8 @@ class Worker:
         self._set_back_at = -(2**62)  # when the sensor's or the node's clock was, steady ns
         self._failure: BaseException | None = None
         self._thread: threading.Thread | None = None
-        self._ready = True  # the kernels are
+        self.ready = threading.Event()  # the kernels are
+        self.ready.set()
         self._held: Received | None = None  # the cloud that is filtered, or waits for them
         self._waits: Received | None = None  # the cloud that has waited longest for its answer
 
@@ -74,15 +75,11 @@ class Worker:
 
     def wait_for_kernels(self) -> None:
         """Filter nothing until they are ready; what comes is treated by ``load.policy``."""
-        self._ready = False
+        self.ready.clear()
 
     def kernels_are_ready(self) -> None:
         """Filter what waits, and what comes from now on."""
-
-        def apply() -> None:
-            self._ready = True
-
-        self._do(apply)
+        self._do(self.ready.set)
 
     @property
     def oldest(self) -> int | None:
@@ -93,7 +90,7 @@ class Worker:
     @property
     def held(self) -> int:
         """Count the clouds that were taken from the inbox, and wait for the kernels."""
-        return int(self._held is not None and not self._ready)
+        return int(self._held is not None and not self.ready.is_set())
 
     def join(self) -> None:
         """Wait until all that the closed inbox held is filtered."""
@@ -165,7 +162,7 @@ class Worker:
     def _received_now(self) -> None:
         """Let all that is not in the filter be received now: the clock is another."""
         now = self.clock.now()
-        if (held := self._held) is not None and not self._ready:
+        if (held := self._held) is not None and not self.ready.is_set():
             held.at = now
         self.inbox.received_now(now)
 
@@ -201,7 +198,7 @@ class Worker:
 
     def _hold(self, held: Received) -> bool:
         """Take a cloud, or let it wait for the kernels for as long as the load allows."""
-        if self._ready:
+        if self.ready.is_set():
             self._take(held)
             self._held = None
         elif self.inbox.discarded:

@@ -18,7 +18,7 @@ from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
-from lidar_outlier_filter.stream.compiling import make_ready
+from lidar_outlier_filter.stream.compiling import is_ready, make_ready
 from lidar_outlier_filter.stream.given_parameters import gather
 from lidar_outlier_filter.stream.moving import MovingStream
 from lidar_outlier_filter.stream.statistics import Statistics
@@ -250,7 +250,8 @@ class CloudFilter:
         chain = Chain(parameters)
         # What the old chain did not need is compiled before the next cloud.
         try:
-            chain.compile()
+            if self.compiles or is_ready(parameters):
+                chain.compile()
         except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
             self._failed(JudgingError(err))
         self._parameters = self._decoder.parameters = parameters

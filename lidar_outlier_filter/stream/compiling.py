@@ -24,19 +24,19 @@ from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-# Processor seconds that the kernels of a detector take, about; those that many share come on top.
+# Processor seconds that the kernels of a detector take, about; those that all share come on top.
 SECONDS: Mapping[str, int] = {
-    'alpha_beta_gamma': 5,
-    'quadric': 40,
-    'lof': 5,
-    'sor': 2,
-    'hierarchical': 8,
-    'elevation': 4,
-    'evidence': 35,
+    'alpha_beta_gamma': 1,
+    'quadric': 45,
+    'lof': 9,
+    'sor': 6,
+    'hierarchical': 4,
+    'elevation': 8,
+    'evidence': 37,
 }
-SHARED_SECONDS = 12
+SHARED_SECONDS = 10
 APART = 'evidence'  # has other kernels for each kind of sensor
 PATIENT = 10  # niceness beside a filter that runs
 
@@ -44,7 +44,7 @@ _ready: set[tuple[object, ...]] = set()  # what chooses kernels, of chains ready
 
 
 @dataclass(frozen=True)
-class Work:
+class KernelShare:
     """What one process compiles: a detector with its parameters, for some kinds of sensors."""
 
     detector: str
@@ -81,13 +81,13 @@ def load(parameters: FilterParameters) -> bool:
     return True
 
 
-def seconds(chain: Iterable[str]) -> int:
-    """Return about how long compiling takes here, without what is on disk already."""
-    total = SHARED_SECONDS + sum(SECONDS.get(name, 0) for name in chain)
-    return round(total / min(2, cores()))
+def seconds(parameters: FilterParameters) -> int:
+    """Return about how long compiling a chain takes here, without what is on disk already."""
+    total = SHARED_SECONDS + sum(SECONDS.get(name, 0) for name in parameters.chain)
+    return round(total / min(len(shares(parameters)), cores()))
 
 
-def shares(parameters: FilterParameters) -> list[Work]:
+def shares(parameters: FilterParameters) -> list[KernelShare]:
     """Cut the work for a chain into parts that can be done side by side."""
     found = []
     flat = parameters.flat()
@@ -97,7 +97,7 @@ def shares(parameters: FilterParameters) -> list[Work]:
         changed = {key: value for key, value in values.items() if value != default[key]}
         given = tuple(sorted(changed.items()))
         parts = [(sensor,) for sensor in SENSORS] if name == APART else [SENSORS]
-        found += [Work(name, given, part) for part in parts]
+        found += [KernelShare(name, given, part) for part in parts]
     return found
 
 
@@ -113,13 +113,13 @@ class Processes:
 
     def run(
         self,
-        work: Sequence[Work],
+        work: Sequence[KernelShare],
         progress: Callable[[int, int, str], object] = lambda _done, _total, _text: None,
     ) -> list[str]:
         """Compile all; return what went wrong, a sentence for each share that failed."""
         done = 0
 
-        def one(share: Work) -> str:
+        def one(share: KernelShare) -> str:
             nonlocal done
             error = self._compile(share)
             with self._lock:
@@ -137,7 +137,7 @@ class Processes:
             for process in self._running:
                 process.kill()
 
-    def _compile(self, share: Work) -> str:
+    def _compile(self, share: KernelShare) -> str:
         paths = os.pathsep.join(path for path in sys.path if path)
         with self._lock:
             if self._stopped:
