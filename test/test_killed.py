@@ -71,7 +71,7 @@ def test_full_disk(tmp_path: Path) -> None:
     paths = []
     for kind in FORMATS:
         suffix, _, form = kind.partition(' ')
-        paths.append(tmp_path / f'{form}.{suffix}')
+        paths.append(tmp_path / f'cloud_{form}.{suffix}')
         whole_file(kind, paths[-1])
     command = [sys.executable, '-c', FULL, *map(str, paths)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
