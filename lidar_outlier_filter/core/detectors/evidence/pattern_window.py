@@ -174,7 +174,7 @@ def gather(prepared: Prepared, line: int, k: int, window: PatternWindow) -> None
     behind the line's end mean nothing.
     """
     # Once, because every time that an array is taken from a tuple its references are counted.
-    pattern, rough, near = prepared
+    pattern, rough, near, _ = prepared
     rows = (pattern.x, pattern.y, pattern.z, pattern.range, pattern.phase)
     step, gap = pattern.step[line], pattern.gap[line]
     _gather_own(rows, rough, k, step, window)
