@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.simulation import profile_streets
 from lidar_outlier_filter.simulation.weather.kinds import WEATHERS
-from lidar_outlier_filter.tuning import scenes, train
+from lidar_outlier_filter.tuning import scenes, train, train_profile
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -119,4 +120,23 @@ def test_what_the_command_refuses(tmp_path: Path, capsys: Capture) -> None:
     assert '--seed must be at least 0' in capsys.readouterr().err
     assert main([*new, '--data', str(tmp_path)]) == 1
     assert '--data must be a folder' in capsys.readouterr().err
+    for option, value in (('--onto', 'a'), ('--train-on', 'streets'), ('--set', 'block=0.2')):
+        assert main([*new, '--profile', option, value]) == 1
+        assert f'--profile must be without {option}' in capsys.readouterr().err
     assert not (tmp_path / 'new.json').exists()
+
+
+@pytest.mark.slow
+def test_command_for_profile_scanners(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Streets train; the file says which, and the figures are of streets left out."""
+    monkeypatch.setattr(train_profile, 'STREETS', 4)
+    monkeypatch.setattr(profile_streets, 'SHOTS', 10_000)
+    monkeypatch.setattr(profile_streets, 'SHORTEST', 0.1)
+    output = tmp_path / 'mine.json'
+    assert main(['train', '--profile', '--output', str(output)]) == 0
+    data = json.loads(output.read_text())
+    assert data['trained_on'] == {'streets': 4, 'street_seeds': [0, 3]}
+    assert data['streets'] == [f'profile street {n}' for n in range(4)]
+    assert 'street left out' in capsys.readouterr().out

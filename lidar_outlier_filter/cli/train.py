@@ -21,16 +21,18 @@ from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from rich.table import Table
 
     from lidar_outlier_filter.core.points import Points
 
+    Progress = Callable[[int, int, str], object]
+    _Trained = tuple[str, float, list[Table]]  # the file, its threshold, and its figures
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
 
 DATA = Path('../shared/data')
-OUTPUT = Path('pattern_model.json')
+OUTPUT, PROFILE_OUTPUT = Path('pattern_model.json'), Path('profile_model.json')
 BOTH = ('recordings', 'streets')
 
 
@@ -41,8 +43,12 @@ def add_train(commands: Commands) -> None:
         help="train the default's trees on weather in clean recordings of spinning sensors",
         description='Put weather into clean recordings of spinning sensors, simulate streets, '
         'train the trees of `evidence` on both, and write their file. Sensors are left out in '
-        'four folds; the figures printed are of the sensors left out. Takes about ten minutes. '
+        'four folds; the figures printed are of the sensors left out. With --profile, train those '
+        'for profile scanners, on simulated streets alone. Either takes about ten minutes. '
         'Needs the extra "train".',
+    )
+    parser.add_argument(
+        '--profile', action='store_true', help='for profile scanners, on simulated streets alone'
     )
     parser.add_argument(
         '--data',
@@ -77,7 +83,10 @@ def add_train(commands: Commands) -> None:
     )
     add_parameter_options(parser)
     parser.add_argument(
-        '--output', type=Path, default=OUTPUT, metavar='FILE', help=f'new; default: {OUTPUT}'
+        '--output',
+        type=Path,
+        metavar='FILE',
+        help=f'new; default: {OUTPUT}, {PROFILE_OUTPUT} with --profile',
     )
     parser.add_argument(
         '--seed', type=int, default=1, metavar='N', help='of all chances, from 0; default: 1'
@@ -89,34 +98,81 @@ def _run(options: argparse.Namespace) -> int:
     from rich.console import Console
 
     from lidar_outlier_filter.tuning.learner import check_learner
-    from lidar_outlier_filter.tuning.scenes import make_sweeps
-    from lidar_outlier_filter.tuning.train import Recipe, train
 
     check_learner()
+    output = options.output or (PROFILE_OUTPUT if options.profile else OUTPUT)
     if options.seed < 0:
         raise FilterError('--seed', 'at least 0', options.seed)
-    if options.output.exists():
-        raise FilterError('--output', 'a new file', options.output)
-    recipe = Recipe(options.seed, without=options.without, monotone=options.monotone)
+    if output.exists():
+        raise FilterError('--output', 'a new file', output)
+    train = _train_profile if options.profile else _train_spinning
     with stopping() as leave_if_asked, progress_bar('training') as show:
 
         def progress(done: int, total: int, what: str) -> None:
             leave_if_asked()
             show(done, total, what)
 
-        progress(0, 1, 'reading')
-        recordings = _recordings(options)
-        sweeps = make_sweeps(recordings, options.seed, options.train_on, progress)
-        about = _about([name for name, _ in recordings], options.train_on)
-        result = train(sweeps, about, recipe, progress)
-    options.output.write_text(result.text, encoding='utf-8')
+        text, threshold, tables = train(options, progress)
+    output.write_text(text, encoding='utf-8')
     console = Console()
-    for table in _tables(result.held_out):
+    for table in tables:
         console.print(table)
         console.print()
-    for line in (f'threshold: log-odds of {result.threshold:g}', f'written to {options.output}'):
+    for line in (f'threshold: log-odds of {threshold:g}', f'written to {output}'):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     return DONE
+
+
+def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained:
+    from lidar_outlier_filter.tuning.scenes import make_sweeps
+    from lidar_outlier_filter.tuning.train import Recipe, train
+
+    progress(0, 1, 'reading')
+    recordings = _recordings(options)
+    sweeps = make_sweeps(recordings, options.seed, options.train_on, progress)
+    about = _about([name for name, _ in recordings], options.train_on)
+    recipe = Recipe(options.seed, without=options.without, monotone=options.monotone)
+    result = train(sweeps, about, recipe, progress)
+    return result.text, result.threshold, _tables(result.held_out)
+
+
+def _train_profile(options: argparse.Namespace, progress: Progress) -> _Trained:
+    from lidar_outlier_filter import __version__
+    from lidar_outlier_filter.tuning.train_profile import STREETS, make_streets, train_profile
+
+    given = {
+        '--data': options.data,
+        '--onto': options.onto,
+        '--train-on': options.train_on is not BOTH,
+        '--without': options.without,
+        '--monotone': options.monotone,
+        '--params': options.params,
+        '--set': options.settings,
+    }
+    for name, value in given.items():
+        if value:
+            raise FilterError('--profile', f'without {name}', f'--profile with {name}')
+    about = {
+        'about': 'Two ensembles of trees for profile scanners, by lidar-outlier-filter train',
+        'package': __version__,
+        'trained_on': {'streets': STREETS, 'street_seeds': [0, STREETS - 1]},
+    }
+    streets = make_streets(STREETS, progress)
+    result = train_profile(streets, about, options.seed, progress=progress)
+    return result.text, result.threshold, [_profile_table(result.held_out)]
+
+
+def _profile_table(held_out: Mapping[str, Any]) -> Table:
+    """Lay out the figures of the streets left out."""
+    from rich.table import Table
+
+    table = Table('cause, street left out', 'found', box=None)
+    for cause, share in held_out['recall'].items():
+        table.add_row(cause, f'{share:.2%}')
+    table.add_row('good points', f'{held_out["lost"]:.4%}')
+    table.add_row('of the median street', f'{held_out["lost_of_median_street"]:.4%}')
+    table.columns[1].justify = 'right'
+    return table
 
 
 def _recordings(options: argparse.Namespace) -> list[tuple[str, list[Points]]]:

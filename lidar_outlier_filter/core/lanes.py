@@ -18,7 +18,6 @@ from lidar_outlier_filter.core.kernels import kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
 
 LANES = 32  # twice what compilers unroll a loop to; more would not fit into the nearest cache
@@ -72,7 +71,7 @@ def fill(points: Ints, wanted: NDArray[np.bool_], begin: int, end: int) -> tuple
 
 
 @kernel
-def sort(values: Floats, pairs: Ints) -> None:
+def sort(values: NDArray[np.floating], pairs: Ints) -> None:
     """Sort values, none negative, of each lane by the rows of a :func:`network`."""
     for pair in range(len(pairs)):
         a, b = pairs[pair, 0], pairs[pair, 1]

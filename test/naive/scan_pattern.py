@@ -91,13 +91,18 @@ def window(rings: list[Ring], number: int, k: int) -> tuple[list[Point], list[Po
     return own, other
 
 
-def features(rings: list[Ring], number: int, k: int) -> dict[str, float]:
-    """Return those features of a point that need no prediction."""
+def features(
+    rings: list[Ring], number: int, k: int, apart: float = NOISE, level: float = SAME_M
+) -> dict[str, float]:
+    """Return those features of a point that need no prediction.
+
+    ``apart`` is added to what the rings are apart, ``level`` to what is at the same range, metres.
+    """
     ring = rings[number]
     me = ring.points[k]
     own, other = window(rings, number, k)
-    unit = me.range * ring.gap + NOISE
-    same = SAME * unit + SAME_M
+    unit = me.range * ring.gap + apart
+    same = SAME * unit + level
     far = sorted(math.dist(me.xyz, p.xyz) for p in own + other) + [1e6] * 5
     farthest = max([me.range, *(p.range for p in own + other)])
     return {

@@ -38,6 +38,8 @@ STEADY = 0.9  # share of the steps along rings that go the way the head turns: l
 LINES_AT_ONCE, AT_ONCE = 4, 1 << 14  # lines, and points, that a thread takes
 PAD = 40  # places: as many as are looked at side by side, and a window's
 LEAST_GAP = 1e-4  # rad between rings
+NOISE_M = 0.02  # metres that are added to what beams are apart: no range is better
+LEVEL_M = 0.06  # metres that ranges may differ by, and still be the same
 NOWHERE = 1e9  # rad: the phase where there is no point
 # atan(x) ÷ x in x², up to 1, within 1e-9. No processor's own function: their answers differ.
 ATAN = np.array(
@@ -73,6 +75,11 @@ class Pattern(NamedTuple):
         Metres, about a point near them; and rad turned, never falling along a ring.
     step, gap : (L,) float32
         Angle between shots of the ring, and to the nearer ring beside it, rad.
+    noise, apart : (L,) float32
+        Metres that are added to range × step, and to range × gap: no range is better, and the
+        sensor may have moved from one line to the next.
+    level : (L,) float32
+        Metres that ranges may differ by, and still be the same.
 
     """
 
@@ -86,6 +93,9 @@ class Pattern(NamedTuple):
     phase: Singles
     step: Singles
     gap: Singles
+    noise: Singles
+    apart: Singles
+    level: Singles
 
 
 def find_pattern(
@@ -125,7 +135,9 @@ def find_pattern(
     if not (crowded or _is_even(between)):
         return None
     level = (step * np.sqrt(1.0 - elevation**2))[rank].astype(np.float32)
-    placed = make_pattern(np.diff(first)[rank], level, _gaps(between))
+    noise = np.full(len(rank), NOISE_M, np.float32)
+    same = np.full(len(rank), LEVEL_M, np.float32)
+    placed = make_pattern(np.diff(first)[rank], level, _gaps(between), noise, noise, same)
     pool.run(
         lambda i, j: place(lines, turned.phase, rank, i, j, placed),
         len(rank),
@@ -183,8 +195,11 @@ def _turn(lines: OrderedLines, t: Ints, threads: int) -> _Turned | None:
     return _Turned(phase, up)
 
 
-def make_pattern(sizes: Ints, step: Singles, gap: Singles) -> Pattern:
-    """Make a pattern of lines of so many points, whose places have no points yet."""
+def make_pattern(sizes: Ints, *of_lines: Singles) -> Pattern:
+    """Make a pattern of lines of so many points, whose places have no points yet.
+
+    ``of_lines`` are the last attributes of a pattern: step, gap, noise, apart and level.
+    """
     begins = PAD + np.concatenate([[0], np.cumsum(sizes + PAD)])[:-1]
     count = int(sizes.sum()) + (len(sizes) + 1) * PAD
     return Pattern(
@@ -196,8 +211,7 @@ def make_pattern(sizes: Ints, step: Singles, gap: Singles) -> Pattern:
         np.zeros(count, np.float32),
         np.ones(count, np.float32),
         np.full(count, NOWHERE, np.float32),
-        step,
-        gap,
+        *of_lines,
     )
 
 

@@ -10,6 +10,7 @@ from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import Threshold, plain
 from lidar_outlier_filter.core.detectors.evidence.detector import detect, neighbours
 from lidar_outlier_filter.core.detectors.evidence.pattern import judge
+from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Evidence
@@ -26,6 +27,11 @@ def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
         pattern = find_pattern(points, seen.threads, spins=sensor == 'spinning')
         if pattern is not None:
             return Scores(judge(pattern, parameters.evidence.threshold, seen.threads))
+    if sensor != 'spinning':
+        pattern = find_profile_pattern(points, seen.threads)
+        if pattern is not None:
+            threshold = parameters.evidence.threshold
+            return Scores(judge(pattern, threshold, seen.threads, profile=True))
     return Scores(detect(seen.neighbourhood, points, parameters))
 
 
@@ -44,8 +50,9 @@ DETECTOR = Detector(
     neighbours=lambda _: neighbours(),
     needs_lines=True,
     colour='#000000',
-    rejects='is improbable by its features. Spinning sensors with evenly spaced rings: trees on '
-    'the scan pattern. Others: a weighted sum of distances, prediction along the line, distance '
-    'from the local surface and neighbours on other lines; slanted groups in the air, too',
+    rejects='is improbable by its features. Spinning sensors with evenly spaced rings, and profile '
+    'scanners whose mirror turns evenly: trees on the scan pattern. Others: a weighted sum of '
+    'distances, prediction along the line, distance from the local surface and neighbours on other '
+    'lines; slanted groups in the air, too',
     source='this project',
 )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A spinning sensor's points, judged by their scan pattern: features, and trees that weigh them.
+"""Points judged by their scan pattern: features, and trees that weigh them.
 
 The first pass has the features of each point's window alone. The second pass judges the points that
 are not clearly good. It has also the scores of the first pass around them, and how many points have
@@ -14,10 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, write_features
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import write_features
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import (
+    PATTERN_MODEL,
+    PROFILE_MODEL,
+    load,
+)
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
-    COUNT_AGAIN,
     FirstPass,
     count_scores,
     write_scores,
@@ -28,6 +31,13 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
     make_window,
     prepare,
 )
+from lidar_outlier_filter.core.detectors.evidence.profile_features import (
+    COUNT_ALL,
+    COUNT_PROFILE,
+    make_pairs,
+    write_profile,
+)
+from lidar_outlier_filter.core.detectors.evidence.profile_groups import find_groups
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.lanes import LANES
@@ -44,7 +54,7 @@ if TYPE_CHECKING:
 LEAST = -8.0  # log-odds that make a score of 0
 
 
-def judge(pattern: Pattern, threshold: float, threads: int = 0) -> Floats:
+def judge(pattern: Pattern, threshold: float, threads: int = 0, *, profile: bool = False) -> Floats:
     """Score the N points of a pattern, in the order given.
 
     Parameters
@@ -52,6 +62,7 @@ def judge(pattern: Pattern, threshold: float, threads: int = 0) -> Floats:
     pattern : of the points
     threshold : the user's: 1 for that of the model, more for fewer rejected
     threads : at most so many at once; 0 for as many as there are cores
+    profile : whether the pattern is that of a profile scanner
 
     Returns
     -------
@@ -59,8 +70,12 @@ def judge(pattern: Pattern, threshold: float, threads: int = 0) -> Floats:
         From 0; more than 1: rejected.
 
     """
-    model = load()
-    odds = log_odds(pattern, model.first, model.again, model.doubtful, threads)
+    model = load(PROFILE_MODEL if profile else PATTERN_MODEL)
+    prepared = prepare(pattern, threads)
+    if profile:
+        groups = find_groups(pattern, prepared.near, threads)
+        prepared = prepared._replace(groups=groups)
+    odds = log_odds(prepared, model.first, model.again, model.doubtful, threads)
     there = pattern.order >= 0
     score = np.empty(int(np.count_nonzero(there)))
     statistic = np.maximum(odds[there].astype(np.float64) - LEAST, 0.0)
@@ -69,13 +84,14 @@ def judge(pattern: Pattern, threshold: float, threads: int = 0) -> Floats:
 
 
 def log_odds(
-    pattern: Pattern, first: Trees, again: Trees, doubtful: float, threads: int = 0
+    prepared: Prepared, first: Trees, again: Trees, doubtful: float, threads: int = 0
 ) -> Singles:
     """Return the log-odds (M,) of each place; those of places without a point mean nothing.
 
     The second trees judge the points to which the first give more than ``doubtful``.
     """
-    prepared, lines = prepare(pattern, threads), len(pattern.first)
+    pattern = prepared.pattern
+    lines = len(pattern.first)
     score = np.zeros(len(pattern.order), np.float32)
     pool.run(lambda i, j: _first(prepared, first, i, j, score), lines, LINES_AT_ONCE, threads)
     passed = count_scores(pattern, score)
@@ -92,12 +108,14 @@ def log_odds(
 
 @kernel
 def _first(prepared: Prepared, trees: Trees, begin: int, end: int, score: Singles) -> None:
-    pattern, window = prepared.pattern, make_window()
-    values, total = np.empty((COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    pattern, window, pairs = prepared.pattern, make_window(), make_pairs()
+    values, total = np.empty((COUNT_ALL, LANES), np.float32), np.empty(LANES, np.float32)
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
             gather(prepared, line, k, window)
             write_features(pattern, line, k, window, values)
+            if len(prepared.groups) > 0:
+                write_profile(prepared, line, k, window, pairs, values)
             add_up(trees, values, total)
             for lane in range(min(pattern.last[line] - k, LANES)):
                 score[k + lane] = total[lane]
@@ -113,8 +131,9 @@ def _again(
     end: int,
     result: Singles,
 ) -> None:
-    pattern, window, score = prepared.pattern, make_window(), first.score
-    values, total = np.empty((COUNT_AGAIN, LANES), np.float32), np.empty(LANES, np.float32)
+    pattern, window, pairs = prepared.pattern, make_window(), make_pairs()
+    values, total = np.empty((COUNT_ALL, LANES), np.float32), np.empty(LANES, np.float32)
+    score, more = first.score, COUNT_PROFILE if len(prepared.groups) > 0 else 0
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
             count = min(pattern.last[line] - k, LANES)
@@ -125,7 +144,9 @@ def _again(
                 continue
             gather(prepared, line, k, window)
             write_features(pattern, line, k, window, values)
-            write_scores(prepared, first, line, k, window, values)
+            if len(prepared.groups) > 0:
+                write_profile(prepared, line, k, window, pairs, values)
+            write_scores(prepared, first, line, k, window, values[more:])
             add_up(trees, values, total)
             for lane in range(count):
                 if score[k + lane] > doubtful:

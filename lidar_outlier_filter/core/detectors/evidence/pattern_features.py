@@ -23,7 +23,6 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
     MOST,
     NEAR,
     NEAREST_OTHER,
-    NOISE_M,
     ONE,
     OWN,
     REACH_OWN,
@@ -78,7 +77,7 @@ FEATURES = (
     'sparse',  # within 6 beams
 )
 COUNT = len(FEATURES)
-SAME, SAME_M = F(1.5), F(0.06)  # beams apart, and metres: still at one range
+SAME = F(1.5)  # beams apart: still at one range
 THREE, FIVE = F(3.0), F(5.0)
 DENSE_SQUARE, SPARSE_SQUARE = F(4.0), F(36.0)  # beams apart, squared
 PLACES_OWN, PLACES_OTHER, PLACES = F(2 * OWN), F(SIZE - 2 * OWN), F(SIZE)
@@ -112,19 +111,17 @@ def write_features(
 
     Lanes behind the line's end mean nothing.
     """
-    step, gap = pattern.step[line], pattern.gap[line]
-    reach = pattern.range[k : k + LANES]
-    _count(reach, gap, window)
-    _along(pattern, k, step, values)
-    _distances(reach, step, gap, window, values)
+    _count(pattern, line, k, window)
+    _along(pattern, line, k, values)
+    _distances(pattern, line, k, window, values)
     _shares(window, values)
-    _ranges(reach, gap, window, values)
+    _ranges(pattern, line, k, window, values)
 
 
 @kernel
-def level_within(reach: Number, gap: Number) -> Number:
-    """Return how far apart ranges are that still are the same, m."""
-    return SAME * (reach * gap + NOISE_M) + SAME_M
+def level_within(unit: Number, level: Number) -> Number:
+    """Return how far apart ranges are that still are the same, of what beams are apart, m."""
+    return SAME * unit + level
 
 
 @kernel
@@ -134,8 +131,10 @@ def width(array: Singles) -> int:
 
 
 @kernel
-def _count(reach: Singles, gap: Number, window: PatternWindow) -> None:
+def _count(pattern: Pattern, line: int, k: int, window: PatternWindow) -> None:
     """Count returns before, behind and at the same range, and find the nearest of all."""
+    reach, gap = pattern.range[k : k + LANES], pattern.gap[line]
+    apart, most = pattern.apart[line], pattern.level[line]
     square, away, sums, best = window.square, window.away, window.sums, window.best
     best[:] = FAR
     for lane in range(width(square)):
@@ -148,7 +147,8 @@ def _count(reach: Singles, gap: Number, window: PatternWindow) -> None:
         part = 0 if slot < 2 * OWN else 1
         for lane in range(width(square)):
             mine, value, off = reach[lane], square[slot, lane], away[slot, lane]
-            unit, same = mine * gap + NOISE_M, level_within(mine, gap)
+            unit = mine * gap + apart
+            same = level_within(unit, most)
             sums[BEFORE + part, lane] += ONE if off < -same else ZERO
             sums[BEHIND + part, lane] += ONE if off > same else ZERO
             sums[LEVEL + part, lane] += ONE if (abs(off) <= same) & (value < FAR) else ZERO
@@ -165,8 +165,9 @@ def _count(reach: Singles, gap: Number, window: PatternWindow) -> None:
 
 
 @kernel
-def _along(pattern: Pattern, k: int, step: Number, values: Singles) -> None:
+def _along(pattern: Pattern, line: int, k: int, values: Singles) -> None:
     """Write what three predictions along the ring say of the range."""
+    step, noise = pattern.step[line], pattern.noise[line]
     r0, p0 = pattern.range[k : k + LANES], pattern.phase[k : k + LANES]
     ra, pa = pattern.range[k - 1 : k - 1 + LANES], pattern.phase[k - 1 : k - 1 + LANES]
     rb, pb = pattern.range[k + 1 : k + 1 + LANES], pattern.phase[k + 1 : k + 1 + LANES]
@@ -179,7 +180,7 @@ def _along(pattern: Pattern, k: int, step: Number, values: Singles) -> None:
         before = _off(r, p, ra[lane], pa[lane], rc[lane], pc[lane], most)
         after = _off(r, p, rb[lane], pb[lane], rd[lane], pd[lane], most)
         least = min(middle, before, after)
-        unit = step + NOISE_M / r
+        unit = step + noise / r
         values[2, lane] = min(least / unit, MOST)
         values[3, lane] = min(least * r, MOST)
         values[4, lane] = min(middle / unit, MOST)
@@ -201,14 +202,14 @@ def _off(
 
 
 @kernel
-def _distances(
-    reach: Singles, step: Number, gap: Number, window: PatternWindow, values: Singles
-) -> None:
+def _distances(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
     """Write how far the nearest returns are: in the ring, in other rings, and of all."""
+    reach, step, gap = pattern.range[k : k + LANES], pattern.step[line], pattern.gap[line]
+    noise, apart = pattern.noise[line], pattern.apart[line]
     square, sums, best = window.square, window.sums, window.best
     for lane in range(width(values)):
         mine = reach[lane]
-        own_unit, unit = mine * step + NOISE_M, mine * gap + NOISE_M
+        own_unit, unit = mine * step + noise, mine * gap + apart
         a, b = np.sqrt(square[OWN - 1, lane]), np.sqrt(square[OWN, lane])
         values[0, lane] = min(min(a, b) / own_unit, MOST)
         values[1, lane] = min(max(a, b) / own_unit, MOST)
@@ -241,8 +242,9 @@ def _shares(window: PatternWindow, values: Singles) -> None:
 
 
 @kernel
-def _ranges(reach: Singles, gap: Number, window: PatternWindow, values: Singles) -> None:
+def _ranges(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
     """Write the range, that of the background, and what is predicted across the rings."""
+    reach, gap, noise = pattern.range[k : k + LANES], pattern.gap[line], pattern.noise[line]
     sums, inverse = window.sums, window.inverse
     for lane in range(width(values)):
         mine, farthest = reach[lane], sums[FARTHEST, lane]
@@ -254,4 +256,4 @@ def _ranges(reach: Singles, gap: Number, window: PatternWindow, values: Singles)
         between = abs(ONE - mine * HALF * (b + c)) if (b > ZERO) & (c > ZERO) else MOST
         below = abs(ONE - mine * (TWO * b - a)) * HALF if (a > ZERO) & (b > ZERO) else MOST
         above = abs(ONE - mine * (TWO * c - d)) * HALF if (c > ZERO) & (d > ZERO) else MOST
-        values[6, lane] = min(min(between, below, above) / (gap + NOISE_M / mine), MOST)
+        values[6, lane] = min(min(between, below, above) / (gap + noise / mine), MOST)

@@ -13,11 +13,15 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
+from lidar_outlier_filter.core.detectors.evidence.profile_features import PROFILE
 from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees
 from lidar_outlier_filter.errors import FilterError
 
 VERSION = 1
-NAME = 'pattern_model.json'
+PATTERN_MODEL = 'pattern_model.json'  # of spinning sensors
+PROFILE_MODEL = 'profile_model.json'
+# The features of the first pass; the second has those of its scores behind them.
+NAMES = {PATTERN_MODEL: FEATURES, PROFILE_MODEL: (*FEATURES, *PROFILE)}
 
 
 class PatternModel(NamedTuple):
@@ -38,8 +42,8 @@ class PatternModel(NamedTuple):
 
 
 @lru_cache
-def load() -> PatternModel:
-    """Read the model of this package.
+def load(name: str = PATTERN_MODEL) -> PatternModel:
+    """Read a model of this package.
 
     Raises
     ------
@@ -47,13 +51,14 @@ def load() -> PatternModel:
         If it is of another version, or asks for features that there are not.
 
     """
-    text = (files(__package__) / NAME).read_text(encoding='utf-8')
+    text = (files(__package__) / name).read_text(encoding='utf-8')
     data: dict[str, Any] = json.loads(text)
     if data['version'] != VERSION:
-        raise FilterError(f'the version of {NAME}', f'{VERSION}', data['version'])
+        raise FilterError(f'the version of {name}', f'{VERSION}', data['version'])
+    names = NAMES[name]
     return PatternModel(
-        read_trees(data['first'], FEATURES),
-        read_trees(data['again'], (*FEATURES, *AGAIN)),
+        read_trees(data['first'], names),
+        read_trees(data['again'], (*names, *AGAIN)),
         float(data['doubtful']),
         float(data['threshold']),
     )

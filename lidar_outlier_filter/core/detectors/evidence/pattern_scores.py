@@ -18,7 +18,6 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_features import (
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
     AROUND,
     FAR,
-    NOISE_M,
     ONE,
     OTHER,
     OWN,
@@ -152,7 +151,9 @@ def _sum_scores(
     prepared: Prepared, score: Singles, line: int, k: int, window: PatternWindow, total: Singles
 ) -> None:
     """Sum up the scores of each window: of the ring, of other rings, and by where they are."""
-    reach, gap = prepared.pattern.range[k : k + LANES], prepared.pattern.gap[line]
+    pattern = prepared.pattern
+    reach, gap = pattern.range[k : k + LANES], pattern.gap[line]
+    apart, most = pattern.apart[line], pattern.level[line]
     square, away, scores = window.square, window.away, window.side[ROWS]
     total[:] = ZERO
     for slot in range(SIZE):
@@ -160,7 +161,8 @@ def _sum_scores(
         _copy_scores(prepared.near, score, k, slot, scores)
         for lane in range(width(square)):
             value, off = square[slot, lane], away[slot, lane]
-            unit, same = reach[lane] * gap + NOISE_M, level_within(reach[lane], gap)
+            unit = reach[lane] * gap + apart
+            same = level_within(unit, most)
             good = value < FAR
             c = min(max(scores[lane], -CLIP), CLIP)
             one = ONE if good else ZERO

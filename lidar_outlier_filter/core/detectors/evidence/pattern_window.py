@@ -40,7 +40,6 @@ F = np.float32
 REACH_OWN, REACH_OTHER = F(10.0), F(6.0)  # steps from the azimuth up to which returns count
 FAR = F(1e12)  # m²: nothing is there
 MOST = F(1000.0)  # of a feature
-NOISE_M = F(0.02)  # metres that are added to what beams are apart: no range is better
 ZERO, HALF, ONE, TWO = F(0.0), F(0.5), F(1.0), F(2.0)
 
 
@@ -55,12 +54,15 @@ class Prepared(NamedTuple):
         :func:`write_roughness`.
     near : (4, M) int32
         The place nearest in azimuth on each ring beside; see :func:`find_beside`.
+    groups : (G, M) float32
+        Of a profile scanner, what is said of the free group of each; G is 0 for other sensors.
 
     """
 
     pattern: Pattern
     rough: Singles
     near: Places
+    groups: Singles
 
 
 class PatternWindow(NamedTuple):
@@ -115,7 +117,7 @@ def prepare(pattern: Pattern, threads: int = 0) -> Prepared:
         find_beside(pattern, begin, end, near)
 
     pool.run(work, lines, LINES_AT_ONCE, threads)
-    return Prepared(pattern, rough, near)
+    return Prepared(pattern, rough, near, np.empty((0, places), np.float32))
 
 
 @kernel
@@ -128,13 +130,13 @@ def write_roughness(pattern: Pattern, begin: int, end: int, rough: Singles) -> N
     reach, phase = pattern.range, pattern.phase
     for line in range(begin, end):
         low, high = pattern.first[line], pattern.last[line]
-        step = pattern.step[line]
+        step, noise = pattern.step[line], pattern.noise[line]
         rough[low], rough[high - 1] = ZERO, ZERO
         for k in range(low + 1, high - 1):
             span = phase[k + 1] - phase[k - 1]
             part = (phase[k] - phase[k - 1]) / span if span > ZERO else HALF
             value = (ONE - part) / reach[k - 1] + part / reach[k + 1]
-            rough[k] = min(abs(ONE - reach[k] * value) / (step + NOISE_M / reach[k]), MOST)
+            rough[k] = min(abs(ONE - reach[k] * value) / (step + noise / reach[k]), MOST)
 
 
 @kernel
@@ -172,7 +174,7 @@ def gather(prepared: Prepared, line: int, k: int, window: PatternWindow) -> None
     behind the line's end mean nothing.
     """
     # Once, because every time that an array is taken from a tuple its references are counted.
-    pattern, rough, near = prepared
+    pattern, rough, near, _ = prepared
     rows = (pattern.x, pattern.y, pattern.z, pattern.range, pattern.phase)
     step, gap = pattern.step[line], pattern.gap[line]
     _gather_own(rows, rough, k, step, window)

@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Training the trees for profile scanners: what is written is what was learnt."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import NAMES, PROFILE_MODEL, load
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
+from lidar_outlier_filter.core.detectors.evidence.profile_features import PROFILE
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.simulation.profile_streets import training_street
+from lidar_outlier_filter.tuning.train_profile import Street, measured, train_profile
+
+FEW = (3, 4)  # trees
+
+
+@cache
+def streets() -> tuple[Street, ...]:
+    """Return short pieces of a few streets."""
+    drives = [training_street(seed) for seed in range(3)]
+    return tuple(
+        measured(f'street {seed}', replace(drive, lines=8)) for seed, drive in enumerate(drives)
+    )
+
+
+def test_streets_differ_and_repeat() -> None:
+    """No two seeds have the same scanner and way; one seed is always the same drive."""
+    some = [training_street(seed) for seed in range(6)]
+    assert len({(drive.sensor.noise, drive.trajectory) for drive in some}) == len(some)
+    one, again = streets()[0], measured('again', replace(training_street(0), lines=8))
+    assert_array_equal(one.points.xyz, again.points.xyz)
+    assert_array_equal(one.code, again.code)
+    assert (np.diff(one.points.t) > 0).all()
+
+
+@pytest.mark.slow
+def test_file_is_complete_and_repeats() -> None:
+    """The same seed gives the same bytes, another one others; the file says what it is."""
+    about = {'about': 'a test', 'trained_on': {'streets': 3}}
+    text = train_profile(streets(), about, 1, FEW).text
+    assert train_profile(streets(), about, 1, FEW).text == text
+    assert train_profile(streets(), about, 2, FEW).text != text
+    data = json.loads(text)
+    assert data.items() >= about.items()
+    assert (data['seed'], data['streets']) == (1, [f'street {n}' for n in range(3)])
+    assert data['uses'] == [*FEATURES, *PROFILE, *AGAIN]
+    assert [len(data[key]['values']) for key in ('first', 'again')] == [3, 4]
+    asked = {name for tree in data['first']['features'] for name in tree}
+    assert asked <= {*NAMES[PROFILE_MODEL]}
+    assert data['held_out']['lost_of_median_street'] <= 2.5e-5 or data['threshold'] == 6.0
+    assert data['held_out']['recall']
+
+
+@pytest.mark.slow
+def test_street_that_is_left_out_does_not_train() -> None:
+    """Wrong labels of one street change what is said of others, and of itself only by judging."""
+    some = list(streets())
+    every = train_profile(some, {}, 1, FEW).held_out
+    some[1] = some[1]._replace(code=np.where(some[1].code > 0, 0, 1))
+    assert train_profile(some, {}, 1, FEW).held_out != every
+
+
+def test_what_cannot_be_trained_on() -> None:
+    """Few streets, and streets without outliers, are refused."""
+    with pytest.raises(FilterError, match='at least 3, got 2'):
+        train_profile(streets()[:2], {})
+    with pytest.raises(FilterError, match='outliers'):
+        train_profile([one._replace(code=one.code * 0) for one in streets()], {})
+
+
+def test_model_of_the_package() -> None:
+    """It is there, and asks for what only profile scanners have, too."""
+    model = load(PROFILE_MODEL)
+    assert model.threshold > model.doubtful
+    rows = {*model.first.feature.ravel().tolist(), *model.again.feature.ravel().tolist()}
+    assert rows & {*range(len(FEATURES), len(FEATURES) + len(PROFILE))}
