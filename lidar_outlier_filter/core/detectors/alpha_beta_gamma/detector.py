@@ -229,11 +229,7 @@ def _line_precision(
 
 @kernel
 def _one_precision(
-    standard: NDArray[np.float64],
-    begin: int,
-    end: int,
-    floor: float,
-    scratch: NDArray[np.float64],
+    standard: NDArray[np.float64], begin: int, end: int, floor: float, scratch: NDArray[np.float64]
 ) -> float:
     """Estimate 1/σ of points begin to end; NaN of too few."""
     count = 0
