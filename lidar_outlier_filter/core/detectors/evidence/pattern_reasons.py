@@ -83,8 +83,8 @@ def explain(points: Points, threads: int = 0) -> Reasons:
     model, there = load(), pattern.order >= 0
     prepared, lines = prepare(pattern, threads), len(pattern.first)
     never = float(np.finfo(np.float32).max)
-    first = log_odds(pattern, model.first, model.again, never, threads)
-    odds = log_odds(pattern, model.first, model.again, model.doubtful, threads)
+    first = log_odds(prepared, model.first, model.again, never, threads)
+    odds = log_odds(prepared, model.first, model.again, model.doubtful, threads)
     values = np.zeros((COUNT_AGAIN, len(there)), np.float32)
     measure_again(prepared, count_scores(pattern, first), 0, lines, values)
     again = first > np.float32(model.doubtful)
