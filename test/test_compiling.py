@@ -121,8 +121,9 @@ def test_stopped_processes_begin_nothing() -> None:
     assert not processes.run(shares(parameters(*QUICK)))
 
 
-def test_what_chooses_kernels_is_not_the_numbers() -> None:
+def test_what_chooses_kernels_is_not_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """A threshold needs no other kernels; a method may."""
+    monkeypatch.setattr(compiling, '_ready', set())  # whatever other tests of the process needed
     compiling.make_ready(parameters(*QUICK))
     assert is_ready(parameters(*QUICK, **{'sor.multiplier': 3.0, 'max_delay': 2.0}))
     assert not is_ready(parameters(*QUICK, **{'sor.statistic': 'radius'}))

@@ -133,7 +133,7 @@ def test_command_for_profile_scanners(
     """Streets train; the file says which, and the figures are of streets left out."""
     monkeypatch.setattr(train_profile, 'STREETS', 4)
     monkeypatch.setattr(profile_streets, 'SHOTS', 10_000)
-    monkeypatch.setattr(profile_streets, 'SHORTEST', 0.1)
+    monkeypatch.setattr(profile_streets, 'SHORTEST', 0.2)
     output = tmp_path / 'mine.json'
     assert main(['train', '--profile', '--output', str(output)]) == 0
     data = json.loads(output.read_text())

@@ -29,12 +29,12 @@ from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.detectors import Sor
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive
+from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive, demo_sweeps
 from lidar_outlier_filter.simulation.recording import clouds, to_message
 from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
     from rich.console import Console
@@ -47,6 +47,8 @@ SIDES = ('both', 'either')
 FORM = 'alpha_beta_gamma.sides'
 SPATIAL = ('quadric', 'lof', 'sor')
 CHAINS = (('evidence',), ('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
+SWEEPS = ((128, 1024), (64, 2048))  # rings and columns of spinning sensors, 10 Hz
+TURNS = 8
 SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
 
 
@@ -91,6 +93,12 @@ def run(console: Console) -> int:
     ]
     measure(works)
     console.print(_table(works, peer))
+    for rings, columns in SWEEPS:
+        turns = spinning_messages(rings, columns)
+        sweep = peer_work(_coordinates(turns[:1]))
+        works = [*(stream_work(turns, chain, {}) for chain in CHAINS[:2]), sweep]
+        measure(works)
+        console.print(_table(works, sweep, f'sweeps of {rings} × {columns}'))
     growth = [spatial_work(xyz[: len(xyz) // share], name) for name in SPATIAL for share in SHARES]
     measure(growth)
     console.print(_growth_table(growth))
@@ -109,8 +117,8 @@ def measure(works: Sequence[Work]) -> None:
                 work.seconds.append(perf_counter() - begin)
 
 
-def _table(works: Sequence[Work], peer: Work) -> Table:
-    table = Table('work', 'points', 'million points/s', '× peer')
+def _table(works: Sequence[Work], peer: Work, title: str = 'the demo') -> Table:
+    table = Table(title, 'points', 'million points/s', '× peer')
     for column in table.columns[1:]:
         column.justify = 'right'
     for work in works:
@@ -194,9 +202,19 @@ def spatial_work(xyz: NDArray[np.float64], detector: str) -> Work:
     return Work(detector, len(xyz), lambda: chain.judge(points))
 
 
-def stream_work(messages: list[Any], chain: Sequence[str]) -> Work:
-    """Go the whole way of the simulated drive: decode, verdict, split."""
-    parameters = FilterParameters().changed({**SENSOR, 'chain': chain})
+def spinning_messages(rings: int, columns: int) -> list[Any]:
+    """Turn once in the demo's street in dry air, and take the sweep several times, at 10 Hz."""
+    drive = demo_sweeps(rings, columns)
+    ((stamp, points),) = clouds(drive, 1)
+    turn = drive.shots * drive.sensor.interval
+    return [to_message(stamp + number * turn, points) for number in range(TURNS)]
+
+
+def stream_work(
+    messages: list[Any], chain: Sequence[str], form: Mapping[str, object] = SENSOR
+) -> Work:
+    """Go the whole way of a drive: decode, verdict, split. ``form`` is how its clouds are read."""
+    parameters = FilterParameters().changed({**form, 'chain': chain})
 
     def stream() -> None:
         cloud_filter = CloudFilter(parameters)

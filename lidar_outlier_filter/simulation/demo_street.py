@@ -7,6 +7,7 @@ A profile scanner drives along it, and in the snow a sensor with 32 rings that s
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,7 @@ FRONT = 8.0  # metres from the middle of the road to the buildings
 BACK = 20.0
 START, END = -60.0, 100.0  # metres along the street
 SNOWFALL = 0.3  # mm of water per hour
+TURN = 100_000_000  # nanoseconds
 
 # How the filter reads the drive's clouds.
 SENSOR: dict[str, object] = {'line_source': 'angle', 'angle_field': 'scan_angle'}
@@ -116,3 +118,14 @@ def snow_drive(seed: int = 1) -> Drive:
         seed=seed,
         in_own_frame=True,
     )
+
+
+def demo_sweeps(count: int, columns: int, turns: int = 1, seed: int = 1) -> Drive:
+    """Turn on the same street in dry air, with so many rings and columns, ten times per second."""
+    column_time = TURN // (columns * count) * count  # all rings take equally long
+    sensor = SpinningScanner(
+        elevation=rings(-25.0, 15.0, count), columns=columns, column_time=column_time
+    )
+    drive = snow_drive(seed)
+    scene = Scene(drive.scene.surfaces)
+    return replace(drive, scene=scene, sensor=sensor, lines=turns)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -26,6 +26,22 @@ RATE = 0.2
 EDGES = 128  # of a feature's histogram
 FEWEST = 40  # points behind a value
 NEVER = 3.0e38  # a limit that no feature exceeds
+
+
+class Drawn(NamedTuple):
+    """Points that train: features (F, N), whether outliers, and how much each counts."""
+
+    values: Singles
+    outlier: NDArray[np.bool_]
+    weight: NDArray[np.float64]
+
+
+class Trained(NamedTuple):
+    """The text of a model's file, and the threshold and the held-out figures that it says."""
+
+    text: str
+    threshold: float
+    held_out: Mapping[str, Any]
 
 
 def check_learner() -> None:

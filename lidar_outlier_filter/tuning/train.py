@@ -28,7 +28,7 @@ from lidar_outlier_filter.core.detectors.evidence.trees import add_up
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.tuning.held_out import CLEAN, choose_threshold, figures, judge_at_all
-from lidar_outlier_filter.tuning.learner import export, fit
+from lidar_outlier_filter.tuning.learner import Drawn, Trained, export, fit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -106,22 +106,6 @@ class _Seen(NamedTuple):
     sweep: Sweep
     prepared: Prepared
     outlier: Mask
-
-
-class _Drawn(NamedTuple):
-    """Points that are drawn from a sweep: features (F, N), whether outliers, what each counts."""
-
-    values: Singles
-    outlier: Mask
-    weight: Floats
-
-
-class Trained(NamedTuple):
-    """The text of a model's file, and the threshold and the held-out figures that it says."""
-
-    text: str
-    threshold: float
-    held_out: Mapping[str, Any]
 
 
 def train(
@@ -243,7 +227,7 @@ def _values(seen: _Seen, odds: Singles | None) -> Singles:
     return out[:, there]
 
 
-def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> _Drawn:
+def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     """Draw points: in the second pass, only those that the first does not call clearly good."""
     again = odds is not None
     asked = np.full(len(seen.outlier), seen.sweep.trains)
@@ -262,14 +246,14 @@ def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> _Drawn:
     counts = GOOD_COUNT[again] * GOOD_COUNTS.get(kind, 1.0)
     of_good = counts * len(good) / max(all_good, 1) / max(len(some_good), 1)
     rows = np.concatenate([some_bad, some_good])
-    return _Drawn(
+    return Drawn(
         _values(seen, odds)[:, rows],
         seen.outlier[rows],
         np.repeat([of_bad, of_good], [len(some_bad), len(some_good)]),
     )
 
 
-def _learn(drawn: Sequence[_Drawn], recipe: Recipe, *, again: bool) -> dict[str, Any]:
+def _learn(drawn: Sequence[Drawn], recipe: Recipe, *, again: bool) -> dict[str, Any]:
     """Train an ensemble; leave out the features that the recipe leaves out."""
     names = _names(again=again)
     used = _used(names, recipe)

@@ -38,7 +38,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.simulation.drive import simulate
 from lidar_outlier_filter.simulation.profile_streets import training_street
 from lidar_outlier_filter.simulation.scene import Cause
-from lidar_outlier_filter.tuning.learner import export, fit
+from lidar_outlier_filter.tuning.learner import Drawn, Trained, export, fit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -77,22 +77,6 @@ class Street(NamedTuple):
     name: str
     points: Points
     code: Ints
-
-
-class Trained(NamedTuple):
-    """The model's file, its threshold, and what it finds on streets that are left out."""
-
-    text: str
-    threshold: float
-    held_out: Mapping[str, Any]
-
-
-class _Drawn(NamedTuple):
-    """Points that train: their features (F, K), which are outliers, and how much each counts."""
-
-    values: Singles
-    outlier: NDArray[np.bool_]
-    weight: Floats
 
 
 class _Block(NamedTuple):
@@ -249,7 +233,7 @@ def _values(block: _Block, odds: Singles | None) -> Singles:
     return np.concatenate(found)[:, there]
 
 
-def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) -> _Drawn:
+def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) -> Drawn:
     """Draw points: in the second pass, only those that the first does not call clearly good."""
     again = odds is not None
     values, codes = [], []
@@ -273,10 +257,10 @@ def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) ->
         rows.append(some)
         weights.append(np.full(len(some), counts / max(len(some), 1)))
     row = np.concatenate(rows)
-    return _Drawn(np.concatenate(values, axis=1)[:, row], code[row] > 0, np.concatenate(weights))
+    return Drawn(np.concatenate(values, axis=1)[:, row], code[row] > 0, np.concatenate(weights))
 
 
-def _learn(drawn: Sequence[_Drawn], names: Sequence[str], rounds: int) -> dict[str, Any]:
+def _learn(drawn: Sequence[Drawn], names: Sequence[str], rounds: int) -> dict[str, Any]:
     learner = fit(
         np.concatenate([one.values for one in drawn], axis=1),
         np.concatenate([one.outlier for one in drawn]),
