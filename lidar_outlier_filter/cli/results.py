@@ -64,15 +64,17 @@ def add_results(commands: Commands) -> None:
         'and the peers, on presets with a target; default: 1',
     )
     parser.add_argument(
-        '--quick', action='store_true', help='small presets, one seed, few neighbours, few points'
+        '--quick',
+        action='store_true',
+        help='small presets, one seed, few neighbours, few points, one chain to tune; some minutes',
     )
     parser.add_argument(
         '--sections',
         nargs='+',
         choices=tuple(SECTIONS),
-        default=tuple(SECTIONS),
         metavar='S',
-        help=f'write these only, of {", ".join(SECTIONS)}',
+        help=f'write these only, of {", ".join(SECTIONS)}; default: all, and under --quick all but '
+        'papers',
     )
     parser.add_argument(
         '--papers',
@@ -103,6 +105,9 @@ def _run(options: argparse.Namespace) -> int:
         raise FilterError('--full', 'at least 1', options.full)
     options.presets = options.presets or (QUICK_PRESETS if options.quick else tuple(PRESETS))
     options.seeds = options.seeds or (SEEDS[:1] if options.quick else SEEDS)
+    options.sections = options.sections or [
+        name for name in SECTIONS if not (options.quick and name == 'papers')
+    ]
     console = Console()
     with stopping() as leave_if_asked, progress_bar('results', lines=True) as show:
 
@@ -166,10 +171,10 @@ def _papers(options: argparse.Namespace, pictures: Path, progress: Progress) -> 
 
 
 def _tuner(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
-    from lidar_outlier_filter.results.tuner_proof import section
+    from lidar_outlier_filter.results.tuner_proof import CHAINS, section
 
-    preset = 'leslar-c' if options.quick else 'leslar-b'
-    return {'tuner': section(preset, (LEARNT, options.seeds[0]), progress)}
+    preset, chains = ('leslar-c', CHAINS[:1]) if options.quick else ('leslar-b', CHAINS)
+    return {'tuner': section(preset, (LEARNT, options.seeds[0]), progress, chains)}
 
 
 SECTIONS: dict[str, Section] = {

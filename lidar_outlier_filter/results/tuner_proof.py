@@ -112,7 +112,12 @@ def run(data: Training, parameters: FilterParameters) -> Confusion:
     return confusion(data.bad, data.judge(parameters).rejected)
 
 
-def section(preset: str, seeds: tuple[int, int], progress: Progress) -> str:
+def section(
+    preset: str,
+    seeds: tuple[int, int],
+    progress: Progress,
+    chains: Sequence[tuple[str, ...]] = CHAINS,
+) -> str:
     """Write up the proof on a preset: tuned on the first seed, judged on the second."""
     progress(0, 1, f'simulating {preset}')
     (learnt,), (unseen,) = (simulated(preset, seed) for seed in seeds)
@@ -124,7 +129,7 @@ def section(preset: str, seeds: tuple[int, int], progress: Progress) -> str:
             WANTED,
             progress=progress,
         )
-        for chain in CHAINS
+        for chain in chains
     ]
     rows = [
         (
