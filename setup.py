@@ -109,22 +109,32 @@ setup(
         # `lidar-outlier-filter clean`: LAS, LAZ and PCD (1 MB); Parquet (170 MB). Others need none.
         'files': ['laspy[lazrs]>=2.5', 'python-neo-lzf>=0.3.5'],
         'parquet': ['pyarrow>=14'],
+        # `lidar-outlier-filter replay` with several processes or a cluster, and recordings at other
+        # places; s3fs for `s3://`.
+        'archive': ['distributed>=2024.5', 'fsspec>=2024.3'],
+        's3': ['s3fs>=2024.3'],
         # Peers that `lidar-outlier-filter bench` and `results` compare with.
         'bench': ['open3d>=0.18', 'scikit-learn>=1.4'],
         'test': [
             'catkin-pkg>=1.0',
             'colcon-core>=0.17',
             'colcon-ros>=0.5',
+            'distributed>=2024.5',
             'filterpy>=1.4.5',
+            'flask-cors>=4.0',
+            'fsspec>=2024.3',
             'hypothesis>=6.98',
             'laspy[lazrs]>=2.5',
             'mcap-ros2-support>=0.5',
+            'moto[s3]>=5.0',
+            'playwright>=1.45',
             'psutil>=5.9',
             'pyarrow>=14',
             'pytest>=7.4',
             'pytest-timeout>=2.2',
             'pytest-xdist>=3.4',
             'python-neo-lzf>=0.3.5',
+            's3fs>=2024.3',
             'scikit-learn>=1.4',
         ],
         # The pages in doc/; as Ubuntu 24.04 packages them
