@@ -9,14 +9,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
     add_parameter_options,
-    progress_bar,
+    beside,
     read_parameters,
     say,
+    say_unread,
+    stoppable_bar,
 )
 
 if TYPE_CHECKING:
@@ -63,15 +64,10 @@ def add_replay(commands: Commands) -> None:
 def _replay(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.recordings.replay import replay
 
-    with stopping() as leave_if_asked, progress_bar(options.recording.name) as show:
-
-        def progress(done: int, total: int) -> None:
-            leave_if_asked()
-            show(done, total)
-
+    with stoppable_bar(options.recording.name) as progress:
         report = replay(
             options.recording,
-            options.output or _default_output(options.recording),
+            options.output or beside(options.recording, '_cleaned'),
             options.topics,
             read_parameters(options.params, options.settings),
             drop_input=options.drop_input,
@@ -80,13 +76,6 @@ def _replay(options: argparse.Namespace) -> int:
         )
     _show(report)
     return DONE if report.is_complete else INCOMPLETE
-
-
-def _default_output(recording: Path) -> Path:
-    """Name the output after the recording, beside it."""
-    path = recording.resolve()
-    name = path.name if path.is_dir() else path.stem
-    return path.with_name(f'{name}_cleaned')
 
 
 def _show(report: ReplayReport) -> None:
@@ -101,8 +90,7 @@ def _show(report: ReplayReport) -> None:
             reasons = ', '.join(f'{what} ({count})' for what, count in topic.refusals.items())
             clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
             say(f'{clouds} were refused and have no answer, for: {reasons}')
-    if report.unread:
-        say(f'{report.unread} messages that the recording counts were not found in it')
+    say_unread(report.unread)
 
 
 def _table(report: ReplayReport) -> Table:

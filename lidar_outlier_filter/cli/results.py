@@ -9,8 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.interrupts import stopping
-from lidar_outlier_filter.cli.terminal import DONE, progress_bar
+from lidar_outlier_filter.cli.terminal import DONE, stoppable_bar
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.simulation.presets import PRESETS
 
@@ -109,12 +108,7 @@ def _run(options: argparse.Namespace) -> int:
         name for name in SECTIONS if not (options.quick and name == 'papers')
     ]
     console = Console()
-    with stopping() as leave_if_asked, progress_bar('results', lines=True) as show:
-
-        def progress(done: int, total: int, what: str) -> None:
-            leave_if_asked()
-            show(done, total, what)
-
+    with stoppable_bar('results', lines=True) as progress:
         for number, name in enumerate(options.sections):
             # Before the first step there are imports, simulations and compilation.
             progress(number, len(options.sections), f'section {name}')

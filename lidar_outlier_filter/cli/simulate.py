@@ -14,9 +14,12 @@ from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
     add_parameter_options,
+    beside,
     progress_bar,
     read_parameters,
     say,
+    say_unread,
+    stoppable_bar,
 )
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.simulation.presets import PRESETS
@@ -148,17 +151,10 @@ def _onto(options: argparse.Namespace) -> int:
         raise FilterError('--weather', f'one of {", ".join(WEATHER_NAMES)}', options.weather)
     if options.share is not None:
         raise FilterError('--share', 'given with a PRESET', options.share)
-    path = options.onto.resolve()
-    stem = path.name if path.is_dir() else path.stem
-    with stopping() as leave_if_asked, progress_bar(options.onto.name) as show:
-
-        def progress(done: int, total: int) -> None:
-            leave_if_asked()
-            show(done, total)
-
+    with stoppable_bar(options.onto.name) as progress:
         report = put_onto(
             options.onto,
-            options.output or path.with_name(f'{stem}_{options.weather}'),
+            options.output or beside(options.onto, f'_{options.weather}'),
             options.weather,
             options.topics,
             options.seed,
@@ -174,8 +170,7 @@ def _onto(options: argparse.Namespace) -> int:
     if report.untouched:
         clouds = f'{report.untouched} of {report.messages} clouds'
         say(f'{clouds} have too few points to show how their sensor turns: no weather in these')
-    if report.unread:
-        say(f'{report.unread} messages that the recording counts were not found in it')
+    say_unread(report.unread)
     return INCOMPLETE if report.unread else DONE
 
 

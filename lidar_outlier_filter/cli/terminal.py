@@ -14,6 +14,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Protocol
 
+from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -72,6 +73,31 @@ def progress_bar(text: str, *, lines: bool = False) -> Iterator[Advance]:
             bar.update(task, completed=done, total=total, description=description)
 
         yield advance
+
+
+@contextmanager
+def stoppable_bar(text: str, *, lines: bool = False) -> Iterator[Advance]:
+    """Show a bar, as :func:`progress_bar`; each step leaves if SIGINT or SIGTERM has come."""
+    with stopping() as leave_if_asked, progress_bar(text, lines=lines) as show:
+
+        def advance(done: int, total: int, what: str = '') -> None:
+            leave_if_asked()
+            show(done, total, what)
+
+        yield advance
+
+
+def beside(recording: Path, ending: str) -> Path:
+    """Name an output after a recording, a file or a folder, beside it."""
+    path = recording.resolve()
+    name = path.name if path.is_dir() else path.stem
+    return path.with_name(name + ending)
+
+
+def say_unread(count: int) -> None:
+    """Say how many messages a recording lacks, if any."""
+    if count:
+        say(f'{count} messages that the recording counts were not found in it')
 
 
 def add_parameter_options(parser: ArgumentParser) -> None:

@@ -9,13 +9,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     add_parameter_options,
-    progress_bar,
     read_parameters,
     say,
+    stoppable_bar,
 )
 from lidar_outlier_filter.errors import FilterError
 
@@ -106,12 +105,7 @@ def _run(options: argparse.Namespace) -> int:
     if output.exists():
         raise FilterError('--output', 'a new file', output)
     train = _train_profile if options.profile else _train_spinning
-    with stopping() as leave_if_asked, progress_bar('training') as show:
-
-        def progress(done: int, total: int, what: str) -> None:
-            leave_if_asked()
-            show(done, total, what)
-
+    with stoppable_bar('training') as progress:
         text, threshold, tables = train(options, progress)
     output.write_text(text, encoding='utf-8')
     console = Console()

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.evaluate import add_truth, truth_of
-from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     add_parameter_options,
-    progress_bar,
+    beside,
     read_parameters,
     say,
+    stoppable_bar,
 )
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 
@@ -141,7 +141,7 @@ def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.tuning.search import tune
     from lidar_outlier_filter.tuning.training import together
 
-    output = options.output or _default_output(options.data[0])
+    output = options.output or beside(options.data[0], '_tuned.yaml')
     folds = options.folds
     if folds is None:
         folds = FOLDS if len(options.data) == 1 else len(options.data)
@@ -150,12 +150,7 @@ def _run(options: argparse.Namespace) -> int:
     goal = Goal(options.by, options.most_lost)
     parameters = FilterParameters().changed(read_parameters(options.params, options.settings))
     wanted = _parse_searches(options.searched)
-    with stopping() as leave_if_asked, progress_bar('tuning') as show:
-
-        def progress(done: int, total: int, what: str) -> None:
-            leave_if_asked()
-            show(done, total, what)
-
+    with stoppable_bar('tuning') as progress:
         progress(0, 1, 'reading')
         data = together([_data(options, path, parameters) for path in options.data])
         found = tune(
@@ -176,12 +171,6 @@ def _run(options: argparse.Namespace) -> int:
     if data.unmoved:
         say(f'{data.unmoved} of its clouds had no poses, and were judged in their own frame')
     return DONE
-
-
-def _default_output(data: Path) -> Path:
-    path = data.resolve()
-    name = path.name if path.is_dir() else path.stem
-    return path.with_name(f'{name}_tuned.yaml')
 
 
 def _parse_searches(texts: Sequence[str]) -> dict[str, Sequence[object]]:

@@ -35,7 +35,6 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         """Declare the parameters; the options are those of OutlierFilterNode."""
         OutlierFilterNode.__init__(self, **options)
         LifecycleNodeMixin.__init__(self)
-        self._is_running = False
 
     def start(self) -> None:
         """Offer the services, and wait for a manager."""
@@ -54,7 +53,6 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Subscribe, and filter once the kernels are ready."""
         self.run()
-        self._is_running = True
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -74,8 +72,7 @@ class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[
         return super().on_shutdown(state)
 
     def _pause(self) -> None:
-        if self._is_running:
-            self._is_running = False
+        if self._is_started:
             self.finish()
             self.rest()
 
