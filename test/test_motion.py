@@ -5,13 +5,16 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from clouds import SECOND, STAMP, cloud, table
 from profile_scanner import MOUNTING, SHOTS, Drive, seconds
+from test_scan_pattern import sweep
 
+from lidar_outlier_filter.core.points import concatenate
+from lidar_outlier_filter.core.poses import Mounting, Track
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -126,6 +129,54 @@ def test_chunk_invariance(lines: int) -> None:
         assert (rejected(drive, answers) == expected).all()
         assert moving.filter.statistics.unmoved == 0
         assert len(answers) == -(-len(drive.t) // (lines * SHOTS))
+
+
+def spinning(cuts: int) -> list[PointCloud2]:
+    """Return three turns of a spinning sensor in so many clouds."""
+    points = sweep(3, 0.1, 3.0, columns=240)
+    start = int(points.t.min())
+    columns: dict[str, Any] = {axis: ('f8', points.xyz[:, k]) for k, axis in enumerate('xyz')}
+    rows = table(len(points), ring=('u2', points.line), t=('u4', points.t - start), **columns)
+    rows = rows[np.argsort(rows['t'], kind='stable')]
+    messages = []
+    for part in np.array_split(rows, cuts):
+        first = int(part['t'][0])
+        part['t'] -= first
+        messages.append(cloud(part, STAMP + first))
+    return messages
+
+
+@pytest.mark.parametrize(('cuts', 'delay'), [(3, 0.0), (1, 0.05), (41, 0.25)])
+def test_spinning_sensor_is_judged_by_its_own_angles(cuts: int, delay: float) -> None:
+    """The same verdicts with motion as without, byte for byte, and however clouds are cut."""
+    evidence = {'chain': ('evidence',), 'scores': True}
+    moving = Moving(evidence)
+    answers = moving.run(spinning(cuts), Drive(0.4).odometry(), delay)
+    assert moving.filter.statistics.unmoved == 0
+    found = b''.join(bytes(answer.outliers.data) for answer in answers)
+    assert len(answers) == cuts
+    assert found == b''.join(bytes(one.outliers.data) for one in still(spinning(cuts), evidence))
+    assert sum(answer.outliers.width for answer in answers) > 100
+
+
+def test_coordinates_are_kept_where_points_were_moved() -> None:
+    """Without motion there is no second array; with it, it is the one that was there."""
+    points = sweep(1, 0.0)
+    assert points.own is None
+    assert points.in_own_frame is points
+    track = Track(1.0, 1.0)
+    for t in (-1, SECOND):
+        track.add(t, (400_000.0, 5_000_000.0, 0.0, 0.0, 0.0, 0.6, 0.8))
+    moved = track.move(points, Mounting.at((0.0, 0.0, 1.0), (0.0, 0.0, 0.5)))
+    assert moved is not None
+    assert moved.own is points.xyz
+    assert moved.in_own_frame.xyz is points.xyz
+    assert np.array_equal(moved.range, points.range)
+    again = track.move(moved, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert again is not None
+    assert again.own is points.xyz
+    some = concatenate([moved.take(slice(5)), moved.take(np.arange(5, len(points)))])
+    assert np.array_equal(some.in_own_frame.xyz, points.xyz)
 
 
 def test_range_is_the_distance_from_the_sensor() -> None:

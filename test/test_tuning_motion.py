@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from profile_scanner import MAP, POSITION, Drive, pose, seconds
+from profile_scanner import ANGLES, MAP, POSITION, Drive, pose, seconds
 from rclpy.expand_topic_name import expand_topic_name
+from scipy.spatial.transform import Rotation
 from test_motion import Moving, rejected
 from test_motion_live import REPLAYED, write
 
@@ -114,7 +115,7 @@ def test_a_cloud_that_is_refused_in_its_turn(recorded: Recorded, tmp_path: Path)
 
 
 def test_injected_points_keep_their_distance(recorded: Recorded) -> None:
-    """The distance of an injected point is that from where the sensor was at its time."""
+    """An injected point is where the sensor would have seen it from where it was at its time."""
     data = recorded.training(REPLAYED, truth=Injection(share=0.02))
     assert np.count_nonzero(data.bad) > 500
     t = recorded.drive.t.astype(np.float64) * 1e-9
@@ -124,6 +125,10 @@ def test_injected_points_keep_their_distance(recorded: Recorded) -> None:
     distance = np.concatenate([cloud.range for cloud in data.clouds])
     # Poses are interpolated between those of every 10 ms.
     np.testing.assert_allclose(distance, np.linalg.norm(xyz - eye, axis=1), atol=0.02)
+    own = np.concatenate([cloud.in_own_frame.xyz for cloud in data.clouds])
+    mounting = Rotation.from_euler('xyz', ANGLES)
+    expected = (rotation * mounting).inv().apply(xyz - eye)
+    np.testing.assert_allclose(own, expected, rtol=1e-3, atol=0.02)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,8 +43,8 @@ class Points:
         False for missing returns (NaN, Inf, 0 0 0), which no detector sees.
     sigma : (N,) float64 or None
         Own standard deviation of each point, metres.
-    distance : (N,) float64 or None
-        Distance from the sensor, metres, where the sensor is not the origin of ``xyz``.
+    own : (N, 3) float64 or None
+        Position in the sensor's own frame, metres, where ``xyz`` is in another one.
 
     """
 
@@ -53,7 +53,7 @@ class Points:
     line: NDArray[np.int64]
     valid: NDArray[np.bool_]
     sigma: NDArray[np.float64] | None = None
-    distance: NDArray[np.float64] | None = None
+    own: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Count the points."""
@@ -62,24 +62,34 @@ class Points:
     @property
     def range(self) -> NDArray[np.float64]:
         """Distance from the sensor, which is the origin of its own frame, metres."""
-        if self.distance is not None:
-            return self.distance
-        distance: NDArray[np.float64] = np.sqrt(np.einsum('ij,ij->i', self.xyz, self.xyz))
+        xyz = self.xyz if self.own is None else self.own
+        distance: NDArray[np.float64] = np.sqrt(np.einsum('ij,ij->i', xyz, xyz))
         return distance
+
+    @property
+    def in_own_frame(self) -> Points:
+        """The same points in the sensor's own frame; themselves where they are in it."""
+        return self if self.own is None else replace(self, xyz=self.own, own=None)
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Points:
         """Choose points by index, mask or slice, in that order."""
         if not isinstance(index, slice) and index.dtype == np.bool_:
             index = np.flatnonzero(index)
         return Points(
-            # Indexing takes four times as long for rows of three.
-            self.xyz[index] if isinstance(index, slice) else np.take(self.xyz, index, axis=0),
+            _rows(self.xyz, index),
             self.t[index],
             self.line[index],
             self.valid[index],
             None if self.sigma is None else self.sigma[index],
-            None if self.distance is None else self.distance[index],
+            None if self.own is None else _rows(self.own, index),
         )
+
+
+def _rows(
+    xyz: NDArray[np.float64], index: NDArray[np.intp] | NDArray[np.bool_] | slice
+) -> NDArray[np.float64]:
+    """Choose rows of three: indexing takes four times as long."""
+    return xyz[index] if isinstance(index, slice) else np.take(xyz, index, axis=0)
 
 
 def missing(count: int) -> Points:
@@ -141,7 +151,7 @@ def _look(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
 
 
 def concatenate(parts: Sequence[Points]) -> Points:
-    """Join points in the order given; all or none of the parts have a sigma, or a distance."""
+    """Join points in the order given; all or none of the parts have a sigma, or an own frame."""
     if len(parts) == 1:
         return parts[0]
     columns: dict[str, Any] = {}

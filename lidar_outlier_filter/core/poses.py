@@ -142,8 +142,8 @@ class Track:
     def move(self, points: Points, mounting: Mounting) -> Points | None:
         """Move points to the fixed frame, each from where the sensor was at its own time.
 
-        Positions are interpolated linearly, rotations along the shortest arc. The distance of a
-        point from the sensor stays what it was. None if a valid point is not covered (any more: the
+        Positions are interpolated linearly, rotations along the shortest arc. The points keep what
+        they were in the sensor's own frame. None if a valid point is not covered (any more: the
         other thread may have begun anew); others do not matter.
         """
         known = points.t[points.valid]
@@ -166,8 +166,7 @@ class Track:
             mounting.position,
             mounting.matrix,
         )
-        with np.errstate(invalid='ignore', over='ignore'):  # invalid points may be anything
-            return replace(points, xyz=moved, distance=points.range)
+        return replace(points, xyz=moved, own=points.in_own_frame.xyz)
 
     def _between(self, first: int, last: int) -> tuple[list[int], list[tuple[float, ...]]]:
         """Return the poses from the last at or before, to the first at or after; under the lock."""

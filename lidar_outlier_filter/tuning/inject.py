@@ -78,7 +78,8 @@ def inject(
 ) -> tuple[list[Points], Integers]:
     """Move some points of clouds, all of them valid, to where no point is.
 
-    ``eyes`` says of clouds whose points have a distance where the sensor was, (N, 3).
+    ``eyes`` (N, 4, 3) says of clouds that were moved where the sensor was, and what lay 1 m off on
+    each of its axes.
 
     Returns
     -------
@@ -106,11 +107,12 @@ def inject(
     made = []
     for number, (cloud, start) in enumerate(zip(clouds, first.tolist(), strict=False)):
         part = slice(start, start + len(cloud))
-        distance, eye = cloud.distance, eyes[number] if eyes else None
-        if distance is not None and eye is not None:
-            there = np.linalg.norm(xyz[part] - eye, axis=1)
-            distance = np.where(code[part] == Cause.GOOD, distance, there)
-        made.append(replace(cloud, xyz=xyz[part], distance=distance))
+        own, eye = cloud.own, eyes[number] if eyes else None
+        if own is not None and eye is not None:
+            away, axes = xyz[part] - eye[:, 0], eye[:, 1:] - eye[:, :1]
+            there = np.einsum('nj,nkj->nk', away, axes)
+            own = np.where(code[part, None] == Cause.GOOD, own, there)
+        made.append(replace(cloud, xyz=xyz[part], own=own))
     return made, code
 
 

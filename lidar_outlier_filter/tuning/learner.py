@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""One ensemble of trees: learnt by scikit-learn's histogram boosting, written for our kernel."""
+"""One ensemble of trees: learnt by scikit-learn's histogram boosting, written for our kernel.
+
+And what both kinds of sensor share in training one: features of a pass, and what it judges.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, measure
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
+    COUNT_AGAIN,
+    count_scores,
+    measure_again,
+)
+from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees, add_up
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared
 
     Singles = NDArray[np.float32]
     Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
@@ -48,6 +59,57 @@ def check_learner() -> None:
     """Refuse to begin where scikit-learn is not installed."""
     if find_spec('sklearn') is None:
         raise FilterError('scikit-learn', 'installed: the extra "train"', 'none')
+
+
+def window_features(prepared: Prepared, odds: Singles | None) -> Singles:
+    """Return the features (F, N) of a pass over the N points of a pattern, in its order.
+
+    ``odds`` (N,) is what the first pass gave them; None: this is the first.
+    """
+    pattern = prepared.pattern
+    there, lines = pattern.order >= 0, len(pattern.first)
+    if odds is None:
+        out = np.zeros((COUNT, len(there)), np.float32)
+        measure(prepared, 0, lines, out)
+        return out[:, there]
+    score = np.zeros(len(there), np.float32)
+    score[there] = odds
+    out = np.zeros((COUNT_AGAIN, len(there)), np.float32)
+    measure_again(prepared, count_scores(pattern, score), 0, lines, out)
+    return out[:, there]
+
+
+def judge_pass(
+    trees: Trees, values: Singles, odds: Singles | None, doubtful: float = 0.0
+) -> Singles:
+    """Return the log-odds (N,) that a pass gives to points with these features (F, N).
+
+    The first pass (``odds`` is None) judges all; the second only those to which the first gave more
+    than ``doubtful``, and leaves the others as they were.
+    """
+    judged = np.ones(values.shape[1], np.bool_) if odds is None else odds > doubtful
+    result = np.empty(len(judged), np.float32) if odds is None else odds.copy()
+    total = np.empty(int(judged.sum()), np.float32)
+    add_up(trees, np.ascontiguousarray(values[:, judged]), total)
+    result[judged] = total
+    return result
+
+
+def learn(
+    drawn: Sequence[Drawn],
+    names: Sequence[str],
+    rounds: int,
+    signs: Sequence[int] | None = None,
+) -> dict[str, Any]:
+    """Learn an ensemble of so many trees from all drawn points, and write it; see :func:`fit`."""
+    learner = fit(
+        np.concatenate([one.values for one in drawn], axis=1),
+        np.concatenate([one.outlier for one in drawn]),
+        np.concatenate([one.weight for one in drawn]),
+        rounds,
+        signs,
+    )
+    return export(learner, names)
 
 
 def fit(

@@ -42,8 +42,9 @@ class RecordedCloud(StreamCloud):
     ----------
     msg : the message
     number : of the cloud in its topic, from 0
-    eye : (M, 3) float64 or None
-        Where the sensor was at the time of each valid point, if the points were moved.
+    eye : (M, 4, 3) float64 or None
+        Where the sensor was at the time of each valid point, and what lay 1 m off on each of its
+        axes, if the points were moved.
 
     """
 
@@ -151,11 +152,7 @@ class _Recorder(Stream[RecordedCloud]):
         """Take the next cloud, in its own frame or moved."""
         finished = super().push(cloud)
         if self._motion is not None and not cloud.frame:
-            # The sensor itself is a point at the origin of its frame.
-            points = cloud.points
-            origin = replace(points, xyz=np.zeros_like(points.xyz), distance=None)
-            moved = self._motion.move(origin, str(cloud.msg.header.frame_id))
-            cloud.eye = None if moved is None else moved.xyz
+            cloud.eye = _see(self._motion, cloud.points, str(cloud.msg.header.frame_id))
         self._taken.append(cloud)
         return finished
 
@@ -163,6 +160,18 @@ class _Recorder(Stream[RecordedCloud]):
         """Give away the clouds that were taken since."""
         taken, self._taken = self._taken, []
         return taken
+
+
+def _see(motion: Odometry, points: Points, frame: str) -> Floats | None:
+    """Return where the sensor's origin, and 1 m on its axes, were at the time of each point."""
+    found = np.empty((len(points), 4, 3))
+    for k, place in enumerate((np.zeros(3), *np.eye(3))):
+        xyz = np.tile(place, (len(points), 1))
+        moved = motion.move(replace(points, xyz=xyz, own=None), frame)
+        if moved is None:
+            return None
+        found[:, k] = moved.xyz
+    return found
 
 
 class _Nothing(Chain):

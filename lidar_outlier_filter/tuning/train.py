@@ -15,20 +15,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES, measure
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import VERSION, read_trees
-from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
-    AGAIN,
-    COUNT_AGAIN,
-    count_scores,
-    measure_again,
-)
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
-from lidar_outlier_filter.core.detectors.evidence.trees import add_up
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.tuning.held_out import CLEAN, choose_threshold, figures, judge_at_all
-from lidar_outlier_filter.tuning.learner import Drawn, Trained, export, fit
+from lidar_outlier_filter.tuning.learner import (
+    Drawn,
+    Trained,
+    judge_pass,
+    learn,
+    window_features,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared
-    from lidar_outlier_filter.core.detectors.evidence.trees import Trees
     from lidar_outlier_filter.core.points import Points
 
     Singles = NDArray[np.float32]
@@ -168,8 +167,8 @@ def _pass(
     again = odds is not None
     before = [None] * len(seen) if odds is None else odds
     drawn = [
-        _draw(one, recipe.seed, number, said)
-        for number, (one, said) in enumerate(zip(seen, before, strict=True))
+        _draw(one, recipe.seed, number, first)
+        for number, (one, first) in enumerate(zip(seen, before, strict=True))
     ]
     fold, count = _folds([one.sweep.sensor for one in seen])
     results = [np.empty(0, np.float32)] * len(seen)
@@ -179,7 +178,8 @@ def _pass(
         trees = read_trees(_learn(some, recipe, again=again), _names(again=again))
         for number, one in enumerate(seen):
             if fold[number] == k and (one.sweep.judged or not again):
-                results[number] = _judge(one, trees, before[number])
+                values = window_features(one.prepared, before[number])
+                results[number] = judge_pass(trees, values, before[number], DOUBTFUL)
     progress(again * (count + 1) + count, 2 * (count + 1), 'with every sensor')
     return _learn(drawn, recipe, again=again), results
 
@@ -212,29 +212,15 @@ def _look(sweep: Sweep) -> _Seen:
     return _Seen(sweep, prepare(pattern), outlier)
 
 
-def _values(seen: _Seen, odds: Singles | None) -> Singles:
-    """Return the features (F, N) of a pass."""
-    pattern = seen.prepared.pattern
-    there, lines = pattern.order >= 0, len(pattern.first)
-    if odds is None:
-        out = np.zeros((COUNT, len(there)), np.float32)
-        measure(seen.prepared, 0, lines, out)
-        return out[:, there]
-    score = np.zeros(len(there), np.float32)
-    score[there] = odds
-    out = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-    measure_again(seen.prepared, count_scores(pattern, score), 0, lines, out)
-    return out[:, there]
-
-
 def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     """Draw points: in the second pass, only those that the first does not call clearly good."""
     again = odds is not None
-    asked = np.full(len(seen.outlier), seen.sweep.trains)
+    drawable = np.full(len(seen.outlier), seen.sweep.trains)
     if odds is not None:
-        asked &= odds > LEARN_FROM
+        drawable &= odds > LEARN_FROM
     rng = np.random.default_rng([seed, number, again])
-    bad, good = np.flatnonzero(seen.outlier & asked), np.flatnonzero(~seen.outlier & asked)
+    bad = np.flatnonzero(seen.outlier & drawable)
+    good = np.flatnonzero(~seen.outlier & drawable)
     all_bad = int(seen.outlier.sum())
     all_good = len(seen.outlier) - all_bad
     kind = seen.sweep.kind
@@ -247,7 +233,7 @@ def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     of_good = counts * len(good) / max(all_good, 1) / max(len(some_good), 1)
     rows = np.concatenate([some_bad, some_good])
     return Drawn(
-        _values(seen, odds)[:, rows],
+        window_features(seen.prepared, odds)[:, rows],
         seen.outlier[rows],
         np.repeat([of_bad, of_good], [len(some_bad), len(some_good)]),
     )
@@ -258,14 +244,9 @@ def _learn(drawn: Sequence[Drawn], recipe: Recipe, *, again: bool) -> dict[str, 
     names = _names(again=again)
     used = _used(names, recipe)
     rows = [names.index(name) for name in used]
-    learner = fit(
-        np.concatenate([one.values[rows] for one in drawn], axis=1),
-        np.concatenate([one.outlier for one in drawn]),
-        np.concatenate([one.weight for one in drawn]),
-        recipe.rounds[again],
-        [(name in RISE) - (name in FALL) for name in used] if recipe.monotone else None,
-    )
-    return export(learner, used)
+    signs = [(name in RISE) - (name in FALL) for name in used] if recipe.monotone else None
+    some = [one._replace(values=one.values[rows]) for one in drawn]
+    return learn(some, used, recipe.rounds[again], signs)
 
 
 def _names(*, again: bool) -> tuple[str, ...]:
@@ -278,13 +259,3 @@ def _used(names: Sequence[str], recipe: Recipe) -> list[str]:
         known = ', '.join(_names(again=True))
         raise FilterError('a feature to leave out', f'one of {known}', ', '.join(unknown))
     return [name for name in names if name not in recipe.without]
-
-
-def _judge(seen: _Seen, trees: Trees, odds: Singles | None) -> Singles:
-    """Return what a pass says of all points: the second only of those that are not clearly good."""
-    asked = np.ones(len(seen.outlier), np.bool_) if odds is None else odds > DOUBTFUL
-    result = np.empty(len(asked), np.float32) if odds is None else odds.copy()
-    said = np.empty(int(asked.sum()), np.float32)
-    add_up(trees, np.ascontiguousarray(_values(seen, odds)[:, asked]), said)
-    result[asked] = said
-    return result

@@ -15,14 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES, measure
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import VERSION, read_trees
-from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
-    AGAIN,
-    COUNT_AGAIN,
-    count_scores,
-    measure_again,
-)
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
 from lidar_outlier_filter.core.detectors.evidence.profile_features import (
     COUNT_PROFILE,
@@ -30,7 +25,6 @@ from lidar_outlier_filter.core.detectors.evidence.profile_features import (
     measure_profile,
 )
 from lidar_outlier_filter.core.detectors.evidence.profile_groups import find_groups
-from lidar_outlier_filter.core.detectors.evidence.trees import add_up
 from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.points import SECOND, Points
 from lidar_outlier_filter.errors import FilterError
@@ -38,7 +32,13 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.simulation.drive import simulate
 from lidar_outlier_filter.simulation.profile_streets import training_street
 from lidar_outlier_filter.simulation.scene import Cause
-from lidar_outlier_filter.tuning.learner import Drawn, Trained, export, fit
+from lidar_outlier_filter.tuning.learner import (
+    Drawn,
+    Trained,
+    judge_pass,
+    learn,
+    window_features,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -185,7 +185,7 @@ def _pass(
     for k in range(FOLDS):
         progress(done + 1 + k, steps, f'without fold {k + 1} of {FOLDS}')
         some = [one for number, one in enumerate(drawn) if number % FOLDS != k]
-        trees = read_trees(_learn(some, names, rounds), names)
+        trees = read_trees(learn(some, names, rounds), names)
         for number in range(k, len(streets), FOLDS):
             before = None if odds is None else odds[number]
             found = list(_judge(streets[number], trees, before))
@@ -193,11 +193,14 @@ def _pass(
                 np.concatenate([r[b] for r, b in found]) if again else [r for r, _ in found]
             )
     progress(done + 1 + FOLDS, steps, 'with every street')
-    return _learn(drawn, names, rounds), results
+    return learn(drawn, names, rounds), results
 
 
 def _blocks(street: Street) -> Iterator[_Block]:
-    """Cut a street as the filter does; stretches without a pattern are left out."""
+    """Cut a street as the filter does; stretches without a pattern are left out.
+
+    Every step does so anew, to save memory: 100 000 points take 10 MB.
+    """
     parameters = FilterParameters()
     block, halo = round(parameters.block * SECOND), round(parameters.halo * SECOND)
     t = street.points.t
@@ -218,19 +221,11 @@ def _blocks(street: Street) -> Iterator[_Block]:
 def _values(block: _Block, odds: Singles | None) -> Singles:
     """Return the features (F, P) of a pass."""
     pattern = block.prepared.pattern
-    there, lines = pattern.order >= 0, len(pattern.first)
-    window = np.zeros((COUNT, len(there)), np.float32)
-    measure(block.prepared, 0, lines, window)
+    there = pattern.order >= 0
+    window = window_features(block.prepared, odds)
     more = np.zeros((COUNT_PROFILE, len(there)), np.float32)
-    measure_profile(block.prepared, 0, lines, more)
-    found = [window, more]
-    if odds is not None:
-        score = np.zeros(len(there), np.float32)
-        score[there] = odds
-        said = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-        measure_again(block.prepared, count_scores(pattern, score), 0, lines, said)
-        found.append(said[COUNT:])
-    return np.concatenate(found)[:, there]
+    measure_profile(block.prepared, 0, len(pattern.first), more)
+    return np.concatenate([window[:COUNT], more[:, there], window[COUNT:]])
 
 
 def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) -> Drawn:
@@ -238,10 +233,10 @@ def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) ->
     again = odds is not None
     values, codes = [], []
     for n, block in enumerate(_blocks(street)):
-        said = None if odds is None else odds[n]
-        asked = block.own if said is None else block.own & (said > DOUBTFUL)
-        values.append(_values(block, said)[:, asked])
-        codes.append(block.code[asked])
+        before = None if odds is None else odds[n]
+        drawable = block.own if before is None else block.own & (before > DOUBTFUL)
+        values.append(_values(block, before)[:, drawable])
+        codes.append(block.code[drawable])
     code = np.concatenate(codes)
     rng = np.random.default_rng([seed, number, again])
     rows, weights = [], []
@@ -260,16 +255,6 @@ def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) ->
     return Drawn(np.concatenate(values, axis=1)[:, row], code[row] > 0, np.concatenate(weights))
 
 
-def _learn(drawn: Sequence[Drawn], names: Sequence[str], rounds: int) -> dict[str, Any]:
-    learner = fit(
-        np.concatenate([one.values for one in drawn], axis=1),
-        np.concatenate([one.outlier for one in drawn]),
-        np.concatenate([one.weight for one in drawn]),
-        rounds,
-    )
-    return export(learner, names)
-
-
 def _judge(
     street: Street, trees: Trees, odds: list[Singles] | None
 ) -> Iterator[tuple[Singles, NDArray[np.bool_]]]:
@@ -278,13 +263,8 @@ def _judge(
     The second pass judges only those that are not clearly good.
     """
     for n, block in enumerate(_blocks(street)):
-        said = None if odds is None else odds[n]
-        asked = np.ones(len(block.own), np.bool_) if said is None else said > DOUBTFUL
-        result = np.empty(len(asked), np.float32) if said is None else said.copy()
-        total = np.empty(int(asked.sum()), np.float32)
-        add_up(trees, np.ascontiguousarray(_values(block, said)[:, asked]), total)
-        result[asked] = total
-        yield result, block.own
+        before = None if odds is None else odds[n]
+        yield judge_pass(trees, _values(block, before), before, DOUBTFUL), block.own
 
 
 def _choose_threshold(code: Sequence[Ints], odds: Sequence[Singles]) -> float:
@@ -315,7 +295,7 @@ def _figures(code: Sequence[Ints], odds: Sequence[Singles], threshold: float) ->
         for cause in np.unique(every[bad]).tolist()
     }
     streets = [
-        float((said[of == 0] > threshold).mean()) for of, said in zip(code, odds, strict=True)
+        float((some[of == 0] > threshold).mean()) for of, some in zip(code, odds, strict=True)
     ]
     return {
         'f1': round(float(f1), DIGITS),

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
     points, sensor = seen.points, parameters.evidence.sensor
-    # Azimuths are known in the sensor's own frame only.
-    if sensor != 'profile' and points.distance is None:
-        pattern = find_pattern(points, seen.threads, spins=sensor == 'spinning')
+    if sensor != 'profile':
+        # Azimuths are known in the sensor's own frame only.
+        pattern = find_pattern(points.in_own_frame, seen.threads, spins=sensor == 'spinning')
         if pattern is not None:
             return Scores(judge(pattern, parameters.evidence.threshold, seen.threads))
     if sensor != 'spinning':
