@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import shutil
 import struct
+import tempfile
 import tracemalloc
 from itertools import product
 from time import perf_counter
@@ -23,6 +24,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.mcap_records import walk
+from lidar_outlier_filter.recordings.packed import unpack_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -193,6 +195,50 @@ def test_messages_that_are_compressed_themselves(tmp_path: Path, most: int) -> N
         return
     with pytest.raises(RecordingError, match='must be of at most 1000000 bytes, got more'):
         list(opened(bag, most))
+
+
+@pytest.fixture
+def packed(tmp_path: Path) -> Path:
+    """Write a bag whose file is compressed as a whole: ten messages, each a megabyte of zeros."""
+    bag = tmp_path / 'bag'
+    writer = Writer2(bag, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.FILE, CompressionFormat.ZSTD)
+    with writer:
+        types = get_typestore(Stores.ROS2_JAZZY)
+        connection = writer.add_connection('/text', 'std_msgs/msg/String', typestore=types)
+        for time in range(10):
+            writer.write(connection, time, bytes(1_000_000))
+    return bag
+
+
+def test_files_that_are_compressed_as_a_whole(
+    packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such a file unpacks to a folder of its own, which goes, and to no more than is allowed."""
+    folder = tmp_path / 'temporary'
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, 'tempdir', str(folder))
+    (file,) = packed.glob('*.zstd')
+    assert file.stat().st_size < 20_000
+    assert [len(data) for data in opened(packed, 20_000_000)] == [1_000_000] * 10
+    with pytest.raises(RecordingError, match='got "more than 100 times its size when'):
+        list(opened(packed, 3_000_000))
+    assert list(folder.iterdir()) == []
+    assert 'more than 100' in unpack_file(file, folder / 'part', 3_000_000)
+    assert 1_000_000 < (folder / 'part').stat().st_size <= 3_000_000
+
+
+@pytest.mark.parametrize('cut', [0.0, 0.5, 0.99])
+def test_compressed_files_that_were_cut_off(packed: Path, cut: float) -> None:
+    """Where such a file ends within a frame, the bag is refused, in one sentence."""
+    (file,) = packed.glob('*.zstd')
+    data = file.read_bytes()
+    file.write_bytes(data[: int(cut * len(data))])
+    with pytest.raises(RecordingError, match='must be readable, got "its end within a frame"'):
+        list(opened(packed, 20_000_000))
+    file.write_bytes(b'no frame' + data)
+    with pytest.raises(RecordingError, match=f'the file {file} must be readable, got "[^"\n]+"$'):
+        list(opened(packed, 20_000_000))
 
 
 @pytest.mark.parametrize('options', list(product([True, False], repeat=4)))

@@ -6,15 +6,9 @@ from __future__ import annotations
 
 import os
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
-from rosbags.convert.converter import is_same_wireformat
 from rosbags.interfaces import (
-    Connection,
-    ConnectionExtRosbag1,
-    ConnectionExtRosbag2,
-    MessageDefinitionFormat,
     Qos,
     QosDurability,
     QosHistory,
@@ -25,10 +19,11 @@ from rosbags.interfaces import (
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 from lidar_outlier_filter.files.hidden_folder import hidden_folder
+from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
+from lidar_outlier_filter.recordings.packed import unpacked
 from lidar_outlier_filter.recordings.storage import (
     bound,
     check_storage,
@@ -38,27 +33,15 @@ from lidar_outlier_filter.recordings.storage import (
 from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
     from types import TracebackType
     from typing import Self
 
-    from rosbags.interfaces.typing import Typesdict
-    from rosbags.typesys.store import Typestore
+    from rosbags.interfaces import Connection
 
-_FOREVER = QosTime(9223372036, 854775807)
-# What a latched topic of ROS 1 is in ROS 2: whoever comes late still gets the last message.
-LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    _FOREVER,
-    _FOREVER,
-    QosLiveliness.AUTOMATIC,
-    _FOREVER,
-    avoid_ros_namespace_conventions=False,
-)
+__all__ = ['LATCHED', 'RELIABLE', 'NewBag', 'Recording', 'Topic']
+
 # What a publisher of ROS 2 offers that keeps ten messages; 0: the middleware's own default.
 RELIABLE = Qos(
     QosHistory.KEEP_LAST,
@@ -71,24 +54,6 @@ RELIABLE = Qos(
     QosTime(0, 0),
     avoid_ros_namespace_conventions=False,
 )
-# Types that ROS 2 has under another name.
-_RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}
-_SEPARATOR = '=' * 80 + '\n'
-
-
-@dataclass(frozen=True, eq=False)  # looked up for every message: by identity, which is fast
-class Topic:
-    """One topic of a recording and what is kept of it beside its messages.
-
-    ``definition`` is the text of the message type with all it contains, ``digest`` its RIHS01
-    hash; both are empty where nobody knows them. ``qos`` holds the profiles that were offered.
-    """
-
-    name: str
-    msgtype: str
-    definition: str
-    digest: str
-    qos: tuple[Qos, ...] = ()
 
 
 class Recording:
@@ -121,13 +86,14 @@ class Recording:
         """Open the recording and read what it says of its topics."""
         with ExitStack() as stack, _readable(self.path):
             _check_finished(self.path)
-            walks = check_storage(self.path, self._largest)
-            is_ros1 = self.path.suffix == '.bag' and not self.path.is_dir()
-            self._reader: Reader1 | Reader2 = Reader1(self.path) if is_ros1 else Reader2(self.path)
+            path = stack.enter_context(unpacked(self.path, self._largest))
+            walks = check_storage(path, self._largest)
+            is_ros1 = path.suffix == '.bag' and not path.is_dir()
+            self._reader: Reader1 | Reader2 = Reader1(path) if is_ros1 else Reader2(path)
             stack.enter_context(self._reader)
             self._unpack = bound(self._reader, walks, self._largest)
             connections = self._reader.connections
-            self._channels = _ros1_channels(connections) if is_ros1 else _ros2_channels(connections)
+            self._channels = ros1_channels(connections) if is_ros1 else ros2_channels(connections)
             self.topics = tuple(dict.fromkeys(topic for topic, _ in self._channels.values()))
             self.duration = whole_number(self.path, 'the duration', self._reader.duration)
             self.message_count = sum(
@@ -278,109 +244,3 @@ def _check_finished(path: Path) -> None:
             raise RecordingError(
                 f'the recording {path}', 'closed by its recorder', f'messages in {log.name}'
             )
-
-
-_Channels = dict[int, 'tuple[Topic, Callable[[bytes], bytes]]']
-
-
-def _ros2_channels(connections: Sequence[Connection]) -> _Channels:
-    """Topic of each connection, and how its messages become CDR: they are."""
-    groups: dict[tuple[str, str], list[Connection]] = {}
-    for connection in connections:
-        groups.setdefault((connection.topic, connection.msgtype), []).append(connection)
-    channels: _Channels = {}
-    for (name, msgtype), group in groups.items():
-        extensions = [cast('ConnectionExtRosbag2', connection.ext) for connection in group]
-        if other := {extension.serialization_format for extension in extensions} - {'cdr'}:
-            raise RecordingError(f'the encoding of {name}', "'cdr'", repr(other.pop()))
-        qos = dict.fromkeys(
-            profile for extension in extensions for profile in extension.offered_qos_profiles
-        )
-        topic = Topic(name, msgtype, *_ros2_definition(group[0]), tuple(qos))
-        channels.update({connection.id: (topic, bytes) for connection in group})
-    return channels
-
-
-def _ros2_definition(connection: Connection) -> tuple[str, str]:
-    """Definition and hash of a ROS 2 connection's type, as far as anybody knows them."""
-    kind, text = connection.msgdef
-    if kind == MessageDefinitionFormat.NONE:
-        return _unchanged_definition(connection.msgtype)
-    return text, connection.digest or _digest(connection)
-
-
-def _digest(connection: Connection) -> str:
-    """Compute the hash that a file did not keep; empty for a definition that cannot be parsed."""
-    kind, text = connection.msgdef
-    try:
-        if kind == MessageDefinitionFormat.MSG:
-            types = get_types_from_msg(text, connection.msgtype)
-        else:
-            types = {}
-            for part in text.split(_SEPARATOR)[1:]:
-                types.update(get_types_from_idl(part.partition('\n')[2]))
-        return _typestore(types).hash_rihs01(connection.msgtype)
-    except Exception:  # noqa: BLE001  a type that cannot be understood is copied all the same
-        return ''
-
-
-def _unchanged_definition(msgtype: str) -> tuple[str, str]:
-    """Definition and hash where the bag has none (before Iron), of types that never changed."""
-    stores = [
-        get_typestore(name) for name in (Stores.ROS2_FOXY, Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY)
-    ]
-    stores = [store for store in stores if msgtype in store.fielddefs]
-    digests = {store.hash_rihs01(msgtype) for store in stores}
-    if len(digests) != 1:
-        return '', ''
-    return stores[-1].generate_msgdef(msgtype, ros_version=2)[0], digests.pop()
-
-
-def _ros1_channels(connections: Sequence[Connection]) -> _Channels:
-    """Topic of each connection, and how its messages become CDR."""
-    jazzy = get_typestore(Stores.ROS2_JAZZY)
-    types: dict[str, tuple[str, Typestore]] = {}
-    topics: dict[tuple[str, str], Topic] = {}
-    latched = {c.topic for c in connections if cast('ConnectionExtRosbag1', c.ext).latching}
-    channels: _Channels = {}
-    for connection in connections:
-        name, msgtype = connection.topic, connection.msgtype
-        if msgtype not in types:
-            types[msgtype] = (connection.digest, _ros1_types(connection, jazzy))
-        digest, store = types[msgtype]
-        if digest != connection.digest:
-            got = f'{digest} and {connection.digest}'
-            raise RecordingError(f'the definition of {msgtype}', 'the same on all topics', got)
-        definition = _ros1_definition(msgtype, store, jazzy)
-        topic = Topic(name, *definition, (LATCHED,) if name in latched else ())
-        topic = topics.setdefault((name, topic.msgtype), topic)
-        channels[connection.id] = (topic, _ros1_converter(store, msgtype))
-    return channels
-
-
-def _ros1_definition(msgtype: str, store: Typestore, jazzy: Typestore) -> tuple[str, str, str]:
-    """Name, definition and hash in ROS 2 of a type of ROS 1."""
-    name = _RENAMED.get(msgtype, msgtype)
-    # Where the bytes are the same: the definition of ROS 2, with the names it gave the fields.
-    if name in jazzy.fielddefs and is_same_wireformat(store, jazzy, msgtype, name):
-        store = jazzy
-    else:
-        name = msgtype
-    return name, store.generate_msgdef(name, ros_version=2)[0], store.hash_rihs01(name)
-
-
-def _ros1_types(connection: Connection, jazzy: Typestore) -> Typestore:
-    """Read the type of a ROS 1 connection, with the header of ROS 2, which has no number in it."""
-    types = get_types_from_msg(connection.msgdef.data, connection.msgtype)
-    types['std_msgs/msg/Header'] = jazzy.fielddefs['std_msgs/msg/Header']
-    return _typestore(types)
-
-
-def _ros1_converter(store: Typestore, msgtype: str) -> Callable[[bytes], bytes]:
-    return lambda data: bytes(store.ros1_to_cdr(data, msgtype))
-
-
-def _typestore(types: Typesdict) -> Typestore:
-    store = get_typestore(Stores.EMPTY)
-    store.register(types)
-    return store

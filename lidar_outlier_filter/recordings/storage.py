@@ -38,8 +38,6 @@ def check_storage(path: Path, largest: int) -> Mapping[str, Walk]:
         With the sentence that says so.
 
     """
-    if path.is_dir() and (path / 'metadata.yaml').is_file():
-        _check_metadata(path / 'metadata.yaml')
     walks: dict[str, Walk] = {}
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         if file.suffix == '.mcap' and file.is_file():
@@ -56,14 +54,30 @@ def _refuse(path: Path, wrong: str) -> RecordingError:
     return RecordingError(f'the recording {path}', 'readable', f'"{wrong}"')
 
 
-def _check_metadata(path: Path) -> None:
-    """Refuse metadata that become larger by aliases than anybody could write."""
-    with path.open('rb') as stream:
+def read_metadata(path: Path) -> dict[str, Any]:
+    """Read what the ``metadata.yaml`` of a bag says of it; of a file, and where there is none, {}.
+
+    Raises
+    ------
+    RecordingError
+        If it becomes larger by aliases than anybody could write.
+    YAMLError
+        If it is no YAML.
+
+    """
+    file = path / 'metadata.yaml'
+    if not (path.is_dir() and file.is_file()):
+        return {}
+    with file.open('rb') as stream:
         # The loader in C refuses names of files that are no text.
-        root = yaml.compose(stream, Loader=yaml.SafeLoader)
-    sizes: dict[int, int] = {}
-    if root is not None and _expanded(root, sizes) > MOST_NODES:
-        raise RecordingError(f'{path}', f'of at most {MOST_NODES} values', 'more')
+        loader = yaml.SafeLoader(stream)
+        root = loader.get_single_node()
+        sizes: dict[int, int] = {}
+        if root is not None and _expanded(root, sizes) > MOST_NODES:
+            raise RecordingError(f'{file}', f'of at most {MOST_NODES} values', 'more')
+        data = None if root is None else loader.construct_document(root)
+    bag = data.get('rosbag2_bagfile_information') if isinstance(data, dict) else None
+    return bag if isinstance(bag, dict) else {}
 
 
 def _expanded(node: yaml.Node, sizes: dict[int, int]) -> int:

@@ -27,12 +27,17 @@ _MAKERS: dict[str, type[Any]] = {
 }
 
 
+def decompressor(compression: str) -> Any:
+    """Make what unpacks one frame."""
+    return _MAKERS[compression]()
+
+
 def unpack(data: bytes, most: int = LARGEST, *, compression: str) -> bytes:
     """Unpack bytes, of one frame or several; refuse more than ``most``, and an end within one."""
     parts: list[bytes] = []
     left = most
     while data:
-        frame = _MAKERS[compression]()
+        frame = decompressor(compression)
         parts.append(frame.decompress(data, left + 1))
         left -= len(parts[-1])
         if left < 0:
