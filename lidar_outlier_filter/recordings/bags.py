@@ -33,7 +33,7 @@ from lidar_outlier_filter.recordings.storage import (
 from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
     from pathlib import Path
     from types import TracebackType
     from typing import Self
@@ -59,8 +59,9 @@ RELIABLE = Qos(
 class Recording:
     """A recording to read: a ROS 2 bag folder, a lone ``.mcap`` or ``.db3``, or a ROS 1 ``.bag``.
 
-    A context manager; inside it, ``topics`` are all topics (those without a message too),
-    ``duration`` is in nanoseconds, and ``message_count`` is what the recording's own index says.
+    A context manager; inside it, ``topics`` are all topics (those without a message too), ``start``
+    is the first bag time and ``duration`` the length, both in nanoseconds, and ``message_count`` is
+    what the recording's own index says.
     Publishers that share a topic and a type are one topic here.
 
     Raises
@@ -78,7 +79,7 @@ class Recording:
         self.path = path
         self._largest = largest
         self.topics: tuple[Topic, ...] = ()
-        self.duration = 0
+        self.start = self.duration = 0
         self.message_count = 0
         self.custom_data: Mapping[str, str] = {}
 
@@ -96,6 +97,7 @@ class Recording:
             self._channels = ros1_channels(connections) if is_ros1 else ros2_channels(connections)
             self.topics = tuple(dict.fromkeys(topic for topic, _ in self._channels.values()))
             self.duration = whole_number(self.path, 'the duration', self._reader.duration)
+            self.start = self._reader.start_time
             self.message_count = sum(
                 whole_number(
                     self.path, f'the message_count of {connection.topic}', connection.msgcount
@@ -118,13 +120,31 @@ class Recording:
         """Close the recording."""
         self._close.close()
 
-    def messages(self) -> Iterator[tuple[Topic, int, bytes]]:
+    def messages(
+        self,
+        topics: Collection[Topic] | None = None,
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Iterator[tuple[Topic, int, bytes]]:
         """Read topic, bag time (ns) and CDR bytes of every message, in the order of the bag times.
 
         Messages with the same bag time come in the order in which they were recorded.
+
+        Parameters
+        ----------
+        topics : read these only; None: all
+        start, stop : bag times, ns, the first that is read and the first that is not
+
         """
         with _readable(self.path):
-            for connection, time, packed in self._reader.messages():
+            wanted = [
+                connection
+                for connection in self._reader.connections
+                if topics is None or self._channels[connection.id][0] in topics
+            ]
+            if not wanted:  # which readers take for all
+                return
+            for connection, time, packed in self._reader.messages(wanted, start, stop):
                 topic, to_cdr = self._channels[connection.id]
                 data = self._unpack(packed)
                 if len(data) > self._largest:

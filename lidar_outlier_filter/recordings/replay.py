@@ -8,42 +8,20 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
-
-from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError
+from lidar_outlier_filter.core.stream_cloud import END
+from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.recordings.bags import RELIABLE, NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.odometry import check_motion
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
-from lidar_outlier_filter.stream.motion import Odometry
-from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, answers, check_name, resolve
+from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, check_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Mapping
     from pathlib import Path
 
-    from lidar_outlier_filter.stream.cloud_filter import Answer
-
-
-@dataclass(frozen=True)
-class TopicReport:
-    """What became of the clouds of one topic.
-
-    ``refused`` clouds have no answer; ``refusals`` counts them by what was wrong with them.
-    ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order.
-    """
-
-    topic: str
-    messages: int
-    points: int
-    rejected: int
-    untested: int
-    invalid: int
-    refused: int
-    refusals: Mapping[str, int]
-    rejected_by: Mapping[str, int]
-    undecided_by: Mapping[str, int]
+    from lidar_outlier_filter.core.chain import Chain
+    from lidar_outlier_filter.recordings.cloud_topic import TopicReport
 
 
 @dataclass(frozen=True)
@@ -75,6 +53,8 @@ def replay(  # noqa: PLR0913  what the command line offers
     drop_input: bool = False,
     progress: Callable[[int, int], object] | None = None,
     inform: Callable[[str], object] = str,
+    chain: Chain | None = None,
+    begin: Callable[[Topic | None, int], object] = lambda _topic, _time: None,
 ) -> ReplayReport:
     """Write a copy of a recording, with the cleaned and the outlier clouds added.
 
@@ -90,6 +70,9 @@ def replay(  # noqa: PLR0913  what the command line offers
     drop_input : leave the clouds that are filtered out of the copy
     progress : is called after each message: how many of how many have been read
     inform : is called with a sentence on how the clouds of a topic are read, once for each layout
+    chain : stands in for that of the parameters; it must give the same verdicts
+    begin : is called before each message with its topic and its bag time (ns), and at the end
+        with None and ``END``
 
     Raises
     ------
@@ -105,21 +88,22 @@ def replay(  # noqa: PLR0913  what the command line offers
     with Recording(recording) as source, NewBag(output, source.custom_data) as bag:
         chosen = choose_clouds(source, topics, 'a topic to filter')
         _check_motion(source, chosen, given)
-        streams = {topic: _Stream(topic, given, inform) for topic in chosen}
+        streams = {topic: CloudTopic(topic, given, inform, chain) for topic in chosen}
         started = perf_counter()
-        done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress)
+        done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress, begin)
         elapsed = perf_counter() - started
         reports = tuple(stream.report() for stream in streams.values())
         unread = max(0, source.message_count - done)
         return ReplayReport(output, reports, source.duration * 1e-9, elapsed, unread)
 
 
-def _copy(
+def _copy(  # noqa: PLR0913  what `replay` takes
     source: Recording,
     bag: NewBag,
-    streams: Mapping[Topic, _Stream],
+    streams: Mapping[Topic, CloudTopic],
     dropped: Collection[Topic],
     progress: Callable[[int, int], object] | None,
+    begin: Callable[[Topic | None, int], object],
 ) -> int:
     """Write what is not dropped, and the answers of all streams; count the messages read."""
     for topic in source.topics:
@@ -135,6 +119,7 @@ def _copy(
             listeners[stream.odometry, ODOMETRY] = stream.feed_pose
     done = 0
     for topic, time, data in source.messages():
+        begin(topic, time)
         if topic not in dropped:
             bag.write(topic, time, data)
         listener = listeners.get((topic.name, topic.msgtype))
@@ -143,6 +128,7 @@ def _copy(
         done += 1
         if progress is not None:
             progress(done, source.message_count)
+    begin(None, END)
     for stream in streams.values():
         stream.finish()
     return done
@@ -179,88 +165,3 @@ def _check_motion(
         must_be = "'none' for several topics, whose sensors are not at the same place"
         raise ParameterError('motion.source', must_be, repr(motion.source))
     check_motion(source, motion)
-
-
-class _Stream:
-    """A topic of clouds, its filter, and the topics of its answers."""
-
-    def __init__(
-        self, topic: Topic, parameters: FilterParameters, inform: Callable[[str], object]
-    ) -> None:
-        self.topic = topic
-        self._parameters = parameters
-        motion = Odometry(parameters) if parameters.motion.source == 'odometry' else None
-        self.odometry = '' if motion is None else resolve(motion.topic)
-        self._motion = motion
-        name = resolve(topic.name)
-
-        def say(text: str) -> None:
-            inform(f'{name}: {text}')
-
-        self._filter = CloudFilter(parameters, say, say, motion)
-        self._clouds = 0
-        self._types = get_typestore(Stores.ROS2_JAZZY)
-
-    def begin(self, bag: NewBag, names: set[str]) -> None:
-        """Add the topics of the answers to the bag and to the names in use."""
-        self._bag = bag
-        self._outputs = []
-        for name in answers(resolve(self.topic.name)):
-            if name in names:
-                must_be = 'a topic that the recording does not have'
-                raise RecordingError(f'the answer to {self.topic.name}', must_be, name)
-            output = Topic(name, CLOUD, self.topic.definition, self.topic.digest, (RELIABLE,))
-            bag.add(output)
-            names.add(name)
-            self._outputs.append(output)
-
-    def feed(self, time: int, data: bytes) -> None:
-        """Filter a cloud with its bag time, and write the answers that are finished by it."""
-        self._clouds += 1
-        try:
-            cloud = self._types.deserialize_cdr(data, CLOUD)
-        except SerdeError as err:
-            self._filter.refused(CloudError('the CDR bytes', 'a whole cloud', err))
-            return
-        try:
-            finished = self._filter.push(cloud, time)
-        except CloudError:  # counted by the filter; others may be finished all the same
-            finished = self._filter.advance()
-        self._write(finished)
-
-    def feed_pose(self, _time: int, data: bytes) -> None:
-        """Take an odometry, and write the answers that are finished by it."""
-        if self._motion is None:
-            return
-        try:
-            msg = self._types.deserialize_cdr(data, ODOMETRY)
-        except SerdeError:
-            self._motion.refuse('the CDR bytes')
-            return
-        self._motion.take(msg)
-        self._write(self._filter.advance())
-
-    def finish(self) -> None:
-        """Write the answers to the last clouds."""
-        self._write(self._filter.flush())
-
-    def _write(self, finished: Iterable[Answer]) -> None:
-        for answer in finished:
-            for topic, cloud in zip(self._outputs, (answer.cleaned, answer.outliers), strict=True):
-                self._bag.write(topic, answer.tag, self._types.serialize_cdr(cloud, CLOUD))
-
-    def report(self) -> TopicReport:
-        """Say what became of the clouds."""
-        counts, chain = self._filter.statistics, self._parameters.chain
-        return TopicReport(
-            self.topic.name,
-            self._clouds,
-            counts.points,
-            counts.outliers,
-            counts.untested,
-            counts.invalid,
-            self._clouds - counts.messages,
-            dict(counts.refusals),
-            {name: counts.rejected[name] for name in chain},
-            {name: counts.undecided[name] for name in chain},
-        )

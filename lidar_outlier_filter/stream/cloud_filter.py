@@ -223,6 +223,15 @@ class CloudFilter:
         """Go on with the clouds that have their poses by now, or that a refused one completed."""
         return self._answers(self._entrance.advance())
 
+    def judge_by(self, chain: Chain) -> None:
+        """Judge the blocks to come by what stands in for the chain of the parameters."""
+        self._stream.chain = self._chain = chain
+
+    @property
+    def settled(self) -> bool:
+        """Whether the first clouds have decided how all that follow are read and cut."""
+        return self._decoder.convention is not None and self._stream.choice.settled
+
     @property
     def can_shed(self) -> bool:
         """Whether the detectors that look along the line can do without the others."""
