@@ -90,7 +90,9 @@ def judge(
     there = pattern.order >= 0
     score = np.empty(int(np.count_nonzero(there)))
     statistic = np.maximum(odds[there].astype(np.float64) - LEAST, 0.0)
-    score[pattern.order[there]] = statistic / (threshold * (model.threshold - LEAST))
+    known = pattern.bright[there] >= 0
+    limit = np.where(known, model.threshold_bright, model.threshold) - LEAST
+    score[pattern.order[there]] = statistic / (threshold * limit)
     if reason is not None:
         rejected = np.zeros(len(there), np.bool_)
         rejected[there] = score[pattern.order[there]] > 1
