@@ -174,7 +174,12 @@ def test_organised() -> None:
     assert answer.cleaned.shape == (4, 200)
     holes = np.isnan(answer.cleaned['x'])
     assert np.count_nonzero(holes) == answer.outliers.size > 0
-    added = ('outlier_score', 'outlier_detectors', 'outlier_detector_number')
+    added = (
+        'outlier_score',
+        'outlier_detectors',
+        'outlier_detector_number',
+        'outlier_reason',
+    )
     assert answer.cleaned.dtype.names == (*(rows.dtype.names or ()), *added)
     assert (answer.outliers['outlier_score'] > 1).all()
     assert set(answer.outliers['outlier_detectors'].tolist()) == {4}

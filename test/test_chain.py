@@ -17,6 +17,7 @@ from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.core.points import FARTHEST, FINEST, Points
+from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.core.verdict import ALL, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -255,7 +256,7 @@ def test_nothing_is_compiled_later() -> None:
 def test_scores_beside_one(score: float, is_rejected: bool) -> None:  # noqa: FBT001  a parameter
     """Rounding to float32 makes no rejected point look kept, and no kept point rejected."""
     verdict = Verdict.untested(1)
-    verdict.add(BITS['sor'], np.array([0]), np.array([score]))
+    verdict.add(BITS['sor'], np.array([0]), Scores(np.array([score])))
     verdict.settle(1)
     assert bool(verdict.score[0] > 1) == bool(verdict.rejected[0]) == is_rejected
     assert (verdict.detectors[0] == BITS['sor']) == is_rejected

@@ -58,7 +58,8 @@ def random_verdict(count: int, rejected: float = 0.3, seed: int = 1) -> Verdict:
     detectors = np.where(rng.uniform(size=count) < rejected, 1, 0).astype(np.uint16)
     score[(detectors == 0) & (rng.uniform(size=count) < 0.2)] = np.nan
     undecided = np.isnan(score).astype(np.uint16)
-    return Verdict(score, detectors, undecided, detectors != 0)
+    reason = np.where(detectors, rng.integers(1, 256, count), 0).astype(np.uint8)
+    return Verdict(score, detectors, undecided, detectors != 0, reason)
 
 
 # Reading ----------------------------------------------------------------------------------------
@@ -273,9 +274,9 @@ def test_scores(kind: Callable[..., Any], order: str) -> None:
     clouds = split(msg, verdict, scores=True)
     assert dump(msg) == before
     rows = [
-        point + struct.pack(order + 'fHB', score, bits, number_of(bits))
-        for point, score, bits in zip(
-            point_bytes(msg), verdict.score, verdict.detectors, strict=True
+        point + struct.pack(order + 'fHBB', score, bits, number_of(bits), reason)
+        for point, score, bits, reason in zip(
+            point_bytes(msg), verdict.score, verdict.detectors, verdict.reason, strict=True
         )
     ]
     for result, chosen in zip(
@@ -283,13 +284,14 @@ def test_scores(kind: Callable[..., Any], order: str) -> None:
     ):
         expected = [row for row, is_in in zip(rows, chosen, strict=True) if is_in]
         assert bytes(result.data) == b''.join(expected)
-        assert (result.point_step, result.row_step) == (42, 42 * len(expected))
-        assert result.fields[:-3] == msg.fields
-        added = [(f.name, f.offset, f.datatype, f.count) for f in result.fields[-3:]]
+        assert (result.point_step, result.row_step) == (43, 43 * len(expected))
+        assert result.fields[:-4] == msg.fields
+        added = [(f.name, f.offset, f.datatype, f.count) for f in result.fields[-4:]]
         assert added == [
             ('outlier_score', 35, 7, 1),
             ('outlier_detectors', 39, 4, 1),
             ('outlier_detector_number', 41, 2, 1),
+            ('outlier_reason', 42, 2, 1),
         ]
         sent = structured(as_sent(result))['outlier_detectors']
         np.testing.assert_array_equal(sent, [verdict.detectors[chosen]])

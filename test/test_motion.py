@@ -136,6 +136,7 @@ def spinning(cuts: int) -> list[PointCloud2]:
     points = sweep(3, 0.1, 3.0, columns=240)
     start = int(points.t.min())
     columns: dict[str, Any] = {axis: ('f8', points.xyz[:, k]) for k, axis in enumerate('xyz')}
+    columns['intensity'] = ('u1', points.line * 7 + points.t // 1000 % 11)
     rows = table(len(points), ring=('u2', points.line), t=('u4', points.t - start), **columns)
     rows = rows[np.argsort(rows['t'], kind='stable')]
     messages = []

@@ -41,9 +41,9 @@ def add_train(commands: Commands) -> None:
         'train',
         help="train the default's trees on weather in clean recordings of spinning sensors",
         description='Put weather into clean recordings of spinning sensors, simulate streets, '
-        'train the trees of `evidence` on both, and write their file. Sensors are left out in '
-        'four folds; the figures printed are of the sensors left out. With --profile, train those '
-        'for profile scanners, on simulated streets alone. Either takes about ten minutes. '
+        'train the trees of `evidence` on both, and write their file. Each sensor is left out '
+        'once; the figures printed are of the sensors left out. With --profile, train those for '
+        'profile scanners, on simulated streets alone. Either takes about ten minutes. '
         'Needs the extra "train".',
     )
     parser.add_argument(
@@ -225,15 +225,19 @@ def _tables(held_out: Mapping[str, Any]) -> list[Table]:
     """Lay out the figures of the sensors left out."""
     from rich.table import Table
 
-    weather = Table('weather, sensor left out', 'F1', 'best F1', 'good points lost', box=None)
+    dark, without = held_out['without_intensity'], 'without intensity'
+    weather = Table(
+        *('weather, sensor left out', 'F1', 'best F1', 'good points lost', without), box=None
+    )
     for kind, one in held_out['weather'].items():
-        weather.add_row(kind, f'{one["f1"]:.3f}', f'{one["best_f1"]:.3f}', f'{one["lost"]:.3%}')
-    clean = Table('clean, sensor left out', 'rejected', box=None)
+        figures = f'{one["f1"]:.3f}', f'{one["best_f1"]:.3f}', f'{one["lost"]:.3%}'
+        weather.add_row(kind, *figures, f'{dark["weather"][kind]["f1"]:.3f}')
+    clean = Table('clean, sensor left out', 'rejected', without, box=None)
     for sensor, share in held_out['clean_rejected'].items():
-        clean.add_row(sensor, f'{share:.4%}')
-    street = Table('street, sensor left out', 'F1', box=None)
+        clean.add_row(sensor, f'{share:.4%}', f'{dark["clean_rejected"][sensor]:.4%}')
+    street = Table('street, sensor left out', 'F1', without, box=None)
     for name, f1 in held_out['street_f1'].items():
-        street.add_row(name, f'{f1:.3f}')
+        street.add_row(name, f'{f1:.3f}', f'{dark["street_f1"][name]:.3f}')
     tables = [weather, clean, street]
     for table in tables:
         for column in table.columns[1:]:

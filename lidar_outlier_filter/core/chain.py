@@ -44,7 +44,7 @@ class Chain:
         seen = Seen(points, parameters, self._neighbours)
         for detector in self._detectors:
             found = detector.detect(seen, parameters)
-            verdict.add(detector.bit, where, found.score, found.extra)
+            verdict.add(detector.bit, where, found)
             self.passes = max(self.passes, found.passes)
             # Behind the last one nobody looks at what is left.
             if parameters.vote == 0 and detector is not self._detectors[-1]:

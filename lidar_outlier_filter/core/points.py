@@ -45,6 +45,8 @@ class Points:
         Own standard deviation of each point, metres.
     own : (N, 3) float64 or None
         Position in the sensor's own frame, metres, where ``xyz`` is in another one.
+    intensity : (N,) float32 or None
+        As the sensor gives it, in any unit; NaN where it is not known.
 
     """
 
@@ -54,6 +56,7 @@ class Points:
     valid: NDArray[np.bool_]
     sigma: NDArray[np.float64] | None = None
     own: NDArray[np.float64] | None = None
+    intensity: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         """Count the points."""
@@ -82,6 +85,7 @@ class Points:
             self.valid[index],
             None if self.sigma is None else self.sigma[index],
             None if self.own is None else _rows(self.own, index),
+            None if self.intensity is None else self.intensity[index],
         )
 
 
@@ -151,11 +155,22 @@ def _look(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
 
 
 def concatenate(parts: Sequence[Points]) -> Points:
-    """Join points in the order given; all or none of the parts have a sigma, or an own frame."""
+    """Join points in the order given; all or none of the parts have a sigma, or an own frame.
+
+    Of parts without intensities they are unknown, where others have them.
+    """
     if len(parts) == 1:
         return parts[0]
+    if any(part.intensity is not None for part in parts):
+        parts = [_with_intensity(part) for part in parts]
     columns: dict[str, Any] = {}
     for field in fields(Points):
         values = [getattr(part, field.name) for part in parts]
         columns[field.name] = None if values[0] is None else np.concatenate(values)
     return Points(**columns)
+
+
+def _with_intensity(points: Points) -> Points:
+    if points.intensity is not None:
+        return points
+    return replace(points, intensity=np.full(len(points), np.nan, np.float32))

@@ -27,9 +27,18 @@ class Scores:
         Bits beside that of the detector, which say more of a rejected point and have no vote.
     passes : int
         How often the detector looked at the points, where it counts that.
+    reason : (N,) uint8, optional
+        Numbers that say why points are rejected; 0 for the others.
 
     """
 
     score: Floats
     extra: NDArray[np.uint16] | None = None
     passes: int = 0
+    reason: NDArray[np.uint8] | None = None
+
+    def take(self, part: NDArray[np.bool_]) -> Scores:
+        """Choose points by a mask."""
+        extra = None if self.extra is None else self.extra[part]
+        reason = None if self.reason is None else self.reason[part]
+        return Scores(self.score[part], extra, self.passes, reason)

@@ -105,8 +105,7 @@ class TiledChain:
                 found = self._by_line(name, left)
             else:
                 found = self._by_tile(name, left)
-            extra = None if found.extra is None else found.extra[left]
-            verdict.add(detector.bit, tiles.order[left], found.score[left], extra)
+            verdict.add(detector.bit, tiles.order[left], found.take(left))
             if parameters.vote == 0:
                 left &= ~(found.score > 1)
         verdict.settle(max(parameters.vote, 1))
@@ -276,7 +275,8 @@ class _Measure:
 
 def _scores(verdict: Verdict) -> Scores:
     """Return what one detector found."""
-    return Scores(verdict.score.astype(np.float64), verdict.detectors & np.uint16(~ALL & 0xFFFF))
+    extra = verdict.detectors & np.uint16(~ALL & 0xFFFF)
+    return Scores(verdict.score.astype(np.float64), extra, reason=verdict.reason)
 
 
 def _to_edges(xyz: Floats, box: Floats) -> Floats:

@@ -14,6 +14,8 @@ from lidar_outlier_filter.core.kernels import kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.scores import Scores
+
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
 # Beside the bit of `hierarchical`: its second phase rejected the point, in the surroundings of its
@@ -38,6 +40,8 @@ class Verdict:
         The bits of the detectors that looked at the point and could not test it.
     rejected : (N,) bool
         Whether the point is an outlier: one bit in ``detectors``, or as many as must agree.
+    reason : (N,) uint8
+        Why, where ``scores`` are wanted: a number of ``evidence.reasons.REASON_NAMES``, or 0.
 
     """
 
@@ -45,6 +49,7 @@ class Verdict:
     detectors: NDArray[np.uint16]
     undecided: NDArray[np.uint16]
     rejected: NDArray[np.bool_]
+    reason: NDArray[np.uint8]
 
     @classmethod
     def untested(cls, count: int) -> Verdict:
@@ -54,6 +59,7 @@ class Verdict:
             np.zeros(count, np.uint16),
             np.zeros(count, np.uint16),
             np.zeros(count, np.bool_),
+            np.zeros(count, np.uint8),
         )
 
     def __len__(self) -> int:
@@ -65,17 +71,13 @@ class Verdict:
         """Which points are outliers: the same as ``rejected``, in the words of the library."""
         return self.rejected
 
-    def add(
-        self,
-        bit: int,
-        where: NDArray[np.intp],
-        score: NDArray[np.float64],
-        extra: NDArray[np.uint16] | None = None,
-    ) -> None:
-        """Note what one detector finds of some of the points; NaN: nothing; and its extra bits."""
-        _add(np.uint16(bit), where, score, self.score, self.detectors, self.undecided)
-        if extra is not None:
-            self.detectors[where] |= extra
+    def add(self, bit: int, where: NDArray[np.intp], found: Scores) -> None:
+        """Note what one detector finds of some of the points; a score of NaN is nothing."""
+        _add(np.uint16(bit), where, found.score, self.score, self.detectors, self.undecided)
+        if found.extra is not None:
+            self.detectors[where] |= found.extra
+        if found.reason is not None:
+            self.reason[where] = found.reason
 
     def settle(self, needed: int) -> None:
         """Reject the points that at least ``needed`` detectors reject."""

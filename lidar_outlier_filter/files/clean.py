@@ -28,7 +28,7 @@ from lidar_outlier_filter.files import cloud_file, points
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 from lidar_outlier_filter.files.new_files import new_files
 from lidar_outlier_filter.files.scratch import scratch
-from lidar_outlier_filter.messages.cloud import DETECTORS, SCORE
+from lidar_outlier_filter.messages.cloud import DETECTORS, REASON, SCORE
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -246,6 +246,8 @@ def _changes(
 ) -> list[Change]:
     """Say in what each of the clouds to be written differs from the file."""
     scores: dict[str, NDArray[Any]] = {SCORE: verdict.score, DETECTORS: verdict.detectors}
+    if parameters.scores:
+        scores[REASON] = verdict.reason
     added = scores if parameters.scores else {}
     if wanted.rejected == MARK:
         if file.classes:

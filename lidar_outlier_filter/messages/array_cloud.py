@@ -48,8 +48,7 @@ class ArrayCloud:
     def rows(self) -> Rows:
         """The points as a structured array: (N,), or (height, width) where there are more rows.
 
-        The dtype is the given one, and the two fields of the scores behind it where they were
-        added.
+        The dtype is the given one, and the fields of the scores behind it where they were added.
         """
         rows = np.asarray(self.data).view(self._layout())
         return rows.reshape(self.height, self.width) if self.height > 1 else rows

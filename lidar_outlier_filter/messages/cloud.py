@@ -33,8 +33,9 @@ _FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1'
 DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(_FORMATS[:11]) if name}}
 AXES = ('x', 'y', 'z')
 SCORE, DETECTORS, NUMBER = 'outlier_score', 'outlier_detectors', 'outlier_detector_number'
+REASON = 'outlier_reason'
 # What `scores` adds behind each point, by numpy's names of the types
-SCORE_FIELDS = {SCORE: 'f4', DETECTORS: 'u2', NUMBER: 'u1'}
+SCORE_FIELDS = {SCORE: 'f4', DETECTORS: 'u2', NUMBER: 'u1', REASON: 'u1'}
 BYTES_OF_SCORES = sum(np.dtype(kind).itemsize for kind in SCORE_FIELDS.values())
 
 
@@ -171,6 +172,7 @@ def _rows_with_scores(msg: Any, rows: Rows, verdict: Verdict) -> Rows:
     wider[SCORE] = verdict.score
     wider[DETECTORS] = verdict.detectors
     wider[NUMBER] = first_numbers(verdict.detectors)
+    wider[REASON] = verdict.reason
     return wider.view(np.dtype((np.void, wider.dtype.itemsize)))
 
 

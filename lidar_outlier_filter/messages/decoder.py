@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 TIME_NAMES = ('t', 'time', 'timestamp', 'time_stamp', 'offset_time', 'time_offset', 't_offset')
 LINE_NAMES = ('ring', 'channel', 'line', 'laser_id')
+INTENSITY_NAMES = ('intensity', 'reflectivity', 'reflectance')
 NANOSECONDS = {'s': SECOND, 'us': 1000, 'ns': 1}
 LONGEST = 2**61  # nanoseconds: 73 years, and sums of two still fit
 
@@ -108,7 +109,7 @@ class Decoder:
         line = self._line(view, xyz, valid, convention)
         # By now nothing is refused any more.
         self._remember(view.dtype, convention)
-        return Points(xyz, t, line, valid, sigma)
+        return Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
 
     def view(self, msg: Any) -> NDArray[np.void] | None:
         """View the points of a cloud as it is; None where it has none.
@@ -238,6 +239,14 @@ class Decoder:
             return np.deg2rad(angle) if parameters.angle_unit == 'deg' else angle
         first, second = (AXES.index(axis) for axis in parameters.angle_plane)
         return np.arctan2(xyz[:, second], xyz[:, first])
+
+    def _intensity(self, view: NDArray[np.void]) -> NDArray[np.float32] | None:
+        """Return the intensities, where there are any and a detector looks at them."""
+        if 'evidence' not in self.parameters.chain:
+            return None
+        name = _choose(view, 'auto', INTENSITY_NAMES, '', 'iuf')
+        with np.errstate(over='ignore'):  # what is too bright is inf
+            return None if name is None else _column(view, name).astype(np.float32)
 
     def _sigma(
         self, view: NDArray[np.void], valid: NDArray[np.bool_]

@@ -171,8 +171,8 @@ class FilterParameters(DetectorSections):
     )
     scores: bool = declare(
         default=False,
-        text='Add outlier_score (float32), outlier_detectors (uint16), and for viewers '
-        'outlier_detector_number (uint8) to both clouds.',
+        text='Add outlier_score (float32), outlier_detectors (uint16), for viewers '
+        'outlier_detector_number (uint8), and outlier_reason (uint8) to both clouds.',
     )
     save_to: str = declare(
         '',

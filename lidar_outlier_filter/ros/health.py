@@ -275,6 +275,7 @@ class _Look:
             found[name] = str(getattr(now, name))
         for text, counter in (
             ('rejected by', now.rejected),
+            ('reason', now.reasons),
             ('undecided by', now.undecided),
             ('refused for', now.refusals),
             ('refused poses for', now.poses),

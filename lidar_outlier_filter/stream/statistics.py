@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
 from lidar_outlier_filter.core.detectors.registry import BITS
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ class Statistics:
     invalid : missing returns (NaN, Inf, 0 0 0), which stay in the cleaned clouds
     untested : valid points that no detector could test; they stay too
     rejected : points by the detector that rejected them
+    reasons : points by the feature that said most against them, where scores are published
     undecided : points by the detector that looked at them and could not test them
     outliers : points that went to the outlier clouds
     passed : clouds that passed unfiltered, by the reason; their points are counted, not looked at
@@ -46,6 +48,7 @@ class Statistics:
     untested: int = 0
     outliers: int = 0
     rejected: Counter[str] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
     undecided: Counter[str] = field(default_factory=Counter)
     passed: Counter[str] = field(default_factory=Counter)
     refusals: Counter[str] = field(default_factory=Counter)
@@ -88,3 +91,6 @@ class Statistics:
                 count = int(np.count_nonzero(bits & bit))
                 if count:
                     counter[name] += count
+        for number, count in enumerate(np.bincount(verdict.reason).tolist()):
+            if number and count:
+                self.reasons[REASON_NAMES[number]] += count

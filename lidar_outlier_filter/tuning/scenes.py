@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.simulation import presets
 from lidar_outlier_filter.simulation.recording import to_message
 from lidar_outlier_filter.simulation.weather.beams import Optics, find_beams
+from lidar_outlier_filter.simulation.weather.brightness import Brightness
 from lidar_outlier_filter.simulation.weather.kinds import WEATHERS, make
 from lidar_outlier_filter.tuning.held_out import CLEAN, STREET
 from lidar_outlier_filter.tuning.recorded import RecordedClouds
@@ -26,6 +28,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.simulation.weather.beams import Beams
+    from lidar_outlier_filter.simulation.weather.echoes import WeatherEchoes
+
+    Singles = NDArray[np.float32]
     Progress = Callable[[int, int, str], object]
 
 # Clean recordings of spinning sensors in a folder of real data, and how they are read. Their order,
@@ -43,6 +51,8 @@ STREETS = ('street-128', 'street-64', 'street-16', 'street-32')
 STREET_SEEDS, STREET_SEED_HELD_OUT = (11, 12), 101
 MOST_CLEAN = 4  # sweeps of a recording that are taken as they are
 OF_EACH = 3  # sweeps with each weather
+# Standard deviations of the logarithm of the intensity of particles
+OF_SWEEP, OF_EACH_PARTICLE = 0.5, 0.4
 FIRST = 2  # turn of a street from which on turns are taken
 
 
@@ -122,7 +132,9 @@ def _number(name: str) -> int:
 def put_weather(
     points: Points, weather: str, seed: Sequence[int]
 ) -> tuple[Points, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-    """Let the beams of a cloud go through a weather; reflectances and optics are drawn.
+    """Let the beams of a cloud go through a weather; optics are drawn.
+
+    Reflectances are those that the intensities show, or drawn where there are none.
 
     Returns
     -------
@@ -132,7 +144,6 @@ def put_weather(
     """
     rng = np.random.default_rng([*seed, 0])
     reflectance = np.clip(0.25 * np.exp(0.5 * rng.standard_normal(len(points))), 0.02, 1.0)
-    beams = find_beams(points.xyz, points.t, points.line, reflectance, points.valid)
     # Sensors differ.
     optics = Optics(
         divergence=rng.uniform(0.0015, 0.004),
@@ -141,12 +152,45 @@ def put_weather(
         blind=rng.uniform(1.0, 3.0),
         pulse=rng.uniform(0.5, 1.5),
     )
+    distance, intensity, curve = points.range, points.intensity, None
+    if intensity is not None:
+        values = intensity.astype(np.float64)
+        curve = Brightness(distance, values)
+        # What came back was above the noise.
+        least = optics.floor * distance**2
+        reflectance = np.maximum(curve.reflectance(distance, values), least)
+    beams = find_beams(points.xyz, points.t, points.line, reflectance, points.valid)
     echoes = make(weather, beams, int(rng.integers(1 << 31)), optics)
     there = np.isfinite(echoes.distance)
     xyz = beams.direction[there] * echoes.distance[there, None]
     single = xyz.astype(np.float32).astype(np.float64)
     found = Points(single, beams.t[there], beams.ring[there], np.ones(len(single), np.bool_))
+    if intensity is not None and curve is not None:
+        measured = _intensities(intensity, curve, beams, echoes, rng)
+        found = replace(found, intensity=measured[there])
     return found, echoes.cause[there] > 0
+
+
+def _intensities(
+    known: Singles,
+    curve: Brightness,
+    beams: Beams,
+    echoes: WeatherEchoes,
+    rng: np.random.Generator,
+) -> Singles:
+    """Return the intensities (N,) of what beams measure; of those that measure nothing, any.
+
+    Surfaces keep what the weather leaves of theirs. How bright particles look differs from sensor
+    to sensor, and from particle to particle: more than optics tell.
+    """
+    far = np.where(np.isfinite(echoes.distance), echoes.distance, 1.0)
+    kept = (beams.source >= 0) & np.isfinite(beams.range) & (echoes.cause == 0)
+    clear = np.where(kept, beams.reflectance, 1.0) / np.where(kept, beams.range, 1.0) ** 2
+    left = known[beams.source] * np.minimum(echoes.power / clear, 1.0)
+    spread = rng.standard_normal() * OF_SWEEP + rng.standard_normal(len(far)) * OF_EACH_PARTICLE
+    new = curve.intensity(far, echoes.power * far**2) * np.exp(spread)
+    bright: Singles = np.where(kept, left, new)
+    return np.clip(np.rint(bright), 0.0, known.max()).astype(np.float32)
 
 
 def street_sweeps(name: str, *, trains: bool = True) -> list[Sweep]:

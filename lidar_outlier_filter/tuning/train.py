@@ -3,9 +3,12 @@
 """Train the trees on the scan pattern from labelled sweeps, and write their file.
 
 Two ensembles are trained: one on each point's window, and one on the points that the first does not
-call clearly good, with the first's results around them. Sensors are in four folds, each of which is
-left out once: what the second ensemble sees of a sweep is what a first one says that never saw the
-sweep's sensor. The threshold and the figures of the file are of ensembles, too, that never saw it.
+call clearly good, with the first's results around them. Each sensor is left out once: what the
+second ensemble sees of a sweep is what a first one says that never saw the sweep's sensor. The
+thresholds and the figures of the file are of ensembles, too, that never saw it.
+
+Every second sweep trains without its intensities, so that trees can do without. All are judged both
+ways, and there is a threshold for either.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATUR
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import VERSION, read_trees
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
+from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.tuning.held_out import CLEAN, choose_threshold, figures, judge_at_all
@@ -44,7 +48,8 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Progress = Callable[[int, int, str], object]
 
-FOLDS = 4  # of sensors, in turn
+# Known to the second pass, and not used: trees would learn how many outliers the streets have.
+UNUSED = ('share',)
 ROUNDS = (100, 120)  # trees of both ensembles
 LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
 DOUBTFUL = -1.0  # from which on a point is looked at again
@@ -100,11 +105,12 @@ class Recipe(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """A sweep with its scan pattern; outliers in the order of that."""
+    """A sweep with its scan pattern; outliers in the order of that; whether it trains so."""
 
     sweep: Sweep
     prepared: Prepared
     outlier: Mask
+    trains: bool
 
 
 def train(
@@ -136,11 +142,12 @@ def train(
     """
     if not any(sweep.outlier.any() for sweep in sweeps if sweep.trains):
         raise FilterError('the training sweeps', 'ones with outliers', 'none')
-    seen = [_look(sweep) for sweep in sweeps]
+    seen = [one for number, sweep in enumerate(sweeps) for one in _look(sweep, number)]
     first, odds = _pass(seen, None, recipe, progress)
     again, results = _pass(seen, odds, recipe, progress)
-    threshold, held_out = _held_out(seen, results)
-    _, one_pass = _held_out(seen, odds)
+    threshold_bright, held_out = _held_out(seen[::2], results[::2])
+    threshold, held_out['without_intensity'] = _held_out(seen[1::2], results[1::2])
+    _, one_pass = _held_out(seen[::2], odds[::2])
     data = {
         'version': VERSION,
         **about,
@@ -151,6 +158,7 @@ def train(
         'held_out_one_pass': one_pass,
         'doubtful': DOUBTFUL,
         'threshold': threshold,
+        'threshold_bright': threshold_bright,
         'first': first,
         'again': again,
     }
@@ -166,34 +174,30 @@ def _pass(
     """
     again = odds is not None
     before = [None] * len(seen) if odds is None else odds
-    drawn = [
-        _draw(one, recipe.seed, number, first)
-        for number, (one, first) in enumerate(zip(seen, before, strict=True))
-    ]
-    fold, count = _folds([one.sweep.sensor for one in seen])
+    drawn = {
+        number: _draw(one, recipe.seed, number, before[number])
+        for number, one in enumerate(seen)
+        if one.trains
+    }
+    sensors = list(dict.fromkeys(one.sweep.sensor for one in seen))
+    if len(sensors) == 1:
+        raise FilterError('the sensors to train on', 'at least 2: each is left out once', 1)
     results = [np.empty(0, np.float32)] * len(seen)
-    for k in range(count):
-        progress(again * (count + 1) + k, 2 * (count + 1), f'without fold {k + 1} of {count}')
-        some = [table for table, mine in zip(drawn, fold, strict=True) if mine != k]
+    done, steps = again * (len(sensors) + 1), 2 * (len(sensors) + 1)
+    for k, sensor in enumerate(sensors):
+        progress(done + k, steps, f'without {sensor}')
+        some = [table for number, table in drawn.items() if seen[number].sweep.sensor != sensor]
         trees = read_trees(_learn(some, recipe, again=again), _names(again=again))
         for number, one in enumerate(seen):
-            if fold[number] == k and (one.sweep.judged or not again):
+            wanted = one.sweep.judged or (one.trains and not again)
+            if one.sweep.sensor == sensor and wanted:
                 values = window_features(one.prepared, before[number])
                 results[number] = judge_pass(trees, values, before[number], DOUBTFUL)
-    progress(again * (count + 1) + count, 2 * (count + 1), 'with every sensor')
-    return _learn(drawn, recipe, again=again), results
+    progress(done + len(sensors), steps, 'with every sensor')
+    return _learn(list(drawn.values()), recipe, again=again), results
 
 
-def _folds(sensors: Sequence[str]) -> tuple[list[int], int]:
-    """Give each sweep the fold of its sensor, and count the folds."""
-    number = {sensor: k for k, sensor in enumerate(dict.fromkeys(sensors))}
-    if len(number) == 1:
-        raise FilterError('the sensors to train on', 'at least 2: each is left out once', 1)
-    count = min(FOLDS, len(number))
-    return [number[sensor] % count for sensor in sensors], count
-
-
-def _held_out(seen: Sequence[_Seen], odds: Sequence[Singles]) -> tuple[float, Mapping[str, Any]]:
+def _held_out(seen: Sequence[_Seen], odds: Sequence[Singles]) -> tuple[float, dict[str, Any]]:
     """Choose a threshold on the sensors left out, and say what it gives."""
     held = [
         judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
@@ -204,20 +208,25 @@ def _held_out(seen: Sequence[_Seen], odds: Sequence[Singles]) -> tuple[float, Ma
     return threshold, figures(held, threshold)
 
 
-def _look(sweep: Sweep) -> _Seen:
+def _look(sweep: Sweep, number: int) -> tuple[_Seen, _Seen]:
+    """Look at a sweep with its intensities, and without; by turns, either trains."""
     pattern = find_pattern(sweep.points, spins=True, crowded=True)
     if pattern is None:
         raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
     outlier = sweep.outlier[pattern.order[pattern.order >= 0]]
-    return _Seen(sweep, prepare(pattern), outlier)
+    prepared, unknown = prepare(pattern), np.full_like(pattern.bright, UNKNOWN)
+    dark = prepared._replace(pattern=pattern._replace(bright=unknown))
+    even = number % 2 == 0
+    return (
+        _Seen(sweep, prepared, outlier, sweep.trains and even),
+        _Seen(sweep, dark, outlier, sweep.trains and not even),
+    )
 
 
 def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     """Draw points: in the second pass, only those that the first does not call clearly good."""
     again = odds is not None
-    drawable = np.full(len(seen.outlier), seen.sweep.trains)
-    if odds is not None:
-        drawable &= odds > LEARN_FROM
+    drawable = np.ones(len(seen.outlier), np.bool_) if odds is None else odds > LEARN_FROM
     rng = np.random.default_rng([seed, number, again])
     bad = np.flatnonzero(seen.outlier & drawable)
     good = np.flatnonzero(~seen.outlier & drawable)
@@ -258,4 +267,4 @@ def _used(names: Sequence[str], recipe: Recipe) -> list[str]:
     if unknown:
         known = ', '.join(_names(again=True))
         raise FilterError('a feature to leave out', f'one of {known}', ', '.join(unknown))
-    return [name for name in names if name not in recipe.without]
+    return [name for name in names if name not in {*recipe.without, *UNUSED}]

@@ -63,7 +63,8 @@ GOOD_COUNTS = 5.0  # how much good points count
 BAD_COUNTS = {Cause.MIXED: 0.5, Cause.BARRIER: 2.0}  # and outliers of a cause; 1 for others
 LIMITS = np.arange(0, 61) / 10.0  # log-odds tried as thresholds
 MOST_LOST = 2.5e-5  # share of the good points that may be lost, of the median street
-NAMES = (*FEATURES, *PROFILE)
+MEASURED = FEATURES.index('bright')  # features of the window: these scanners need no intensities
+NAMES = (*FEATURES[:MEASURED], *PROFILE)
 FEWEST = 1000  # points of a block, fewer are left out
 DIGITS = 6
 
@@ -225,7 +226,7 @@ def _values(block: _Block, odds: Singles | None) -> Singles:
     window = window_features(block.prepared, odds)
     more = np.zeros((COUNT_PROFILE, len(there)), np.float32)
     measure_profile(block.prepared, 0, len(pattern.first), more)
-    return np.concatenate([window[:COUNT], more[:, there], window[COUNT:]])
+    return np.concatenate([window[:MEASURED], more[:, there], window[COUNT:]])
 
 
 def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) -> Drawn:

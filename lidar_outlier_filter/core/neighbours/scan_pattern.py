@@ -14,6 +14,7 @@ import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN, write_brightness
 from lidar_outlier_filter.core.scan_lines import is_interleaved, line_starts, order_by_line
 
 if TYPE_CHECKING:
@@ -62,8 +63,8 @@ ATAN = np.array(
 class Pattern(NamedTuple):
     """N points sorted by ring, from below, and azimuth, in M places.
 
-    Before, between and behind the rings are ``PAD`` places without a point each: whatever looks a
-    few places on finds a phase there that is far away.
+    Around the rings are ``PAD`` places without a point: whatever looks a few places on finds a
+    phase there that is far away.
 
     Attributes
     ----------
@@ -73,6 +74,8 @@ class Pattern(NamedTuple):
         Where each ring begins, and the place behind its end.
     x, y, z, range, phase : (M,) float32
         Metres, about a point near them; and rad turned, never falling along a ring.
+    bright : (M,) float32
+        Intensity ÷ what is usual at the range; -1 where it is not known.
     step, gap : (L,) float32
         Angle between shots of the ring, and to the nearer ring beside it, rad.
     noise, apart : (L,) float32
@@ -91,6 +94,7 @@ class Pattern(NamedTuple):
     z: Singles
     range: Singles
     phase: Singles
+    bright: Singles
     step: Singles
     gap: Singles
     noise: Singles
@@ -144,6 +148,8 @@ def find_pattern(
         LINES_AT_ONCE,
         threads,
     )
+    if points.intensity is not None:
+        write_brightness(placed.order, placed.range, points.intensity, placed.bright)
     return placed
 
 
@@ -211,6 +217,7 @@ def make_pattern(sizes: Ints, *of_lines: Singles) -> Pattern:
         np.zeros(count, np.float32),
         np.ones(count, np.float32),
         np.full(count, NOWHERE, np.float32),
+        np.full(count, UNKNOWN, np.float32),
         *of_lines,
     )
 

@@ -17,7 +17,7 @@ from lidar_outlier_filter.messages.cloud import (
     structured,
     with_rows,
 )
-from lidar_outlier_filter.messages.decoder import NANOSECONDS
+from lidar_outlier_filter.messages.decoder import INTENSITY_NAMES, NANOSECONDS
 from lidar_outlier_filter.simulation.weather.brightness import TYPICAL, Brightness
 
 if TYPE_CHECKING:
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
 
 LABEL = 'label'
-INTENSITIES = ('intensity', 'reflectivity', 'reflectance')
 RANGES = ('range', 'distance')
 ALIKE = 0.05  # share of a range by which its field may be off, and of the points where it is more
 
@@ -87,7 +86,7 @@ class LabelledCloud:
         """Learn what its intensities and ranges mean; return reflectances (N,), of all points."""
         there, distance = points.valid, points.range
         result = np.full(self.count, TYPICAL)
-        for name in self._numbers(INTENSITIES):
+        for name in self._numbers(INTENSITY_NAMES):
             values = self.column(name).astype(np.float64)
             fine = there & np.isfinite(values)
             self._curves[name] = Brightness(distance[fine], values[fine])

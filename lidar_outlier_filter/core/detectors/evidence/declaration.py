@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import Threshold, plain
 from lidar_outlier_filter.core.detectors.evidence.detector import detect, neighbours
@@ -16,23 +18,33 @@ from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Evidence
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from lidar_outlier_filter.core.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
+    Floats = NDArray[np.float64]
+    Numbers = NDArray[np.uint8]
+
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
+    reason = np.zeros(len(seen.points), np.uint8) if parameters.scores else None
+    return Scores(_judge(seen, parameters, reason), reason=reason)
+
+
+def _judge(seen: Seen, parameters: FilterParameters, reason: Numbers | None) -> Floats:
     points, sensor = seen.points, parameters.evidence.sensor
+    threshold = parameters.evidence.threshold
     if sensor != 'profile':
         # Azimuths are known in the sensor's own frame only.
         pattern = find_pattern(points.in_own_frame, seen.threads, spins=sensor == 'spinning')
         if pattern is not None:
-            return Scores(judge(pattern, parameters.evidence.threshold, seen.threads))
+            return judge(pattern, threshold, seen.threads, reason=reason)
     if sensor != 'spinning':
         pattern = find_profile_pattern(points, seen.threads)
         if pattern is not None:
-            threshold = parameters.evidence.threshold
-            return Scores(judge(pattern, threshold, seen.threads, profile=True))
-    return Scores(detect(seen.neighbourhood, points, parameters))
+            return judge(pattern, threshold, seen.threads, profile=True, reason=reason)
+    return detect(seen.neighbourhood, points, parameters, reason)
 
 
 def _threshold(_parameters: FilterParameters) -> Threshold:

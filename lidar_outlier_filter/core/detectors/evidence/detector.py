@@ -55,6 +55,7 @@ from lidar_outlier_filter.core.detectors.evidence.features import (
     weigh,
 )
 from lidar_outlier_filter.core.detectors.evidence.groups import straightness
+from lidar_outlier_filter.core.detectors.evidence.reasons import SLANTED, strongest_of_sum
 from lidar_outlier_filter.core.detectors.evidence.surface import K
 from lidar_outlier_filter.core.scan_lines import is_interleaved
 
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]
+    Numbers = NDArray[np.uint8]
 
 
 def neighbours() -> int:
@@ -75,7 +77,12 @@ def neighbours() -> int:
     return K
 
 
-def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParameters) -> Floats:
+def detect(
+    neighbourhood: Neighbourhood,
+    points: Points,
+    parameters: FilterParameters,
+    reason: Numbers | None = None,
+) -> Floats:
     """Score every point by the weighted sum of its features.
 
     Each further pass computes them again for the points that lost neighbours, without the points
@@ -86,6 +93,7 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
     neighbourhood : of the N points
     points : the same, in the order in which they were given
     parameters : ``evidence``, the weights of either sensor, ``gap_factor``
+    reason : (N,) is filled with numbers of ``REASON_NAMES``; 0 for points that are not rejected
 
     Returns
     -------
@@ -119,22 +127,38 @@ def detect(neighbourhood: Neighbourhood, points: Points, parameters: FilterParam
     threshold = parameters.evidence.threshold * weights.threshold
     statistic = weigh(result.contributions, _weights(weights)) / threshold
     where = neighbourhood.order
+    number = None if reason is None else strongest_of_sum(result.contributions, _weights(weights))
     for _ in range(weights.passes - 1):
         rejected = statistic > 1
         left = np.flatnonzero(~rejected)
         if len(left) == len(where) or len(left) <= K:
             break
         score[where] = statistic
+        _note(reason, where, statistic, number)
         nearest = scan.neighbourhood.nearest(K).index
         scan = see_without(scan, rejected, parameters.gap_factor)
         result = compute_again(scan, result, nearest, rejected)
         again = weigh(result.contributions, _weights(weights)) / threshold
         where, statistic = where[left], np.where(result.wanted, again, statistic[left])
+        if number is not None:
+            newly = strongest_of_sum(result.contributions, _weights(weights))
+            number = np.where(result.wanted, newly, number[left])
     if weights.slanted:
         straight = straightness(scan, result.usual.spacing) / parameters.evidence.threshold
+        if number is not None:
+            number[straight > statistic] = SLANTED
         statistic = np.fmax(statistic, straight)
     score[where] = statistic
+    _note(reason, where, statistic, number)
     return score
+
+
+def _note(
+    reason: Numbers | None, where: NDArray[np.intp], statistic: Floats, number: Numbers | None
+) -> None:
+    """Note why points are rejected, if anyone asks."""
+    if reason is not None and number is not None:
+        reason[where] = np.where(statistic > 1, number, np.uint8(0))
 
 
 def compute_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Features]:

@@ -38,6 +38,7 @@ from lidar_outlier_filter.core.detectors.evidence.profile_features import (
     write_profile,
 )
 from lidar_outlier_filter.core.detectors.evidence.profile_groups import find_groups
+from lidar_outlier_filter.core.detectors.evidence.reasons import strongest_of_trees
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.lanes import LANES
@@ -50,11 +51,19 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
+    Numbers = NDArray[np.uint8]
 
 LEAST = -8.0  # log-odds that make a score of 0
 
 
-def judge(pattern: Pattern, threshold: float, threads: int = 0, *, profile: bool = False) -> Floats:
+def judge(
+    pattern: Pattern,
+    threshold: float,
+    threads: int = 0,
+    *,
+    profile: bool = False,
+    reason: Numbers | None = None,
+) -> Floats:
     """Score the N points of a pattern, in the order given.
 
     Parameters
@@ -63,6 +72,7 @@ def judge(pattern: Pattern, threshold: float, threads: int = 0, *, profile: bool
     threshold : the user's: 1 for that of the model, more for fewer rejected
     threads : at most so many at once; 0 for as many as there are cores
     profile : whether the pattern is that of a profile scanner
+    reason : (N,) is filled with numbers of ``REASON_NAMES``; 0 for points that are not rejected
 
     Returns
     -------
@@ -75,31 +85,43 @@ def judge(pattern: Pattern, threshold: float, threads: int = 0, *, profile: bool
     if profile:
         groups = find_groups(pattern, prepared.near, threads)
         prepared = prepared._replace(groups=groups)
-    odds = log_odds(prepared, model.first, model.again, model.doubtful, threads)
+    first = first_pass(prepared, model.first, threads)
+    odds = second_pass(prepared, first, model.again, model.doubtful, threads)
     there = pattern.order >= 0
     score = np.empty(int(np.count_nonzero(there)))
     statistic = np.maximum(odds[there].astype(np.float64) - LEAST, 0.0)
-    score[pattern.order[there]] = statistic / (threshold * (model.threshold - LEAST))
+    known = pattern.bright[there] >= 0
+    limit = np.where(known, model.threshold_bright, model.threshold) - LEAST
+    score[pattern.order[there]] = statistic / (threshold * limit)
+    if reason is not None:
+        rejected = np.zeros(len(there), np.bool_)
+        rejected[there] = score[pattern.order[there]] > 1
+        found = strongest_of_trees(prepared, first, model, rejected, threads)
+        reason[pattern.order[there]] = found[there]
     return score
 
 
-def log_odds(
-    prepared: Prepared, first: Trees, again: Trees, doubtful: float, threads: int = 0
-) -> Singles:
-    """Return the log-odds (M,) of each place; those of places without a point mean nothing.
-
-    The second trees judge the points to which the first give more than ``doubtful``.
-    """
+def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
+    """Give each place its log-odds; those of places without a point are 0."""
     pattern = prepared.pattern
-    lines = len(pattern.first)
     score = np.zeros(len(pattern.order), np.float32)
-    pool.run(lambda i, j: _first(prepared, first, i, j, score), lines, LINES_AT_ONCE, threads)
-    passed = count_scores(pattern, score)
-    result = score.copy()
-    low = np.float32(doubtful)
     pool.run(
-        lambda i, j: _again(prepared, passed, again, low, i, j, result),
-        lines,
+        lambda i, j: _first(prepared, trees, i, j, score),
+        len(pattern.first),
+        LINES_AT_ONCE,
+        threads,
+    )
+    return count_scores(pattern, score)
+
+
+def second_pass(
+    prepared: Prepared, first: FirstPass, trees: Trees, doubtful: float, threads: int = 0
+) -> Singles:
+    """Return the log-odds (M,) of each place: of these trees, where the first are ``doubtful``."""
+    result, low = first.score.copy(), np.float32(doubtful)
+    pool.run(
+        lambda i, j: _again(prepared, first, trees, low, i, j, result),
+        len(prepared.pattern.first),
         LINES_AT_ONCE,
         threads,
     )

@@ -75,6 +75,7 @@ FEATURES = (
     'depth',  # range ÷ that of the background
     'dense',  # share of the window within 2 beams
     'sparse',  # within 6 beams
+    'bright',  # intensity ÷ what is usual at the range; -1 where the cloud has none
 )
 COUNT = len(FEATURES)
 SAME = F(1.5)  # beams apart: still at one range
@@ -243,14 +244,16 @@ def _shares(window: PatternWindow, values: Singles) -> None:
 
 @kernel
 def _ranges(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
-    """Write the range, that of the background, and what is predicted across the rings."""
+    """Write range and brightness, the background's range, and predictions across the rings."""
     reach, gap, noise = pattern.range[k : k + LANES], pattern.gap[line], pattern.noise[line]
+    bright = pattern.bright[k : k + LANES]
     sums, inverse = window.sums, window.inverse
     for lane in range(width(values)):
         mine, farthest = reach[lane], sums[FARTHEST, lane]
         values[20, lane] = mine
         values[21, lane] = mine * mine / farthest
         values[22, lane] = mine / farthest
+        values[25, lane] = bright[lane]
         # Rings are taken as evenly spaced; an inverse below 0 is unknown.
         a, b, c, d = inverse[0, lane], inverse[1, lane], inverse[2, lane], inverse[3, lane]
         between = abs(ONE - mine * HALF * (b + c)) if (b > ZERO) & (c > ZERO) else MOST

@@ -32,6 +32,7 @@ class PatternModel(NamedTuple):
     first, again : the trees of both passes; their sums are log-odds
     doubtful : log-odds of the first pass from which on the second judges a point
     threshold : log-odds from which on a point is rejected
+    threshold_bright : the same of points whose intensity is known
 
     """
 
@@ -39,6 +40,7 @@ class PatternModel(NamedTuple):
     again: Trees
     doubtful: float
     threshold: float
+    threshold_bright: float
 
 
 @lru_cache
@@ -61,6 +63,7 @@ def load(name: str = PATTERN_MODEL) -> PatternModel:
         read_trees(data['again'], (*names, *AGAIN)),
         float(data['doubtful']),
         float(data['threshold']),
+        float(data.get('threshold_bright', data['threshold'])),
     )
 
 

@@ -13,17 +13,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern import log_odds
+from lidar_outlier_filter.core.detectors.evidence.pattern import first_pass, second_pass
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
     AGAIN,
     COUNT_AGAIN,
-    count_scores,
     measure_again,
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
-from lidar_outlier_filter.core.detectors.evidence.trees import VALUES, Trees
+from lidar_outlier_filter.core.detectors.evidence.reasons import add_up_reasons
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
@@ -31,12 +30,12 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.evidence.trees import Trees
     from lidar_outlier_filter.core.points import Points
 
     Singles = NDArray[np.float32]
 
 REASONS = (*FEATURES, *AGAIN)
-DEPTH = 3
 
 
 class Reasons(NamedTuple):
@@ -81,13 +80,12 @@ def explain(points: Points, threads: int = 0) -> Reasons:
     if pattern is None:
         raise FilterError('the points to explain', 'those of a scan pattern', 'others')
     model, there = load(), pattern.order >= 0
-    prepared, lines = prepare(pattern, threads), len(pattern.first)
-    never = float(np.finfo(np.float32).max)
-    first = log_odds(prepared, model.first, model.again, never, threads)
-    odds = log_odds(prepared, model.first, model.again, model.doubtful, threads)
+    prepared = prepare(pattern, threads)
+    first = first_pass(prepared, model.first, threads)
+    odds = second_pass(prepared, first, model.again, model.doubtful, threads)
     values = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-    measure_again(prepared, count_scores(pattern, first), 0, lines, values)
-    again = first > np.float32(model.doubtful)
+    measure_again(prepared, first, 0, len(pattern.first), values)
+    again = first.score > np.float32(model.doubtful)
     added = np.zeros((COUNT_AGAIN, len(there)), np.float32)
     contribute(model.first, values, there & ~again, added)
     contribute(model.again, values, there & again, added)
@@ -104,19 +102,6 @@ def _average(trees: Trees) -> float:
 @kernel
 def contribute(trees: Trees, features: Singles, wanted: NDArray[np.bool_], added: Singles) -> None:
     """Add what each feature (F, N) adds to the log-odds of the points that are wanted."""
-    for tree in range(len(trees.feature)):
-        f, t, v = trees.feature[tree], trees.limit[tree], trees.value[tree]
-        for k in range(len(wanted)):
-            if not wanted[k]:
-                continue
-            place, low, high = 0, 0, VALUES
-            before = v.mean()
-            for _ in range(DEPTH):
-                middle = (low + high) // 2
-                if features[f[place], k] > t[place]:
-                    low, number = middle, 2 * place + 2
-                else:
-                    high, number = middle, 2 * place + 1
-                after = v[low:high].mean()
-                added[f[place], k] += after - before
-                before, place = after, number
+    for k in range(len(wanted)):
+        if wanted[k]:
+            add_up_reasons(trees, features[:, k], added[:, k])
