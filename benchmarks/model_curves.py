@@ -20,12 +20,11 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.core.detectors.evidence.pattern import log_odds
+from lidar_outlier_filter.core.detectors.evidence.pattern import first_pass
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
 from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import REASONS, contribute
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
     COUNT_AGAIN,
-    count_scores,
     measure_again,
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
@@ -56,12 +55,11 @@ def some_points(sweep: Sweep, rng: np.random.Generator) -> tuple[Singles, NDArra
     pattern = find_pattern(sweep.points, spins=True)
     if pattern is None:
         raise SystemExit(f'{sweep.name} has no scan pattern')
-    model, there = load(), pattern.order >= 0
-    never = float(np.finfo(np.float32).max)
-    first = log_odds(pattern, model.first, model.again, never)
+    model, there, prepared = load(), pattern.order >= 0, prepare(pattern)
+    first = first_pass(prepared, model.first)
     values = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-    measure_again(prepare(pattern), count_scores(pattern, first), 0, len(pattern.first), values)
-    asked = np.flatnonzero(there & (first > np.float32(model.doubtful)))
+    measure_again(prepared, first, 0, len(pattern.first), values)
+    asked = np.flatnonzero(there & (first.score > np.float32(model.doubtful)))
     outlier = sweep.outlier[pattern.order[asked]]
     bad, good = asked[outlier], asked[~outlier]
     rows = [rng.choice(one, min(OF_EACH, len(one)), replace=False) for one in (bad, good)]

@@ -75,7 +75,8 @@ def judge(pattern: Pattern, threshold: float, threads: int = 0, *, profile: bool
     if profile:
         groups = find_groups(pattern, prepared.near, threads)
         prepared = prepared._replace(groups=groups)
-    odds = log_odds(prepared, model.first, model.again, model.doubtful, threads)
+    first = first_pass(prepared, model.first, threads)
+    odds = second_pass(prepared, first, model.again, model.doubtful, threads)
     there = pattern.order >= 0
     score = np.empty(int(np.count_nonzero(there)))
     statistic = np.maximum(odds[there].astype(np.float64) - LEAST, 0.0)
@@ -83,23 +84,27 @@ def judge(pattern: Pattern, threshold: float, threads: int = 0, *, profile: bool
     return score
 
 
-def log_odds(
-    prepared: Prepared, first: Trees, again: Trees, doubtful: float, threads: int = 0
-) -> Singles:
-    """Return the log-odds (M,) of each place; those of places without a point mean nothing.
-
-    The second trees judge the points to which the first give more than ``doubtful``.
-    """
+def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
+    """Give each place its log-odds; those of places without a point are 0."""
     pattern = prepared.pattern
-    lines = len(pattern.first)
     score = np.zeros(len(pattern.order), np.float32)
-    pool.run(lambda i, j: _first(prepared, first, i, j, score), lines, LINES_AT_ONCE, threads)
-    passed = count_scores(pattern, score)
-    result = score.copy()
-    low = np.float32(doubtful)
     pool.run(
-        lambda i, j: _again(prepared, passed, again, low, i, j, result),
-        lines,
+        lambda i, j: _first(prepared, trees, i, j, score),
+        len(pattern.first),
+        LINES_AT_ONCE,
+        threads,
+    )
+    return count_scores(pattern, score)
+
+
+def second_pass(
+    prepared: Prepared, first: FirstPass, trees: Trees, doubtful: float, threads: int = 0
+) -> Singles:
+    """Return the log-odds (M,) of each place: of these trees, where the first are ``doubtful``."""
+    result, low = first.score.copy(), np.float32(doubtful)
+    pool.run(
+        lambda i, j: _again(prepared, first, trees, low, i, j, result),
+        len(prepared.pattern.first),
         LINES_AT_ONCE,
         threads,
     )

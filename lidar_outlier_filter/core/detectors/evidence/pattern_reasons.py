@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern import log_odds
+from lidar_outlier_filter.core.detectors.evidence.pattern import first_pass, second_pass
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
     AGAIN,
     COUNT_AGAIN,
-    count_scores,
     measure_again,
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
@@ -81,13 +80,12 @@ def explain(points: Points, threads: int = 0) -> Reasons:
     if pattern is None:
         raise FilterError('the points to explain', 'those of a scan pattern', 'others')
     model, there = load(), pattern.order >= 0
-    prepared, lines = prepare(pattern, threads), len(pattern.first)
-    never = float(np.finfo(np.float32).max)
-    first = log_odds(prepared, model.first, model.again, never, threads)
-    odds = log_odds(prepared, model.first, model.again, model.doubtful, threads)
+    prepared = prepare(pattern, threads)
+    first = first_pass(prepared, model.first, threads)
+    odds = second_pass(prepared, first, model.again, model.doubtful, threads)
     values = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-    measure_again(prepared, count_scores(pattern, first), 0, lines, values)
-    again = first > np.float32(model.doubtful)
+    measure_again(prepared, first, 0, len(pattern.first), values)
+    again = first.score > np.float32(model.doubtful)
     added = np.zeros((COUNT_AGAIN, len(there)), np.float32)
     contribute(model.first, values, there & ~again, added)
     contribute(model.again, values, there & again, added)
