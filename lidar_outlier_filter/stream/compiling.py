@@ -73,6 +73,8 @@ def make_ready(parameters: FilterParameters, sensors: Sequence[str] = SENSORS) -
 
 def load(parameters: FilterParameters) -> bool:
     """Run the kernels of a chain once; return False where one would have to be compiled."""
+    if is_ready(parameters):
+        return True
     try:
         with only_compiled():
             make_ready(parameters)
@@ -90,10 +92,9 @@ def seconds(parameters: FilterParameters) -> int:
 def shares(parameters: FilterParameters) -> list[KernelShare]:
     """Cut the work for a chain into parts that can be done side by side."""
     found = []
-    flat = parameters.flat()
+    flat, default = parameters.flat(), FilterParameters().flat()
     for name in parameters.chain:
         values = {key: value for key, value in flat.items() if key.startswith(f'{name}.')}
-        default = FilterParameters().flat()
         changed = {key: value for key, value in values.items() if value != default[key]}
         given = tuple(sorted(changed.items()))
         parts = [(sensor,) for sensor in SENSORS] if name == APART else [SENSORS]
