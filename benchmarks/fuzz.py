@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hard inputs in large numbers: clouds, files and truncations drawn at random, and killed runs.
+"""Hard inputs in large numbers: clouds, files and recordings damaged at random, and killed runs.
 
     scripts/environment python benchmarks/fuzz.py --clouds 10000 --files 200 --cuts 50 --kills 50
 
-The strategies are those of the tests, in ``test/hostile.py``. What breaks a promise is printed with
-the number that draws it again. At the end a table counts what was tried, as ``doc/reliability.md``
-quotes it. The exit status is 1 if anything broke.
+The strategies are those of the tests, in ``test/hostile.py`` and ``test/damaged.py``. What breaks a
+promise is printed with the number that draws it again. At the end a table counts what was tried, as
+``doc/reliability.md`` quotes it. The exit status is 1 if anything broke.
 """
 
 # ruff: noqa: INP001, T201  a script, no package
@@ -14,6 +14,7 @@ quotes it. The exit status is 1 if anything broke.
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
 import traceback
@@ -27,6 +28,17 @@ from typing import TYPE_CHECKING, Any
 TESTS = Path(__file__).resolve().parents[1] / 'test'
 sys.path.insert(0, str(TESTS))
 
+import numpy as np  # noqa: E402
+from damaged import (  # noqa: E402  after the path is known
+    FAST,
+    KINDS,
+    WAYS,
+    Damage,
+    check,
+    content,
+    inflict,
+    write_recording,
+)
 from hostile import (  # noqa: E402  after the path is known
     FORMATS,
     broken,
@@ -40,6 +52,7 @@ from hypothesis import HealthCheck, given, seed, settings  # noqa: E402
 
 from lidar_outlier_filter.errors import RecordingError  # noqa: E402
 from lidar_outlier_filter.recordings.bags import Recording  # noqa: E402
+from lidar_outlier_filter.recordings.replay import replay  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -135,6 +148,35 @@ def _read(path: Path) -> bool:
     raise AssertionError('read without a word')
 
 
+def salvages(table: Table, count: int, start: int, folder: Path) -> None:
+    """Damage so many recordings of all kinds, and salvage them."""
+    rng = np.random.default_rng(start)
+    whole = {}
+    for i, kind in enumerate(KINDS):
+        (folder / f'{i}').mkdir()
+        whole[kind] = write_recording(kind, folder / f'{i}')
+    replay(whole['mcap'], folder / 'unbroken', parameters=FAST)
+    unbroken, broken_ones = content(folder / 'unbroken'), folder / 'broken'
+    for _ in range(count):
+        kind = KINDS[int(rng.integers(len(KINDS)))]
+        broken_ones.mkdir()
+        path = broken_ones / whole[kind].name
+        (shutil.copytree if whole[kind].is_dir() else shutil.copyfile)(whole[kind], path)
+        done = [
+            Damage(WAYS[int(rng.integers(len(WAYS)))], rng.random(), int(rng.integers(2**32)))
+            for _ in range(int(rng.integers(1, 4)))
+        ]
+        for damage in done:
+            inflict(path, damage)
+        out = broken_ones / 'out'
+        table.note(
+            'salvaged recordings',
+            lambda p=path, o=out: check(p, o, unbroken) is not None,
+            f'{kind} {done}',
+        )
+        shutil.rmtree(broken_ones)
+
+
 def kills(table: Table, count: int, folder: Path) -> None:
     """Kill so many runs of each command."""
     for what, source in KILLS:
@@ -156,6 +198,7 @@ def main() -> int:
     parser.add_argument('--clouds', type=int, default=20_000)
     parser.add_argument('--files', type=int, default=200, help='of each of the formats')
     parser.add_argument('--cuts', type=int, default=170, help='of each kind of recording')
+    parser.add_argument('--salvages', type=int, default=500, help='damaged recordings')
     parser.add_argument('--kills', type=int, default=50, help='of each command')
     parser.add_argument('--seed', type=int, default=0)
     options = parser.parse_args()
@@ -165,6 +208,7 @@ def main() -> int:
             clouds(table, options.clouds, options.seed)
         files(table, options.files, options.seed, Path(name))
         cuts(table, options.cuts, Path(name))
+        salvages(table, options.salvages, options.seed, Path(name))
         if options.kills:
             kills(table, options.kills, Path(name))
     return table.show()

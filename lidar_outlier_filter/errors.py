@@ -75,4 +75,12 @@ class PoseError(FilterError):
 
 
 class RecordingError(FilterError):
-    """A recording that cannot be read or written."""
+    """A recording that cannot be read or written.
+
+    Attributes
+    ----------
+    is_damage : whether it was found while a recording was read, of which a part may be readable
+
+    """
+
+    is_damage = False

@@ -358,6 +358,21 @@ def test_full_disk_is_one_sentence(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def write_at(path: Path, time: int) -> None:
+    """Write a message at a bag time."""
+    with NewBag(path) as bag:
+        bag.add(TOPICS[1])
+        bag.write(TOPICS[1], time, text('early'))
+
+
+@pytest.mark.parametrize('time', [-1, 2**63])
+def test_impossible_bag_time(tmp_path: Path, time: int) -> None:
+    """A bag time that no bag can hold is refused in one sentence, and nothing is left."""
+    with pytest.raises(RecordingError, match='the bag time of a message of /text must be from 0'):
+        write_at(tmp_path / 'bag', time)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_is_no_recording(tmp_path: Path) -> None:
     """Files and folders that are something else, or nothing, are refused in one sentence."""
     for name in ('empty.bag', 'empty.mcap', 'empty.db3'):

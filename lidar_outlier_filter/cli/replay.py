@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
+    REFUSED,
     add_parameter_options,
     beside,
     read_parameters,
@@ -19,6 +20,7 @@ from lidar_outlier_filter.cli.terminal import (
     say_unread,
     stoppable_bar,
 )
+from lidar_outlier_filter.errors import RecordingError
 
 if TYPE_CHECKING:
     import argparse
@@ -26,7 +28,12 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.recordings.losses import Losses
     from lidar_outlier_filter.recordings.replay import ReplayReport
+
+SUFFIXES = ('.mcap', '.db3', '.bag')
+MEGABYTE = 1_000_000  # bytes
+MOST_REASONS = 5  # of losses, that are said in full
 
 
 def add_replay(commands: Commands) -> None:
@@ -36,7 +43,7 @@ def add_replay(commands: Commands) -> None:
         help='filter the clouds of a recording',
         description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
         'TOPIC/outliers. Exit status: 0 all done; 1 refused, nothing is written; 3 written, but '
-        'some clouds were refused and have no answer.',
+        'some clouds were refused and have no answer, or part of a damaged recording is lost.',
     )
     parser.add_argument(
         'recording', type=Path, metavar='RECORDING', help='bag folder, .mcap, .db3 or ROS 1 .bag'
@@ -58,24 +65,52 @@ def add_replay(commands: Commands) -> None:
         action='store_true',
         help='leave the clouds that are filtered out of the copy',
     )
+    parser.add_argument(
+        '--salvage',
+        action='store_true',
+        help='filter what can be read of a damaged recording, and count what is lost',
+    )
+    parser.add_argument(
+        '--largest-message',
+        type=int,
+        default=256,
+        metavar='MB',
+        help='refuse larger messages and chunks of messages, unpacked; default: %(default)s',
+    )
     parser.set_defaults(run=_replay)
 
 
 def _replay(options: argparse.Namespace) -> int:
+    try:
+        report = _run(options)
+    except RecordingError as err:
+        path = options.recording
+        if not err.is_damage or options.salvage or not (path.is_dir() or path.suffix in SUFFIXES):
+            raise
+        say(f'{err}; --salvage filters what can be read of it')
+        return REFUSED
+    _show(report)
+    return DONE if report.is_complete else INCOMPLETE
+
+
+def _run(options: argparse.Namespace) -> ReplayReport:
+    """Replay, with a bar of progress, until a signal comes."""
     from lidar_outlier_filter.recordings.replay import replay
 
+    if options.largest_message < 1:
+        raise RecordingError('--largest-message', 'at least 1 MB', options.largest_message)
     with stoppable_bar(options.recording.name) as progress:
-        report = replay(
+        return replay(
             options.recording,
             options.output or beside(options.recording, '_cleaned'),
             options.topics,
             read_parameters(options.params, options.settings),
             drop_input=options.drop_input,
+            salvage=options.salvage,
+            largest=options.largest_message * MEGABYTE,
             progress=progress,
             inform=say,
         )
-    _show(report)
-    return DONE if report.is_complete else INCOMPLETE
 
 
 def _show(report: ReplayReport) -> None:
@@ -90,7 +125,17 @@ def _show(report: ReplayReport) -> None:
             reasons = ', '.join(f'{what} ({count})' for what, count in topic.refusals.items())
             clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
             say(f'{clouds} were refused and have no answer, for: {reasons}')
+    if report.lost.reasons:
+        _show_losses(report.lost)
     say_unread(report.unread)
+
+
+def _show_losses(lost: Losses) -> None:
+    """Say what could not be salvaged, and the first of the reasons."""
+    counts = f'{lost.messages} messages, {lost.chunks} chunks, {lost.size} bytes'
+    more = len(lost.reasons) - MOST_REASONS
+    reasons = '; '.join(lost.reasons[:MOST_REASONS]) + (f'; and {more} more' if more > 0 else '')
+    say(f'lost of the recording are at least {counts}: {reasons}')
 
 
 def _table(report: ReplayReport) -> Table:

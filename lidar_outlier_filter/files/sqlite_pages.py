@@ -34,6 +34,8 @@ def check_pages(path: Path, refuse: Callable[[str], Exception]) -> None:
         database.text_factory = bytes
         try:
             (found,) = database.execute('PRAGMA quick_check(1)').fetchone()
+        except UnicodeDecodeError as err:  # names of tables that are no text, in SQLite's sentence
+            raise refuse('names that are no text') from err
         except sqlite3.DatabaseError as err:
             raise refuse(str(err)) from err
         if found != b'ok':

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 __all__ = ['LATCHED', 'RELIABLE', 'NewBag', 'Recording', 'Topic']
 
+LATEST = 2**63 - 1  # bag time, nanoseconds
 # What a publisher of ROS 2 offers that keeps ten messages; 0: the middleware's own default.
 RELIABLE = Qos(
     QosHistory.KEEP_LAST,
@@ -177,9 +178,8 @@ class NewBag:
 
     def __enter__(self) -> Self:
         """Begin the bag in its hidden folder."""
-        if os.path.lexists(self.path):
-            raise RecordingError('the output', 'a new folder', f'{self.path}, which exists')
-        with ExitStack() as stack, _writable(self.path):
+        check_new(self.path)
+        with ExitStack() as stack, writable(self.path):
             # In the hidden folder it has its final name already: its files are named after it.
             self._built = stack.enter_context(hidden_folder(self.path)) / self.path.name
             stack.push(self._publish)
@@ -198,7 +198,7 @@ class NewBag:
         trace: TracebackType | None,
     ) -> None:
         """Finish the bag and give it its name, or remove it if there was an error."""
-        with _writable(self.path):
+        with writable(self.path):
             self._finish.__exit__(kind, error, trace)
 
     def _publish(
@@ -227,7 +227,10 @@ class NewBag:
 
     def write(self, topic: Topic, time: int, data: bytes | memoryview) -> None:
         """Write the CDR bytes of one message of an added topic at its bag time (ns)."""
-        with _writable(self.path):
+        if not 0 <= time <= LATEST:
+            must_be = f'from 0 to {LATEST} ns'
+            raise RecordingError(f'the bag time of a message of {topic.name}', must_be, time)
+        with writable(self.path):
             self._writer.write(self._connections[topic], time, data)
 
 
@@ -235,15 +238,25 @@ class NewBag:
 def _readable(path: Path) -> Iterator[None]:
     """Refuse, in one sentence, whatever a recording that is none makes the readers raise."""
     try:
-        yield
-    except FilterError:
+        try:
+            yield
+        except FilterError:
+            raise
+        except Exception as err:  # on damaged files, the decoders raise whatever they come upon
+            raise RecordingError(f'the recording {path}', 'readable', said_by(err)) from err
+    except RecordingError as err:
+        err.is_damage = True
         raise
-    except Exception as err:  # on damaged files, the decoders raise whatever they come upon
-        raise RecordingError(f'the recording {path}', 'readable', said_by(err)) from err
+
+
+def check_new(path: Path) -> None:
+    """Refuse an output whose name is taken."""
+    if os.path.lexists(path):
+        raise RecordingError('the output', 'a new folder', f'{path}, which exists')
 
 
 @contextmanager
-def _writable(path: Path) -> Iterator[None]:
+def writable(path: Path) -> Iterator[None]:
     """Refuse, in one sentence, what cannot be written: a full disk, a folder without permission."""
     try:
         yield

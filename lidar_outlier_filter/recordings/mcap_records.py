@@ -80,7 +80,7 @@ def walk(path: Path, largest: int) -> Walk:
             if kind == _DATA_END:
                 data = False
             if kind == _CHUNK and data:
-                chunk = _chunk(stream, place, length)
+                chunk = chunk_at(stream, place, length)
                 if chunk is None:
                     return Walk(
                         tuple(chunks), loose, place, f'a chunk at byte {place} that is none'
@@ -94,7 +94,7 @@ def walk(path: Path, largest: int) -> Walk:
             stream.seek(place)
 
 
-def _chunk(stream: BinaryIO, place: int, length: int) -> ChunkInfo | None:
+def chunk_at(stream: BinaryIO, place: int, length: int) -> ChunkInfo | None:
     """Read the head of a chunk; None, if its parts have not the length that they should have."""
     head = stream.read(min(_CHUNK_HEAD.size, length))
     if len(head) < _CHUNK_HEAD.size:

@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -13,8 +14,13 @@ from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
+from lidar_outlier_filter.recordings.losses import Losses
 from lidar_outlier_filter.recordings.odometry import check_motion
+from lidar_outlier_filter.recordings.salvage import salvaged
+from lidar_outlier_filter.recordings.unpack import LARGEST
 from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, check_name
+
+ROOM = 2**21  # bytes: a chunk that we write, beside a message that is longer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -30,6 +36,7 @@ class ReplayReport:
 
     ``recorded`` and ``elapsed`` are seconds: the length of the recording, and the time that the
     replay took. ``unread`` messages are counted in the recording, but were not found in it.
+    ``lost`` is what could not be salvaged of it.
     """
 
     output: Path
@@ -37,11 +44,13 @@ class ReplayReport:
     recorded: float
     elapsed: float
     unread: int
+    lost: Losses = field(default_factory=Losses)
 
     @property
     def is_complete(self) -> bool:
         """Whether every message is in the output, and every cloud has its answer."""
-        return self.unread == 0 and not any(topic.refused for topic in self.topics)
+        whole = self.unread == 0 and not self.lost.reasons
+        return whole and not any(topic.refused for topic in self.topics)
 
 
 def replay(  # noqa: PLR0913  what the command line offers
@@ -51,6 +60,8 @@ def replay(  # noqa: PLR0913  what the command line offers
     parameters: Mapping[str, object] | None = None,
     *,
     drop_input: bool = False,
+    salvage: bool = False,
+    largest: int = LARGEST,
     progress: Callable[[int, int], object] | None = None,
     inform: Callable[[str], object] = str,
     chain: Chain | None = None,
@@ -68,6 +79,8 @@ def replay(  # noqa: PLR0913  what the command line offers
     topics : PointCloud2 topics to filter, each as a stream of its own; none given: all of them
     parameters : of the filter, by flat name
     drop_input : leave the clouds that are filtered out of the copy
+    salvage : filter what can be read of a damaged recording; what is lost is counted
+    largest : bytes that a message, or a chunk of messages, may have
     progress : is called after each message: how many of how many have been read
     inform : is called with a sentence on how the clouds of a topic are read, once for each layout
     chain : stands in for that of the parameters; it must give the same verdicts
@@ -85,7 +98,13 @@ def replay(  # noqa: PLR0913  what the command line offers
     given = FilterParameters().changed(parameters or {})
     if recording.resolve() in output.resolve().parents:
         raise RecordingError('the output', f'outside of {recording}, which stays as it is', output)
-    with Recording(recording) as source, NewBag(output, source.custom_data) as bag:
+    with ExitStack() as stack:
+        path, lost = recording, Losses()
+        if salvage:
+            path, lost = stack.enter_context(salvaged(recording, output, largest))
+            largest += ROOM  # the copy has chunks of its own
+        source = stack.enter_context(Recording(path, largest))
+        bag = stack.enter_context(NewBag(output, source.custom_data))
         chosen = choose_clouds(source, topics, 'a topic to filter')
         _check_motion(source, chosen, given)
         streams = {topic: CloudTopic(topic, given, inform, chain) for topic in chosen}
@@ -94,7 +113,7 @@ def replay(  # noqa: PLR0913  what the command line offers
         elapsed = perf_counter() - started
         reports = tuple(stream.report() for stream in streams.values())
         unread = max(0, source.message_count - done)
-        return ReplayReport(output, reports, source.duration * 1e-9, elapsed, unread)
+        return ReplayReport(output, reports, source.duration * 1e-9, elapsed, unread, lost)
 
 
 def _copy(  # noqa: PLR0913  what `replay` takes
