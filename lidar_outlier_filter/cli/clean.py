@@ -172,7 +172,7 @@ def _run(path: Path, output: Path, outliers: Path | None, wanted: Wanted) -> Cle
                 steps[step] = bars.enter_context(progress_bar(f'{path.name}: {step}'))
             steps[step](done, total)
 
-        return clean(path, output, wanted, outliers, progress)
+        return clean(path, output, wanted, outliers, progress, lambda slow: say(f'{path}: {slow}'))
 
 
 def _show(reports: Sequence[CleanReport]) -> None:

@@ -11,12 +11,14 @@ import numpy as np
 from lidar_outlier_filter.core.compiling import SENSORS, sample
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.seen import Seen
+from lidar_outlier_filter.core.slow import watched
 from lidar_outlier_filter.core.verdict import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.slow import SaySlow
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -32,6 +34,7 @@ class Chain:
         """Choose the detectors that ``parameters.chain`` names."""
         self.parameters = parameters
         self.passes = 0  # the most that a detector has needed
+        self.slow: SaySlow | None = None  # is called while a detector takes too long
         self._detectors = [DETECTORS[name] for name in parameters.chain]
         # The lists that all detectors share are as long as the longest that one asks for.
         self._neighbours = max(1, *(one.neighbours(parameters) for one in self._detectors))
@@ -43,7 +46,8 @@ class Chain:
         where = np.arange(len(points))
         seen = Seen(points, parameters, self._neighbours)
         for detector in self._detectors:
-            found = detector.detect(seen, parameters)
+            with watched(detector.name, parameters.max_delay, seen.points, self.slow):
+                found = detector.detect(seen, parameters)
             verdict.add(detector.bit, where, found)
             self.passes = max(self.passes, found.passes)
             # Behind the last one nobody looks at what is left.

@@ -33,6 +33,7 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.slow import watched
 from lidar_outlier_filter.core.tiles import ROUNDING, Tiles, distances_to_places
 from lidar_outlier_filter.core.verdict import ALL, Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.declaration import Detector
+    from lidar_outlier_filter.core.slow import SaySlow
     from lidar_outlier_filter.core.tiles import Allocate
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -67,6 +69,7 @@ class TiledChain:
         side: float,
         allocate: Allocate = np.empty,
         progress: Callable[[int, int], object] = lambda _done, _total: None,
+        slow: SaySlow | None = None,
     ) -> None:
         """Sort the valid points of a cloud, whose coordinates may be a file, into tiles.
 
@@ -77,6 +80,7 @@ class TiledChain:
         side : of a tile, metres
         allocate : gives an array of a shape, in memory or in a file, for a copy of the coordinates
         progress : is called with how many of how many points are done, all detectors together
+        slow : is called while a detector takes too long
 
         Raises
         ------
@@ -88,6 +92,7 @@ class TiledChain:
             if DETECTORS[name].tiled is None:
                 raise ParameterError('chain', f'without {name} where there are tiles', name)
         self._cloud, self._parameters, self._progress = cloud, parameters, progress
+        self._slow = slow
         self._tiles = Tiles(cloud.xyz, cloud.valid, side, allocate)
         self._done = 0
 
@@ -98,18 +103,21 @@ class TiledChain:
         left = np.ones(len(tiles.order), np.bool_)
         for name in parameters.chain:
             detector = DETECTORS[name]
-            if isinstance(detector.tiled, Measured):
-                measure = _Measure(detector, detector.tiled, parameters)
-                found = self._by_measure(measure, left)
-            elif detector.tiled is Tiled.BY_LINE:
-                found = self._by_line(name, left)
-            else:
-                found = self._by_tile(name, left)
+            with watched(name, parameters.max_delay, self._cloud, self._slow):
+                found = self._detect(detector, left)
             verdict.add(detector.bit, tiles.order[left], found.take(left))
             if parameters.vote == 0:
                 left &= ~(found.score > 1)
         verdict.settle(max(parameters.vote, 1))
         return verdict
+
+    def _detect(self, detector: Detector, left: Bools) -> Scores:
+        """Run a detector over what is left of the whole cloud."""
+        if isinstance(detector.tiled, Measured):
+            return self._by_measure(_Measure(detector, detector.tiled, self._parameters), left)
+        if detector.tiled is Tiled.BY_LINE:
+            return self._by_line(detector.name, left)
+        return self._by_tile(detector.name, left)
 
     def _by_line(self, name: str, left: Bools) -> Scores:
         """Run a detector over the lines, some at a time."""

@@ -14,6 +14,7 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.slow import SaySlow
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 WITHOUT_LINES = ('sor',)  # the chain where nobody asks for one, and there are no scan lines
@@ -45,8 +46,12 @@ def chain_without_lines(
     return parameters.changed({'chain': WITHOUT_LINES})
 
 
-def judge_whole(cloud: Points, parameters: FilterParameters) -> Verdict:
+def judge_whole(
+    cloud: Points, parameters: FilterParameters, slow: SaySlow | None = None
+) -> Verdict:
     """Judge the valid points of a cloud in one piece; the others stay untested.
+
+    ``slow`` is called while a detector takes too long.
 
     Raises
     ------
@@ -60,5 +65,7 @@ def judge_whole(cloud: Points, parameters: FilterParameters) -> Verdict:
         raise CloudError('the number of points judged in one piece', must_be, len(where))
     verdict = Verdict.untested(len(cloud))
     if len(where):
-        verdict.put(where, Chain(parameters).judge(cloud.take(where)))
+        chain = Chain(parameters)
+        chain.slow = slow
+        verdict.put(where, chain.judge(cloud.take(where)))
     return verdict

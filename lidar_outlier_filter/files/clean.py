@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.slow import SaySlow
     from lidar_outlier_filter.core.tiles import Allocate
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.files.cloud_file import CloudFile
@@ -108,12 +109,13 @@ class CleanReport:
     parameters: Mapping[str, Any]
 
 
-def clean(
+def clean(  # noqa: PLR0913  what a user may want, and two who want to know
     path: Path,
     output: Path,
     wanted: Wanted,
     outliers: Path | None = None,
     progress: Progress = lambda _what, _done, _total: None,
+    slow: SaySlow | None = None,
 ) -> CleanReport:
     """Judge the points of a file, and write a copy that says or shows which are rejected.
 
@@ -125,6 +127,7 @@ def clean(
     wanted : what to do
     outliers : new file for the rejected points, where they are separated
     progress : is called with what is being done, and with how many of how many points
+    slow : is called while a detector takes more than 10 × ``max_delay``
 
     Raises
     ------
@@ -149,7 +152,7 @@ def clean(
             coordinates = points.choose_coordinates(file, wanted.coordinates)
             loaded, parameters = _load(file, coordinates, parameters, wanted, allocate, progress)
         with _timed(seconds, 'judge'):
-            verdict = judge(loaded.points, parameters, wanted.tile, allocate, progress)
+            verdict = judge(loaded.points, parameters, wanted.tile, allocate, progress, slow)
         with _timed(seconds, 'write'):
             changes = _changes(file, verdict, wanted, parameters)
             for change, target in zip(changes, built, strict=False):
@@ -181,19 +184,20 @@ def clean(
     return report
 
 
-def judge(
+def judge(  # noqa: PLR0913  where to, and two who want to know
     cloud: Points,
     parameters: FilterParameters,
     tile: float = 0.0,
     allocate: Allocate = np.empty,
     progress: Progress = lambda _what, _done, _total: None,
+    slow: SaySlow | None = None,
 ) -> Verdict:
     """Judge the valid points of a cloud in one piece or in tiles; the others stay untested."""
     if tile > 0:
         show = partial(progress, 'judging')
-        return TiledChain(cloud, parameters, tile, allocate, show).judge()
+        return TiledChain(cloud, parameters, tile, allocate, show, slow).judge()
     progress('judging', 0, 0)
-    return judge_whole(cloud, parameters)
+    return judge_whole(cloud, parameters, slow)
 
 
 def _clouds(file: CloudFile, output: Path, outliers: Path | None, wanted: Wanted) -> list[Path]:

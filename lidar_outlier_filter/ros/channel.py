@@ -57,6 +57,7 @@ class Channel:
         self._filter = _FilterOfNode(parameters, self._log_info, self._log_warning, self._motion)
         self._filter.refuse = self._log_refusal
         self._filter.fail = self._log_failure
+        self._filter.slow = self.health.slow
         self._clock = DelayClock(node)
         self.publisher = AnswerPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)

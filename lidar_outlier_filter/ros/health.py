@@ -15,6 +15,7 @@ from lidar_outlier_filter.stream.statistics import Statistics
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from lidar_outlier_filter.core.slow import SlowDetector
     from lidar_outlier_filter.parameters.node import HealthLimits
 
 OK, WARN, ERROR = 0, 1, 2
@@ -51,6 +52,7 @@ class _Tally:
     delays: list[float] = field(default_factory=list)
     ages: list[float] = field(default_factory=list)
     spent: list[float] = field(default_factory=list)
+    slow: dict[str, SlowDetector] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,11 @@ class Health:
         """Note the time that a cloud took to filter."""
         with self._lock:
             self._tally.spent.append(seconds)
+
+    def slow(self, detector: SlowDetector) -> None:
+        """Note a detector that takes too long for a block."""
+        with self._lock:
+            self._tally.slow[detector.name] = detector
 
     def counted(self, counts: Statistics) -> None:
         """Take a copy of the counts since the start."""
@@ -199,6 +206,7 @@ class _Look:
         failures = self.now.failures - self.before.failures
         if failures:
             yield ERROR, f'a detector raised an error in {failures} blocks: see the log'
+        yield from ((WARN, str(slow)) for slow in tally.slow.values())
         # Whatever the limits are: delays are those of clouds that have an answer.
         if self.waits > max_delay:
             level = ERROR if self.backlog.oldest > limits.delay_error * max_delay else WARN

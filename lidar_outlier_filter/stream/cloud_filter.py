@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.slow import SlowDetector
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
 
@@ -78,6 +79,9 @@ class CloudFilter:
         have come, or when its block was judged.
     fail : callable
         Is called with an error that a detector raised, once for each place in the code.
+    slow : callable
+        Is called from another thread while a detector takes more than 10 × ``max_delay`` for a
+        block, for each such block; ``warn`` is called once for each detector.
 
     Raises
     ------
@@ -115,6 +119,7 @@ class CloudFilter:
         self.statistics = Statistics()
         self.refuse: Callable[[CloudError], object] = str
         self.fail: Callable[[JudgingError], object] = str
+        self.slow: Callable[[SlowDetector], object] = str
         self.pass_failed = False  # clouds that could not be judged, instead of refusing them
         self.wanted = (True, True)  # cleaned and outliers: what nobody wants is not made
         self._parameters = parameters
@@ -130,7 +135,9 @@ class CloudFilter:
         self._entrance = self._moving or self._stream
         if self.compiles:
             make_ready(parameters)
-        self._chain, self._short = self._stream.chain, _short(self._stream.chain)
+        self._warn = warn
+        self._slow: set[str] = set()  # detectors that took too long
+        self._watch(self._stream.chain)
         self._sheds = False
 
     @property
@@ -264,8 +271,8 @@ class CloudFilter:
         except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
             self._failed(JudgingError(err))
         self._parameters = self._decoder.parameters = parameters
-        self._stream.chain = self._chain = chain
-        self._short = _short(chain)
+        self._stream.chain = chain
+        self._watch(chain)
         if self._moving is not None:
             self._moving.wait_at_most(parameters.max_delay)
 
@@ -280,6 +287,20 @@ class CloudFilter:
             points, frame, msg=msg, tag=tag, form=self._parameters, passed=passed
         )
         return self._entrance.push(cloud)
+
+    def _watch(self, chain: Chain) -> None:
+        """Judge by a chain, and by what of it is fast; say where a detector takes too long."""
+        self._chain, self._short = chain, _short(chain)
+        for one in (chain, self._short):
+            if one is not None:
+                one.slow = self._takes_long
+
+    def _takes_long(self, slow: SlowDetector) -> None:
+        """Report a detector that takes too long; it still runs."""
+        self.slow(slow)
+        if slow.name not in self._slow:
+            self._slow.add(slow.name)
+            self._warn(str(slow))
 
     def _failed(self, err: JudgingError) -> None:
         """Count a block that a detector raised an error in."""
