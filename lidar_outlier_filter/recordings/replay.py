@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -14,14 +15,14 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.odometry import check_motion
-from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, check_name
+from lidar_outlier_filter.stream.topics import CLOUD, check_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
-    from pathlib import Path
 
     from lidar_outlier_filter.core.chain import Chain
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class ReplayReport:
     replay took. ``unread`` messages are counted in the recording, but were not found in it.
     """
 
-    output: Path
+    output: RecordingPath
     topics: tuple[TopicReport, ...]
     recorded: float
     elapsed: float
@@ -45,7 +46,7 @@ class ReplayReport:
 
 
 def replay(  # noqa: PLR0913  what the command line offers
-    recording: Path,
+    recording: RecordingPath,
     output: Path,
     topics: Collection[str] = (),
     parameters: Mapping[str, object] | None = None,
@@ -83,7 +84,7 @@ def replay(  # noqa: PLR0913  what the command line offers
 
     """
     given = FilterParameters().changed(parameters or {})
-    if recording.resolve() in output.resolve().parents:
+    if isinstance(recording, Path) and recording.resolve() in output.resolve().parents:
         raise RecordingError('the output', f'outside of {recording}, which stays as it is', output)
     with Recording(recording) as source, NewBag(output, source.custom_data) as bag:
         chosen = choose_clouds(source, topics, 'a topic to filter')
@@ -110,13 +111,10 @@ def _copy(  # noqa: PLR0913  what `replay` takes
         if topic not in dropped:
             bag.add(topic)
     names = {topic.name for topic in source.topics}
-    # By type, too: a topic of a recording may carry several.
     listeners: dict[tuple[str, str], Callable[[int, bytes], object]] = {}
-    for topic, stream in streams.items():
+    for stream in streams.values():
         stream.begin(bag, names)
-        listeners[topic.name, CLOUD] = stream.feed
-        if stream.odometry:
-            listeners[stream.odometry, ODOMETRY] = stream.feed_pose
+        listeners.update(stream.listeners)
     done = 0
     for topic, time, data in source.messages():
         begin(topic, time)

@@ -128,7 +128,7 @@ class CloudFilter:
             self._moving = MovingStream(self._stream, motion, parameters, self.refused)
             self.statistics.poses = motion.refusals
         self._entrance = self._moving or self._stream
-        if self.compiles:
+        if self.compiles and not is_ready(parameters):
             make_ready(parameters)
         self._chain, self._short = self._stream.chain, _short(self._stream.chain)
         self._sheds = False
