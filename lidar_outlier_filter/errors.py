@@ -64,7 +64,7 @@ def said_by(error: BaseException) -> str:
     Others, such as ``list index out of range``, speak of the reader: the file holds then what its
     format does not allow, and no more is known.
     """
-    text = (error.strerror or '') if isinstance(error, OSError) else str(error)
+    text = str((isinstance(error, OSError) and error.strerror) or error)
     if isinstance(error, _OF_THE_READER) or not text.strip():
         text = 'bytes that its format does not allow'
     return '"' + ' '.join(text.split()) + '"'

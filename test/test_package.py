@@ -41,6 +41,7 @@ ROSDEP_KEYS = {
 }
 PYPI_NAMES = {
     'PIL': 'Pillow',
+    'boto3': 'moto',
     'catkin_pkg': 'catkin-pkg',
     'lazrs': 'laspy',  # in its brackets
     'lz4': 'rosbags',
@@ -53,6 +54,7 @@ PYPI_NAMES = {
 # Imported only where a user asks for them, and installed by an extra
 EXTRAS = {
     'filterpy': 'audit',
+    'fsspec': 'archive',
     'laspy': 'files',
     'lazrs': 'files',
     'lzf': 'files',
@@ -62,7 +64,19 @@ EXTRAS = {
 # Of ROS, and needed by rclpy itself, or by nav_msgs
 WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}
 # Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
-PIP_ONLY = {'filterpy', 'laspy', 'lz4', 'lzf', 'mcap', 'mcap_ros2', 'pyarrow', 'rosbags'}
+PIP_ONLY = {
+    'boto3',
+    'filterpy',
+    'fsspec',
+    'laspy',
+    'lz4',
+    'lzf',
+    'mcap',
+    'mcap_ros2',
+    'moto',
+    'pyarrow',
+    'rosbags',
+}
 SINCE_NUMPY_2 = {
     'astype',
     'bitwise_count',

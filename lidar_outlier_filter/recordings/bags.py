@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
     from rosbags.interfaces import Connection
 
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+
 __all__ = ['LATCHED', 'RELIABLE', 'NewBag', 'Recording', 'Topic']
 
 LATEST = 2**63 - 1  # bag time, nanoseconds
@@ -72,8 +74,8 @@ class Recording:
 
     """
 
-    def __init__(self, path: Path, largest: int = LARGEST) -> None:
-        """Name the recording; it is opened on entering.
+    def __init__(self, path: RecordingPath, largest: int = LARGEST) -> None:
+        """Name the recording; it is opened on entering. One on a store is read by ranges.
 
         A chunk of messages or a message that has more than ``largest`` bytes is refused.
         """
@@ -235,7 +237,7 @@ class NewBag:
 
 
 @contextmanager
-def _readable(path: Path) -> Iterator[None]:
+def _readable(path: RecordingPath) -> Iterator[None]:
     """Refuse, in one sentence, whatever a recording that is none makes the readers raise."""
     try:
         try:
@@ -270,9 +272,10 @@ def _quoted(text: str) -> str:
     return '"' + ' '.join(text.split()) + '"'
 
 
-def _check_finished(path: Path) -> None:
+def _check_finished(path: RecordingPath) -> None:
     """Refuse a database that its recorder did not close: messages are in the log beside it."""
-    for log in path.glob('*.db3-wal') if path.is_dir() else [path.with_name(path.name + '-wal')]:
+    beside: list[RecordingPath] = [path.with_name(path.name + '-wal')]
+    for log in path.glob('*.db3-wal') if path.is_dir() else beside:
         if log.is_file() and log.stat().st_size:
             raise RecordingError(
                 f'the recording {path}', 'closed by its recorder', f'messages in {log.name}'

@@ -78,6 +78,15 @@ class CloudTopic:
         """Whether the first clouds have decided all that they decide for those to come."""
         return self._filter.settled
 
+    @property
+    def listeners(self) -> Mapping[tuple[str, str], Callable[[int, bytes], None]]:
+        """What takes the messages of a topic, by its name and type: a topic may carry several."""
+        found: dict[tuple[str, str], Callable[[int, bytes], None]]
+        found = {(self.topic.name, CLOUD): self.feed}
+        if self.odometry:
+            found[self.odometry, ODOMETRY] = self.feed_pose
+        return found
+
     def begin(self, bag: NewBag, names: set[str]) -> None:
         """Add the topics of the answers to the bag and to the names in use.
 

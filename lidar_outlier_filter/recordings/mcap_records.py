@@ -16,7 +16,7 @@ from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 from lidar_outlier_filter.errors import RecordingError
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 MAGIC = b'\x89MCAP0\r\n'
 _FOOTER, _MESSAGE, _CHUNK, _DATA_END = 2, 5, 6, 15
@@ -26,6 +26,7 @@ _CHUNK_HEAD = struct.Struct(
 )  # first and last time, size unpacked, checksum, length of a word
 _LONG = struct.Struct('<Q')
 _FOOTER_SIZE = 20
+_TAIL = _HEAD.size + _FOOTER_SIZE + len(MAGIC)
 
 
 class Walk(NamedTuple):
@@ -42,7 +43,7 @@ class Walk(NamedTuple):
     wrong: str
 
 
-def walk(path: Path, largest: int) -> Walk:
+def walk(path: RecordingPath, largest: int) -> Walk:
     """Walk over the records of a file up to the footer.
 
     Parameters
@@ -111,9 +112,46 @@ def chunk_at(stream: BinaryIO, place: int, length: int) -> ChunkInfo | None:
     )
 
 
-def _check(path: Path, what: str, size: int, largest: int) -> None:
+def _check(path: RecordingPath, what: str, size: int, largest: int) -> None:
     if size > largest:
         raise RecordingError(f'{what} of {path}', f'of at most {largest} bytes', size)
+
+
+def has_summary(path: RecordingPath, largest: int) -> bool:
+    """Return whether a file ends with a summary, of at most ``largest`` bytes.
+
+    Its records need no walk then: over a network, one would read a part of every chunk.
+    """
+    size = path.stat().st_size
+    if size < len(MAGIC) + _TAIL:
+        return False
+    with path.open('rb') as stream:
+        stream.seek(size - _TAIL)
+        tail = stream.read(_TAIL)
+    if not tail.endswith(MAGIC) or _HEAD.unpack_from(tail) != (_FOOTER, _FOOTER_SIZE):
+        return False
+    (start,) = _LONG.unpack_from(tail, _HEAD.size)
+    return bool(0 < start <= size - _TAIL and size - start <= largest)
+
+
+def complete_from_summary(path: RecordingPath, reader: McapReader, largest: int) -> None:
+    """Check what the summary of a file says of its chunks; walk over them where it lacks some.
+
+    Raises
+    ------
+    RecordingError
+        If a chunk has more than ``largest`` bytes, or is not within the file.
+
+    """
+    size = path.stat().st_size
+    for chunk in reader.chunks:
+        what = f'the chunk at byte {chunk.chunk_start_offset}'
+        _check(path, what, max(chunk.uncompressed_size, chunk.compressed_size), largest)
+        if chunk.chunk_start_offset + chunk.chunk_length > size:
+            raise RecordingError(f'{what} of {path}', f'within its {size} bytes', 'one beyond')
+    listed = Walk(tuple(reader.chunks), 0, size, '')
+    if not (_channels_known(reader, listed) and _chunks_known(reader, listed)):
+        complete(reader, walk(path, largest))
 
 
 def complete(reader: McapReader, found: Walk) -> None:

@@ -22,12 +22,14 @@ from lidar_outlier_filter.recordings.unpack import decompressor
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+
 MOST_TIMES = 100  # the size of a compressed file
 _PART = 2**20  # bytes read, and unpacked, at once
 
 
 @contextmanager
-def unpacked(path: Path, largest: int) -> Iterator[Path]:
+def unpacked(path: RecordingPath, largest: int) -> Iterator[RecordingPath]:
     """Give a recording as it is, or a folder with its files where they are packed as a whole.
 
     Raises
@@ -59,7 +61,7 @@ def is_packed(bag: dict[str, Any]) -> bool:
     return isinstance(mode, str) and mode.lower() == 'file' and form == 'zstd'
 
 
-def unpack_file(source: Path, target: Path, largest: int) -> str:
+def unpack_file(source: RecordingPath, target: Path, largest: int) -> str:
     """Unpack a file as far as it can be; return what is wrong with the rest, or an empty text."""
     left = max(MOST_TIMES * source.stat().st_size, largest)
     frame = decompressor('zstd')

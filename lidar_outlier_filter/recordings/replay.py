@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -18,16 +19,16 @@ from lidar_outlier_filter.recordings.losses import Losses
 from lidar_outlier_filter.recordings.odometry import check_motion
 from lidar_outlier_filter.recordings.salvage import salvaged
 from lidar_outlier_filter.recordings.unpack import LARGEST
-from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, check_name
+from lidar_outlier_filter.stream.topics import CLOUD, check_name
 
 ROOM = 2**21  # bytes: a chunk that we write, beside a message that is longer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
-    from pathlib import Path
 
     from lidar_outlier_filter.core.chain import Chain
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class ReplayReport:
     ``lost`` is what could not be salvaged of it.
     """
 
-    output: Path
+    output: RecordingPath
     topics: tuple[TopicReport, ...]
     recorded: float
     elapsed: float
@@ -54,7 +55,7 @@ class ReplayReport:
 
 
 def replay(  # noqa: PLR0913  what the command line offers
-    recording: Path,
+    recording: RecordingPath,
     output: Path,
     topics: Collection[str] = (),
     parameters: Mapping[str, object] | None = None,
@@ -96,11 +97,14 @@ def replay(  # noqa: PLR0913  what the command line offers
 
     """
     given = FilterParameters().changed(parameters or {})
-    if recording.resolve() in output.resolve().parents:
+    if isinstance(recording, Path) and recording.resolve() in output.resolve().parents:
         raise RecordingError('the output', f'outside of {recording}, which stays as it is', output)
     with ExitStack() as stack:
-        path, lost = recording, Losses()
+        path: RecordingPath = recording
+        lost = Losses()
         if salvage:
+            if not isinstance(recording, Path):
+                raise RecordingError('a recording to salvage', 'on this machine', recording)
             path, lost = stack.enter_context(salvaged(recording, output, largest))
             largest += ROOM  # the copy has chunks of its own
         source = stack.enter_context(Recording(path, largest))
@@ -129,13 +133,10 @@ def _copy(  # noqa: PLR0913  what `replay` takes
         if topic not in dropped:
             bag.add(topic)
     names = {topic.name for topic in source.topics}
-    # By type, too: a topic of a recording may carry several.
     listeners: dict[tuple[str, str], Callable[[int, bytes], object]] = {}
-    for topic, stream in streams.items():
+    for stream in streams.values():
         stream.begin(bag, names)
-        listeners[topic.name, CLOUD] = stream.feed
-        if stream.odometry:
-            listeners[stream.odometry, ODOMETRY] = stream.feed_pose
+        listeners.update(stream.listeners)
     done = 0
     for topic, time, data in source.messages():
         begin(topic, time)

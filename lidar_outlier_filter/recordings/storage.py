@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import yaml
 from rosbags.rosbag1 import Reader as Reader1
@@ -15,22 +15,31 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.files.sqlite_pages import check_pages
 from lidar_outlier_filter.parameters.declaration import shown
-from lidar_outlier_filter.recordings.mcap_records import Walk, complete, walk
+from lidar_outlier_filter.recordings.mcap_records import (
+    Walk,
+    complete,
+    complete_from_summary,
+    has_summary,
+    walk,
+)
+from lidar_outlier_filter.recordings.remote_path import RemotePath
 from lidar_outlier_filter.recordings.unpack import bound_chunks, bound_mcap, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
 
     from rosbags.rosbag2 import Reader as Reader2
+
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 MOST_NODES = 1_000_000  # values of a metadata.yaml, aliases written out
 
 
-def check_storage(path: Path, largest: int) -> Mapping[str, Walk]:
+def check_storage(path: RecordingPath, largest: int) -> Mapping[str, Walk]:
     """Refuse a recording whose files are not whole, or hold more than ``largest`` bytes at once.
 
-    Return what was found in its MCAP files, by their names.
+    Return what was found in its MCAP files, by their names. Of those on a store, only the end is
+    read; :func:`bound` checks what it says.
 
     Raises
     ------
@@ -39,22 +48,27 @@ def check_storage(path: Path, largest: int) -> Mapping[str, Walk]:
 
     """
     walks: dict[str, Walk] = {}
-    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+    files: list[RecordingPath] = [*path.iterdir()] if path.is_dir() else [path]
+    for file in sorted(files, key=str):
         if file.suffix == '.mcap' and file.is_file():
+            if isinstance(file, RemotePath) and has_summary(file, largest):
+                continue
             found = walk(file, largest)
             if found.wrong and found.whole:
                 raise RecordingError(f'the recording {path}', 'readable', f'"{found.wrong}"')
             walks[file.name] = found
         elif file.suffix == '.db3' and file.is_file():
+            if isinstance(file, RemotePath):
+                raise RecordingError(f'the database {file}', 'copied to this machine', 'a store')
             check_pages(file, partial(_refuse, path))
     return walks
 
 
-def _refuse(path: Path, wrong: str) -> RecordingError:
+def _refuse(path: RecordingPath, wrong: str) -> RecordingError:
     return RecordingError(f'the recording {path}', 'readable', f'"{wrong}"')
 
 
-def read_metadata(path: Path) -> dict[str, Any]:
+def read_metadata(path: RecordingPath) -> dict[str, Any]:
     """Read what the ``metadata.yaml`` of a bag says of it; of a file, and where there is none, {}.
 
     Raises
@@ -96,14 +110,14 @@ def _children(node: yaml.Node) -> Iterator[yaml.Node]:
             yield from pair
 
 
-def whole_number(path: Path, what: str, number: object) -> int:
+def whole_number(path: RecordingPath, what: str, number: object) -> int:
     """Refuse what should be a whole number and is none: in a folder it is a text like any other."""
     if type(number) is not int or number < 0:
         raise RecordingError(f'{what} in {path}', 'a whole number', f'"{shown(number)}"')
     return number
 
 
-def texts_by_name(path: Path, data: object) -> Mapping[str, str]:
+def texts_by_name(path: RecordingPath, data: object) -> Mapping[str, str]:
     """Refuse custom data that are not texts by name."""
     if isinstance(data, dict) and all(
         isinstance(text, str) for item in data.items() for text in item
@@ -128,6 +142,8 @@ def bound(
         name = PurePath(str(one.path)).name
         if isinstance(one, McapReader) and name in walks:
             complete(one, walks[name])
+        elif isinstance(one, McapReader):
+            complete_from_summary(cast('RecordingPath', one.path), one, largest)
     if storage.metadata.compression_mode != 'message':
         return _as_it_is
     # Unpacked here, so that it is bounded.

@@ -133,7 +133,7 @@ class CloudFilter:
             self._moving = MovingStream(self._stream, motion, parameters, self.refused)
             self.statistics.poses = motion.refusals
         self._entrance = self._moving or self._stream
-        if self.compiles:
+        if self.compiles and not is_ready(parameters):
             make_ready(parameters)
         self._warn = warn
         self._slow: set[str] = set()  # detectors that took too long

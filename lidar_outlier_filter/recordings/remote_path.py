@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A recording on a store such as S3, as a path: its bytes are read by ranges, none twice in a row.
+
+rosbags asks little of a path, and so do the checks of this package. Any file system of fsspec
+answers it. The file system is given: this module imports none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+BLOCK = 4 * 2**20  # bytes of a range
+BLOCKS = 8  # ranges that an open file keeps
+
+
+@dataclass(frozen=True)
+class Size:
+    """What is asked of the state of a file."""
+
+    st_size: int
+
+
+@dataclass(frozen=True)
+class RemotePath:
+    """A file or folder of ``system``, a file system of fsspec, under its ``key``."""
+
+    system: Any
+    key: str
+
+    def __str__(self) -> str:
+        """Return the address, such as ``s3://bucket/drive.mcap``."""
+        return str(self.system.unstrip_protocol(self.key))
+
+    def __truediv__(self, name: object) -> RemotePath:
+        """Name what is in the folder."""
+        return RemotePath(self.system, f'{self.key}/{name}')
+
+    @property
+    def name(self) -> str:
+        """The last part."""
+        return PurePosixPath(self.key).name
+
+    @property
+    def stem(self) -> str:
+        """The last part without its suffix."""
+        return PurePosixPath(self.key).stem
+
+    @property
+    def suffix(self) -> str:
+        """The suffix of the last part."""
+        return PurePosixPath(self.key).suffix
+
+    @property
+    def parent(self) -> RemotePath:
+        """The folder that it lies in."""
+        return RemotePath(self.system, str(PurePosixPath(self.key).parent))
+
+    def with_name(self, name: str) -> RemotePath:
+        """Name what lies beside it."""
+        return RemotePath(self.system, str(PurePosixPath(self.key).with_name(name)))
+
+    def exists(self) -> bool:
+        """Return whether it is there."""
+        return bool(self.system.exists(self.key))
+
+    def is_dir(self) -> bool:
+        """Return whether it is a folder."""
+        return bool(self.system.isdir(self.key))
+
+    def is_file(self) -> bool:
+        """Return whether it is a file."""
+        return bool(self.system.isfile(self.key))
+
+    def iterdir(self) -> Iterator[RemotePath]:
+        """Give what is in the folder."""
+        for key in self.system.ls(self.key, detail=False):
+            yield RemotePath(self.system, key)
+
+    def glob(self, pattern: str) -> Iterator[RemotePath]:
+        """Give what is in the folder and fits a pattern."""
+        return (path for path in self.iterdir() if PurePosixPath(path.key).match(pattern))
+
+    def stat(self, *, follow_symlinks: bool = True) -> Size:  # noqa: ARG002  rosbags names it
+        """Return its size."""
+        return Size(int(self.system.info(self.key)['size']))
+
+    def open(self, mode: str = 'rb') -> BinaryIO:
+        """Open it to be read by ranges, of which the last ones are kept."""
+        return cast(
+            'BinaryIO',
+            self.system.open(
+                self.key,
+                mode,
+                block_size=BLOCK,
+                cache_type='blockcache',
+                cache_options={'maxblocks': BLOCKS},
+            ),
+        )
+
+    def read_text(self, encoding: str | None = None) -> str:
+        """Read it whole."""
+        return bytes(self.system.cat_file(self.key)).decode(encoding or 'utf-8')
+
+
+RecordingPath = Path | RemotePath

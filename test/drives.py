@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Small recordings for tests of archives, and what is compared of their replays."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.archive.known_chain import KnowingChain
+from lidar_outlier_filter.archive.pieces import cut, judge_piece, starts
+from lidar_outlier_filter.archive.places import place_of
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.bags import NewBag, Topic
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+SECOND = 10**9
+PERIOD = SECOND // 10  # between two clouds
+BEGIN = 1_750_000_000 * SECOND
+ROW = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4'), ('ring', '<u2')])
+FAST: Mapping[str, object] = {'chain': ['alpha_beta_gamma', 'elevation']}
+_KINDS = {'<f4': 7, '<u2': 4}
+
+
+def topic_of(name: str, msgtype: str) -> Topic:
+    """Describe a topic of a known type."""
+    definition = STORE.generate_msgdef(msgtype, ros_version=2)[0]
+    return Topic(name, msgtype, definition, STORE.hash_rihs01(msgtype))
+
+
+def rows_of_turn(number: int, points: int = 120) -> np.ndarray[Any, np.dtype[np.void]]:
+    """Make one turn of two rings within a noisy cylinder, with three points far inside."""
+    rng = np.random.default_rng(number)
+    rows = np.zeros(points, ROW)
+    rows['time'] = np.arange(points) * (0.099 / points)
+    rows['ring'] = np.arange(points) % 2
+    angle = 2 * np.pi * np.arange(points) / points
+    distance = 10 + rng.normal(0, 0.01, points)
+    distance[rng.choice(points, 3, replace=False)] -= 4
+    rows['x'], rows['y'] = distance * np.cos(angle), distance * np.sin(angle)
+    rows['z'] = rows['ring'] * 0.5
+    return rows
+
+
+def cloud_bytes(
+    rows: np.ndarray[Any, np.dtype[np.void]], stamp: int, columns: tuple[str, ...] = ROW.names or ()
+) -> bytes:
+    """Write rows as a PointCloud2, with some of their columns."""
+    types = STORE.types
+    kept = np.empty(len(rows), [(name, ROW[name]) for name in columns])
+    for name in columns:
+        kept[name] = rows[name]
+    fields, offset = [], 0
+    for name in columns:
+        fields.append(types['sensor_msgs/msg/PointField'](name, offset, _KINDS[ROW[name].str], 1))
+        offset += ROW[name].itemsize
+    message = types[CLOUD](
+        header=_header(stamp, 'lidar'),
+        height=1,
+        width=len(kept),
+        fields=fields,
+        is_bigendian=False,
+        point_step=offset,
+        row_step=offset * len(kept),
+        data=np.frombuffer(kept.tobytes(), np.uint8),
+        is_dense=True,
+    )
+    return bytes(STORE.serialize_cdr(message, CLOUD))
+
+
+def pose_bytes(stamp: int, x: float) -> bytes:
+    """Write an odometry at ``x``, metres, on a straight way."""
+    types = STORE.types
+    point, turn = types['geometry_msgs/msg/Point'], types['geometry_msgs/msg/Quaternion']
+    vector = types['geometry_msgs/msg/Vector3']
+    pose = types['geometry_msgs/msg/Pose'](point(x, 0.0, 0.0), turn(0.0, 0.0, 0.0, 1.0))
+    speed = types['geometry_msgs/msg/Twist'](vector(0.0, 0.0, 0.0), vector(0.0, 0.0, 0.0))
+    zeros = np.zeros(36)
+    message = types[ODOMETRY](
+        header=_header(stamp, 'odom'),
+        child_frame_id='base',
+        pose=types['geometry_msgs/msg/PoseWithCovariance'](pose, zeros),
+        twist=types['geometry_msgs/msg/TwistWithCovariance'](speed, zeros),
+    )
+    return bytes(STORE.serialize_cdr(message, ODOMETRY))
+
+
+def _header(stamp: int, frame: str) -> Any:
+    time = STORE.types['builtin_interfaces/msg/Time'](*divmod(stamp, SECOND))
+    return STORE.types['std_msgs/msg/Header'](time, frame)
+
+
+def write_drive(  # noqa: PLR0913  what may differ
+    path: Path,
+    clouds: int = 30,
+    lidars: tuple[str, ...] = ('/lidar',),
+    stamp_of: Callable[[int], int] = lambda number: BEGIN + number * PERIOD,
+    columns: tuple[str, ...] = ROW.names or (),
+    seed: int = 0,
+) -> Path:
+    """Write a recording of turns, 10 in a second, with an odometry every 50 ms.
+
+    ``stamp_of`` gives the stamp of each turn, ns; bag times go on evenly all the same.
+    """
+    names = [topic_of(name, CLOUD) for name in lidars]
+    odometry = topic_of('/odometry', ODOMETRY)
+    with NewBag(path) as bag:
+        for topic in (*names, odometry):
+            bag.add(topic)
+        for number in range(clouds):
+            arrived = BEGIN + (number + 1) * PERIOD
+            for step in (0, 1):
+                at = BEGIN + number * PERIOD + step * PERIOD // 2
+                bag.write(odometry, at, pose_bytes(at, (2 * number + step) * 0.01))
+            for place, topic in enumerate(names):
+                rows = rows_of_turn(seed + 1000 * place + number)
+                bag.write(topic, arrived, cloud_bytes(rows, stamp_of(number), columns))
+        bag.write(odometry, arrived, pose_bytes(arrived, 2 * clouds * 0.01))
+    return path
+
+
+def hashes(path: Path) -> dict[str, str]:
+    """Hash the files of a bag."""
+    return {file.name: sha256(file.read_bytes()).hexdigest() for file in sorted(path.iterdir())}
+
+
+def replayed(
+    path: Path, output: Path, given: Mapping[str, object], length: float | None = None
+) -> tuple[dict[str, str], Any, int]:
+    """Replay in one process, or, with ``length`` in seconds, in pieces.
+
+    Return the hashes of the output, the counts, and how many blocks no piece has judged.
+    """
+    output.mkdir()
+    if length is None:
+        report = replay(path, output / 'bag', parameters=given)
+        return hashes(output / 'bag'), report.topics, 0
+    pieces = cut(place_of(path), (), given, length)
+    judged = [judge_piece(piece).verdicts for piece in reversed(pieces)][::-1]
+    filter_parameters = FilterParameters().changed(given)
+    chain = KnowingChain(filter_parameters, starts(pieces), judged.__getitem__)
+    report = replay(path, output / 'bag', parameters=given, chain=chain, begin=chain.begin)
+    return hashes(output / 'bag'), report.topics, chain.judged_here
