@@ -74,6 +74,7 @@ PIP_ONLY = {
     'mcap',
     'mcap_ros2',
     'moto',
+    'playwright',
     'pyarrow',
     'rosbags',
 }

@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which recordings of an archive are odd: their shares against the medians of all recordings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+LIMIT = 3.5  # robust z from which on a share is odd
+FEWEST = 5  # recordings to compare
+SIGMA = 1.4826  # standard deviation of a normal distribution, in median absolute deviations
+# The least deviation that is assumed, as a share: where most recordings have the same, any other
+# would be infinitely odd.
+LEAST_OF_POINTS, LEAST_OF_CLOUDS = 1e-4, 1e-3
+
+
+@dataclass
+class DriveCounts:
+    """A recording of the archive: the sums over its topics, and what is odd about it.
+
+    ``odd`` has a sentence for each oddness; ``z`` is the largest robust z by its absolute value.
+    """
+
+    source: str
+    output: str
+    error: str | None
+    size: int
+    seconds: float
+    duration: float
+    unread: int
+    messages: int = 0
+    points: int = 0
+    rejected: int = 0
+    untested: int = 0
+    refused: int = 0
+    gaps: int = 0
+    rejected_by: Counter[str] = field(default_factory=Counter)
+    odd: list[str] = field(default_factory=list)
+    z: float = 0.0
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no output."""
+        return self.error is not None
+
+
+@dataclass(frozen=True)
+class _Share:
+    """A share that is compared: what it says in a sentence, and how it is computed."""
+
+    text: str
+    least: float
+    of: Callable[[DriveCounts], float]
+
+
+def drives(entries: Iterable[Mapping[str, Any]]) -> list[DriveCounts]:
+    """Sum up the lines of a manifest, the oddest first.
+
+    Those that failed come first, then those that lack something, then by ``z``.
+    """
+    found = [_drive(entry) for entry in entries]
+    done = [drive for drive in found if not drive.failed]
+    if len(done) >= FEWEST:
+        for share in _shares(done):
+            _compare(done, share)
+    for drive in done:
+        if drive.refused:
+            drive.odd.insert(0, f'{drive.refused:,} of {drive.messages:,} clouds refused')
+        if drive.unread:
+            drive.odd.insert(0, f'{drive.unread:,} messages not found in the recording')
+    return sorted(found, key=_order)
+
+
+def robust_z(values: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """Give the distances from the median, in deviations that outliers hardly change.
+
+    Parameters
+    ----------
+    values : to compare
+    least : the least deviation that is assumed
+
+    """
+    distance = values - np.median(values)
+    deviation = SIGMA * np.median(np.abs(distance))
+    result: NDArray[np.float64] = distance / max(deviation, least)
+    return result
+
+
+def _drive(entry: Mapping[str, Any]) -> DriveCounts:
+    failed = entry['state'] != 'done'
+    drive = DriveCounts(
+        entry['source'],
+        entry['output'],
+        (entry.get('error') or 'no reason is known') if failed else None,
+        entry['size'],
+        entry['seconds'],
+        entry['duration'],
+        entry.get('unread', 0),
+    )
+    for counts in entry['topics'].values():
+        for name in ('messages', 'points', 'rejected', 'untested', 'refused', 'gaps'):
+            setattr(drive, name, getattr(drive, name) + counts[name])
+        drive.rejected_by.update(counts['rejected_by'])
+    return drive
+
+
+def _shares(done: Sequence[DriveCounts]) -> list[_Share]:
+    """List what is compared; a single detector rejects what all reject."""
+    detectors = sorted({name for drive in done for name in drive.rejected_by})
+    each = [
+        _Share(
+            f'of the points rejected by {name}',
+            LEAST_OF_POINTS,
+            lambda drive, name=name: share(drive.rejected_by[name], drive.points),  # type: ignore[misc]
+        )
+        for name in detectors
+        if len(detectors) > 1
+    ]
+    return [
+        _Share('of the points rejected', LEAST_OF_POINTS, lambda d: share(d.rejected, d.points)),
+        *each,
+        _Share('of the points untested', LEAST_OF_POINTS, lambda d: share(d.untested, d.points)),
+        _Share('of the clouds after a gap', LEAST_OF_CLOUDS, lambda d: share(d.gaps, d.messages)),
+    ]
+
+
+def _compare(done: Sequence[DriveCounts], compared: _Share) -> None:
+    """Say of each recording if one of its shares is odd."""
+    values = np.array([compared.of(drive) for drive in done])
+    median = percent(float(np.median(values)))
+    for drive, value, z in zip(done, values, robust_z(values, compared.least), strict=True):
+        if abs(z) > abs(drive.z):
+            drive.z = float(z)
+        if abs(z) >= LIMIT:
+            drive.odd.append(f'{percent(value)} {compared.text}, median {median} (z {z:+.3g})')
+
+
+def _order(drive: DriveCounts) -> tuple[bool, bool, float, str]:
+    lacks = bool(drive.refused or drive.unread)
+    return not drive.failed, not lacks, -abs(drive.z), drive.source
+
+
+def share(part: float, whole: float) -> float:
+    """Divide; nothing of nothing is 0."""
+    return part / whole if whole else 0.0
+
+
+def percent(value: float) -> str:
+    """Write a share in percent, with three digits that count."""
+    return f'{100 * value:.3g} %'

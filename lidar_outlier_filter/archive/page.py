@@ -1,0 +1,237 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of an archive: which recordings were odd. One file, no network, a table without JS."""
+
+from __future__ import annotations
+
+from collections import Counter
+from html import escape
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from lidar_outlier_filter.archive.oddness import (
+    FEWEST,
+    LEAST_OF_CLOUDS,
+    LEAST_OF_POINTS,
+    LIMIT,
+    SIGMA,
+    DriveCounts,
+    drives,
+    percent,
+    share,
+)
+from lidar_outlier_filter.archive.page_style import COLOURS, SCRIPT, STYLE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+BARS = 400  # at most, in the picture over the table
+HEIGHT = 60  # of the picture
+COLUMNS = (
+    ('recording', 'text'),
+    ('odd', 'number'),
+    ('length', 'number'),
+    ('clouds', 'number'),
+    ('refused', 'number'),
+    ('gaps', 'number'),
+    ('points', 'number'),
+    ('rejected', 'number'),
+    ('by detector', 'number'),
+    ('untested', 'number'),
+    ('× real time', 'number'),
+)
+
+
+def write_page(entries: Iterable[Mapping[str, Any]], path: Path) -> None:
+    """Write the page for the lines of a manifest; one that is there is replaced at the end.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+
+    """
+    beside = path.with_name(f'.{path.name}.partial')
+    beside.write_text(page(entries), encoding='utf-8')
+    beside.replace(path)
+
+
+def page(entries: Iterable[Mapping[str, Any]]) -> str:
+    """Make the page for the lines of a manifest."""
+    found = drives(entries)
+    names = sorted({name for drive in found for name in drive.rejected_by})
+    colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(names)}
+    done = [drive for drive in found if not drive.failed]
+    return '\n'.join(
+        [
+            '<!DOCTYPE html>',
+            '<html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            '<title>Archive</title>',
+            f'<style>{STYLE}</style></head><body>',
+            f'<h1>{_count(len(found), "recording")}</h1>',
+            *_totals(found, done, colours),
+            *_picture(found),
+            *_table(found, colours, max((share(d.rejected, d.points) for d in done), default=0)),
+            *_explanation(len(done)),
+            f'<script>{SCRIPT}</script></body></html>',
+            '',
+        ]
+    )
+
+
+def _count(number: int, what: str) -> str:
+    return f'{number:,} {what}{"" if number == 1 else "s"}'
+
+
+def _totals(
+    found: Sequence[DriveCounts], done: Sequence[DriveCounts], colours: Mapping[str, str]
+) -> Iterator[str]:
+    """Give the sums over all recordings."""
+    points, messages = sum(d.points for d in done), sum(d.messages for d in done)
+    seconds, duration = sum(d.seconds for d in done), sum(d.duration for d in done)
+    failed = len(found) - len(done)
+    values = {
+        'failed': (f'{failed:,}', failed > 0),
+        'odd': (f'{sum(bool(d.odd) for d in done):,}', any(d.odd for d in done)),
+        'length': (length(duration), False),
+        'size': (size(sum(d.size for d in found)), False),
+        'clouds': (f'{messages:,}', False),
+        'clouds refused': (f'{sum(d.refused for d in done):,}', any(d.refused for d in done)),
+        'points': (f'{points:,}', False),
+        'points rejected': (percent(share(sum(d.rejected for d in done), points)), False),
+        'points untested': (percent(share(sum(d.untested for d in done), points)), False),
+        '× real time': (f'{share(duration, seconds):.1f}', False),
+    }
+    yield '<dl class="totals">'
+    for name, (text, warns) in values.items():
+        mark = ' class="warn"' if warns else ''
+        yield f'<div{mark}><dt>{name}</dt><dd>{text}</dd></div>'
+    yield '</dl>'
+    by = sum((d.rejected_by for d in done), Counter())
+    yield '<p class="key">Rejected by '
+    for name, colour in colours.items():
+        box = f'<i style="background:{colour}"></i>'
+        yield f'<span>{box}{escape(name)} {percent(share(by[name], points))}</span> '
+    yield '</p>'
+
+
+def _picture(found: Sequence[DriveCounts]) -> Iterator[str]:
+    """Draw a bar for each recording, in the order of their names, that leads to its row."""
+    order = sorted(range(len(found)), key=lambda row: found[row].source)
+    each = -(-len(order) // BARS)
+    highest = max((share(d.rejected, d.points) for d in found), default=0) or 1
+    bars = []
+    rows = iter(order)
+    while group := list(islice(rows, each)):
+        bars.append(max(group, key=lambda row: (found[row].failed, _rejected(found[row]))))
+    text = f'the largest of {each} recordings each' if each > 1 else 'one recording each'
+    if not bars:
+        return
+    yield '<figure>'
+    yield f'<svg viewBox="0 0 {len(bars)} {HEIGHT}" preserveAspectRatio="none" role="img">'
+    yield '<title>Share of the points rejected</title>'
+    for x, row in enumerate(bars):
+        drive = found[row]
+        high = HEIGHT if drive.failed else max(1.0, HEIGHT * _rejected(drive) / highest)
+        kind = 'failed' if drive.failed else 'odd' if drive.odd else 'plain'
+        title = escape(f'{drive.source}: {drive.error or percent(_rejected(drive))}')
+        yield (
+            f'<a href="#r{row}"><rect class="{kind}" x="{x + 0.1}" y="{HEIGHT - high:.1f}" '
+            f'width="0.8" height="{high:.1f}"><title>{title}</title></rect></a>'
+        )
+    yield '</svg>'
+    yield (
+        f'<figcaption>Share of the points rejected, by name of the recording, {text}; the highest '
+        f'bar is {percent(highest)}. <i class="plain"></i>usual <i class="odd"></i>odd '
+        '<i class="failed"></i>failed</figcaption></figure>'
+    )
+
+
+def _rejected(drive: DriveCounts) -> float:
+    return share(drive.rejected, drive.points)
+
+
+def _table(
+    found: Sequence[DriveCounts], colours: Mapping[str, str], highest: float
+) -> Iterator[str]:
+    yield '<div class="scroll"><table><thead><tr>'
+    for name, kind in COLUMNS:
+        yield f'<th scope="col" data-kind="{kind}">{name}</th>'
+    yield '</tr></thead><tbody>'
+    for row, drive in enumerate(found):
+        yield f'<tr id="r{row}">{"".join(_cells(drive, colours, highest or 1))}</tr>'
+    yield '</tbody></table></div>'
+
+
+def _cells(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> Iterator[str]:
+    name = escape(drive.source)
+    last = escape(drive.source.rstrip('/').rpartition('/')[2])
+    text = '<br>'.join(escape(line) for line in ([drive.error] if drive.error else drive.odd))
+    kind = 'failed' if drive.failed else 'odd'
+    note = f'<small class="{kind}">{text}</small>' if text else ''
+    yield f'<th scope="row" title="{name}" data-sort="{name}"><b>{last}</b>{note}</th>'
+    if drive.failed:
+        yield '<td class="failed" data-sort="inf">failed</td>'
+        yield '<td></td>' * (len(COLUMNS) - 2)
+        return
+    mark = ' class="odd"' if abs(drive.z) >= LIMIT else ''
+    yield f'<td{mark} data-sort="{abs(drive.z)}">{drive.z:+.3g}</td>'
+    yield _cell(drive.duration, length(drive.duration))
+    for value in (drive.messages, drive.refused, drive.gaps, drive.points):
+        yield _cell(value, f'{value:,}')
+    rejected = _rejected(drive)
+    yield _cell(rejected, percent(rejected))
+    yield f'<td data-sort="{rejected}">{_bar(drive, colours, highest)}</td>'
+    untested = share(drive.untested, drive.points)
+    yield _cell(untested, percent(untested))
+    speed = share(drive.duration, drive.seconds)
+    yield _cell(speed, f'{speed:.1f}')
+
+
+def _cell(value: float, text: str) -> str:
+    return f'<td data-sort="{value}">{text}</td>'
+
+
+def _bar(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> str:
+    """Draw the share of each detector; where several reject a point, their parts are scaled."""
+    total = sum(drive.rejected_by.values())
+    parts = [
+        f'<i style="width:{100 * share(count, total):.1f}%;background:{colours[name]}" '
+        f'title="{escape(name)} {percent(share(count, drive.points))}"></i>'
+        for name, count in sorted(drive.rejected_by.items())
+    ]
+    width = 100 * min(1.0, _rejected(drive) / highest)
+    return f'<span class="bar"><span style="width:{width:.1f}%">{"".join(parts)}</span></span>'
+
+
+def _explanation(done: int) -> Iterator[str]:
+    yield (
+        f'<p class="note">A recording is odd if a share of it is {LIMIT:g} or more robust z from '
+        f'the median of all recordings: (share − median) / ({SIGMA:g} × the median absolute '
+        f'deviation, at least {percent(LEAST_OF_POINTS)} of the points or '
+        f'{percent(LEAST_OF_CLOUDS)} of the clouds). Compared are the shares of points rejected, '
+        'rejected by each detector and untested, and of clouds after a gap. It is odd, too, if '
+        'clouds were refused or messages are missing. The column “odd” has the largest z.</p>'
+    )
+    if done < FEWEST:
+        yield f'<p class="note">Fewer than {FEWEST} recordings are done: none is compared.</p>'
+
+
+def length(seconds: float) -> str:
+    """Write a time as people do."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f'{hours:,} h {minutes:02} min'
+    return f'{minutes} min {rest:02} s' if minutes else f'{seconds:.3g} s'
+
+
+def size(count: float) -> str:
+    """Write a number of bytes with three digits that count."""
+    for unit in ('B', 'kB', 'MB', 'GB'):
+        if count < 1000:  # noqa: PLR2004  the step between units
+            return f'{count:.3g} {unit}'
+        count /= 1000
+    return f'{count:.3g} TB'
