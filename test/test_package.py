@@ -62,7 +62,17 @@ EXTRAS = {
 # Of ROS, and needed by rclpy itself, or by nav_msgs
 WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}
 # Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
-PIP_ONLY = {'filterpy', 'laspy', 'lz4', 'lzf', 'mcap', 'mcap_ros2', 'pyarrow', 'rosbags'}
+PIP_ONLY = {
+    'filterpy',
+    'laspy',
+    'lz4',
+    'lzf',
+    'mcap',
+    'mcap_ros2',
+    'playwright',
+    'pyarrow',
+    'rosbags',
+}
 SINCE_NUMPY_2 = {
     'astype',
     'bitwise_count',

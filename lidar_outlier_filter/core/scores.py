@@ -27,9 +27,12 @@ class Scores:
         Bits beside that of the detector, which say more of a rejected point and have no vote.
     passes : int
         How often the detector looked at the points, where it counts that.
+    scaled : bool
+        Whether another threshold would divide the same statistics: nothing else depends on it.
 
     """
 
     score: Floats
     extra: NDArray[np.uint16] | None = None
     passes: int = 0
+    scaled: bool = False

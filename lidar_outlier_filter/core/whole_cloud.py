@@ -45,8 +45,10 @@ def chain_without_lines(
     return parameters.changed({'chain': WITHOUT_LINES})
 
 
-def judge_whole(cloud: Points, parameters: FilterParameters) -> Verdict:
+def judge_whole(cloud: Points, parameters: FilterParameters, chain: Chain | None = None) -> Verdict:
     """Judge the valid points of a cloud in one piece; the others stay untested.
+
+    The ``chain`` is that of the parameters, unless another one is given.
 
     Raises
     ------
@@ -60,5 +62,5 @@ def judge_whole(cloud: Points, parameters: FilterParameters) -> Verdict:
         raise CloudError('the number of points judged in one piece', must_be, len(where))
     verdict = Verdict.untested(len(cloud))
     if len(where):
-        verdict.put(where, Chain(parameters).judge(cloud.take(where)))
+        verdict.put(where, (chain or Chain(parameters)).judge(cloud.take(where)))
     return verdict

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import Threshold, plain
 from lidar_outlier_filter.core.detectors.evidence.detector import detect, neighbours
-from lidar_outlier_filter.core.detectors.evidence.pattern import judge
-from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.detectors.evidence.pattern import find_either, judge
 from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Evidence
 
@@ -21,18 +19,12 @@ if TYPE_CHECKING:
 
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
-    points, sensor = seen.points, parameters.evidence.sensor
-    if sensor != 'profile':
-        # Azimuths are known in the sensor's own frame only.
-        pattern = find_pattern(points.in_own_frame, seen.threads, spins=sensor == 'spinning')
-        if pattern is not None:
-            return Scores(judge(pattern, parameters.evidence.threshold, seen.threads))
-    if sensor != 'spinning':
-        pattern = find_profile_pattern(points, seen.threads)
-        if pattern is not None:
-            threshold = parameters.evidence.threshold
-            return Scores(judge(pattern, threshold, seen.threads, profile=True))
-    return Scores(detect(seen.neighbourhood, points, parameters))
+    points, threshold = seen.points, parameters.evidence.threshold
+    found = find_either(points, parameters.evidence.sensor, seen.threads)
+    if found is None:
+        return Scores(detect(seen.neighbourhood, points, parameters))
+    score = judge(found.pattern, threshold, seen.threads, profile=found.profile)
+    return Scores(score, scaled=True)
 
 
 def _threshold(_parameters: FilterParameters) -> Threshold:
