@@ -77,7 +77,7 @@ setup(
     maintainer_email='lidar_outlier_filter@example.org',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'core/detectors/evidence/*.json']},
+    package_data={NAME: ['py.typed', 'core/detectors/evidence/*.json', 'report/assets/*']},
     data_files=shared_files(),
     zip_safe=True,
     python_requires='>=3.11',

@@ -5,9 +5,10 @@
 import numpy as np
 import pytest
 from naive import scan_pattern as naive
+from test_profile_pattern import Drive
 from test_scan_pattern import sweep
 
-from lidar_outlier_filter.core.detectors.evidence.pattern import judge
+from lidar_outlier_filter.core.detectors.evidence.pattern import find_either, judge
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
 from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import (
     REASONS,
@@ -58,6 +59,30 @@ def test_additions_and_average_are_the_log_odds() -> None:
     pattern = find_pattern(points)
     assert pattern is not None
     assert np.array_equal(judge(pattern, 1.0) > 1, reasons.odds > np.float32(load().threshold))
+
+
+def test_reasons_of_some() -> None:
+    """Those that are wanted have the reasons that they have among all; others have none."""
+    points = sweep(3, 0.1, columns=200)
+    wanted = np.random.default_rng(6).random(len(points)) < 0.1
+    every, some = explain(points), explain(points, wanted=wanted)
+    assert np.array_equal(some.added[:, wanted], every.added[:, wanted])
+    assert not some.added[:, ~wanted].any()
+    assert np.array_equal(some.odds, every.odds)
+
+
+def test_reasons_of_a_profile_scanner() -> None:
+    """Its trees have more features; they add up, too."""
+    points = Drive(10, 0.02, lines=20, shots=400, strays=0.01).points
+    reasons = explain(points, sensor='profile')
+    assert reasons.added.shape == (len(reasons.names), len(points))
+    whole = reasons.average + reasons.added.sum(axis=0)
+    assert whole == pytest.approx(reasons.odds, abs=2e-3)
+    found = find_either(points, 'profile')
+    assert found is not None
+    score = judge(found.pattern, 1.0, profile=True)
+    assert np.array_equal(score > 1, reasons.odds > np.float32(reasons.threshold))
+    assert 0 < np.count_nonzero(score > 1) < len(points)
 
 
 def test_reason_of_strays() -> None:

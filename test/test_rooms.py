@@ -31,6 +31,7 @@ FLOORS = (
     ('archive', 'simulation'),
     ('evaluation',),
     ('tuning',),
+    ('report',),
     ('results',),
     ('cli',),
 )
@@ -50,6 +51,7 @@ OUTSIDE = {
     'simulation': ('numpy', 'rich', 'rosbags', 'scipy'),
     'evaluation': ('PIL', 'matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),
     'tuning': ('numpy', 'rosbags', 'rich', 'scipy', 'yaml'),
+    'report': ('matplotlib', 'numpy', 'scipy'),
     'results': ('PIL', 'matplotlib', 'numpy', 'open3d', 'rich', 'rosbags', 'scipy', 'sklearn'),
     'cli': ('numpy', 'rich', 'yaml'),
 }

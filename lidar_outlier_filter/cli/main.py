@@ -17,6 +17,7 @@ from lidar_outlier_filter.cli.demo import add_demo
 from lidar_outlier_filter.cli.evaluate import add_evaluate
 from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
 from lidar_outlier_filter.cli.replay import add_replay
+from lidar_outlier_filter.cli.report import add_report
 from lidar_outlier_filter.cli.results import add_results
 from lidar_outlier_filter.cli.simulate import add_simulate
 from lidar_outlier_filter.cli.terminal import REFUSED, say
@@ -70,6 +71,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_replay,
     add_clean,
+    add_report,
     add_simulate,
     add_evaluate,
     add_tune,

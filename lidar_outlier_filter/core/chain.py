@@ -35,6 +35,7 @@ class Chain:
         self.parameters = parameters
         self.passes = 0  # the most that a detector has needed
         self.slow: SaySlow | None = None  # is called while a detector takes too long
+        self.scaled = True  # whether all scores so far were statistics ÷ critical value, no more
         self._detectors = [DETECTORS[name] for name in parameters.chain]
         # The lists that all detectors share are as long as the longest that one asks for.
         self._neighbours = max(1, *(one.neighbours(parameters) for one in self._detectors))
@@ -50,6 +51,7 @@ class Chain:
                 found = detector.detect(seen, parameters)
             verdict.add(detector.bit, where, found)
             self.passes = max(self.passes, found.passes)
+            self.scaled &= found.scaled
             # Behind the last one nobody looks at what is left.
             if parameters.vote == 0 and detector is not self._detectors[-1]:
                 rejected = found.score > 1

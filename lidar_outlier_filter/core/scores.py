@@ -29,6 +29,8 @@ class Scores:
         How often the detector looked at the points, where it counts that.
     reason : (N,) uint8, optional
         Numbers that say why points are rejected; 0 for the others.
+    scaled : bool
+        Whether another threshold would divide the same statistics: nothing else depends on it.
 
     """
 
@@ -36,9 +38,10 @@ class Scores:
     extra: NDArray[np.uint16] | None = None
     passes: int = 0
     reason: NDArray[np.uint8] | None = None
+    scaled: bool = False
 
     def take(self, part: NDArray[np.bool_]) -> Scores:
         """Choose points by a mask."""
         extra = None if self.extra is None else self.extra[part]
         reason = None if self.reason is None else self.reason[part]
-        return Scores(self.score[part], extra, self.passes, reason)
+        return Scores(self.score[part], extra, self.passes, reason, self.scaled)

@@ -47,11 +47,15 @@ def chain_without_lines(
 
 
 def judge_whole(
-    cloud: Points, parameters: FilterParameters, slow: SaySlow | None = None
+    cloud: Points,
+    parameters: FilterParameters,
+    chain: Chain | None = None,
+    slow: SaySlow | None = None,
 ) -> Verdict:
     """Judge the valid points of a cloud in one piece; the others stay untested.
 
-    ``slow`` is called while a detector takes too long.
+    The ``chain`` is that of the parameters, unless another one is given. ``slow`` is called while a
+    detector takes too long.
 
     Raises
     ------
@@ -65,7 +69,7 @@ def judge_whole(
         raise CloudError('the number of points judged in one piece', must_be, len(where))
     verdict = Verdict.untested(len(cloud))
     if len(where):
-        chain = Chain(parameters)
+        chain = chain or Chain(parameters)
         chain.slow = slow
         verdict.put(where, chain.judge(cloud.take(where)))
     return verdict

@@ -67,10 +67,10 @@ def draw_roc(
     close.set_xlim(left, 1)
     plain.set_xlim(-0.01, 1)
     for axes in (plain, close):
-        _dress(axes, 'share of the good points rejected', 'share of the outliers rejected')
+        dress(axes, 'share of the good points rejected', 'share of the outliers rejected')
         axes.set_ylim(0, 1.01)
     _legend(figure, plain, 'lower right')
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def draw_precision_recall(
@@ -87,11 +87,11 @@ def draw_precision_recall(
         if settings and name in settings:
             dot = settings[name]
             _mark(axes, dot.recall.ratio, dot.precision.ratio, look['color'])
-    _dress(axes, 'recall: share of the outliers rejected', 'precision: outliers among the rejected')
+    dress(axes, 'recall: share of the outliers rejected', 'precision: outliers among the rejected')
     axes.set_xlim(0, 1.01)
     axes.set_ylim(0, 1.01)
     _legend(figure, axes, 'best')
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def draw_lines(  # noqa: PLR0913  all that a plain picture needs
@@ -122,12 +122,12 @@ def draw_lines(  # noqa: PLR0913  all that a plain picture needs
     for number, (name, values) in enumerate(series.items()):
         look = _look(number) if colours is None else _look(0) | {'color': colours[name]}
         axes.plot(x, values, label=name, marker='o', markersize=4, **look)
-    _dress(axes, x_label, y_label)
+    dress(axes, x_label, y_label)
     if from_zero:
         axes.set_xlim(left=0)
         axes.set_ylim(bottom=0)
     _legend(figure, axes, 'best')
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def _check(series: Mapping[str, Any]) -> None:
@@ -153,7 +153,8 @@ def _mark(axes: Axes, x: float, y: float, colour: str) -> None:
         axes.plot([x], [y], 'o', markersize=7, color=colour, markeredgecolor='white', clip_on=False)
 
 
-def _dress(axes: Axes, x_label: str, y_label: str) -> None:
+def dress(axes: Axes, x_label: str, y_label: str) -> None:
+    """Name the axes, and give a picture the look of all."""
     axes.set_xlabel(x_label, fontsize=11, color=INK)
     axes.set_ylabel(y_label, fontsize=11, color=INK)
     axes.tick_params(labelsize=10, colors=INK, length=3)
@@ -178,7 +179,7 @@ def _legend(figure: Figure, axes: Axes, where: str) -> None:
     legend.get_frame().set_edgecolor(GRID)
 
 
-def _save(figure: Figure, path: Path) -> list[Path]:
+def save(figure: Figure, path: Path) -> list[Path]:
     """Write the picture in all forms; without a date and with fixed names inside."""
     FigureCanvasAgg(figure)
     files = [path.with_name(path.name + suffix) for suffix in SUFFIXES]

@@ -197,7 +197,7 @@ def judge(  # noqa: PLR0913  where to, and two who want to know
         show = partial(progress, 'judging')
         return TiledChain(cloud, parameters, tile, allocate, show, slow).judge()
     progress('judging', 0, 0)
-    return judge_whole(cloud, parameters, slow)
+    return judge_whole(cloud, parameters, slow=slow)
 
 
 def _clouds(file: CloudFile, output: Path, outliers: Path | None, wanted: Wanted) -> list[Path]:

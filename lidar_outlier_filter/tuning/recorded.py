@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -61,6 +62,8 @@ class RecordedClouds:
     topic : of the clouds
     count : clouds that the topic has
     unmoved : clouds that were taken without poses, though there is odometry
+    refusals : clouds that were refused, by what was wrong with them
+    convention : how the clouds are read, for people; empty: no cloud had a valid point
 
     """
 
@@ -75,6 +78,8 @@ class RecordedClouds:
         """Name the recording and the topic; None: the only one."""
         self.topic = ''
         self.count = self.unmoved = 0
+        self.refusals: Counter[str] = Counter()
+        self.convention = ''
         self._recording = recording
         self._parameters = parameters
         self._wanted = topic
@@ -90,10 +95,11 @@ class RecordedClouds:
 
         """
         self.count = self.unmoved = 0
+        self.refusals.clear()
         parameters, decoder = self._parameters, Decoder(self._parameters)
         motion = Odometry(parameters) if parameters.motion.source == 'odometry' else None
         stream = _Recorder(parameters, motion if self._with_eyes else None)
-        moving = None if motion is None else MovingStream(stream, motion, parameters, str)
+        moving = None if motion is None else MovingStream(stream, motion, parameters, self._refused)
         for kind, message in self._messages():
             if kind == ODOMETRY and motion is not None and moving is not None:
                 motion.take(message)
@@ -105,12 +111,17 @@ class RecordedClouds:
                     points, number = decoder.decode(msg), self.count - 1
                     frame = '' if moving is None else str(msg.header.frame_id)
                     (moving or stream).push(RecordedCloud(points, frame, msg=msg, number=number))
-                except CloudError:
+                except CloudError as err:
+                    self._refused(err)
                     decoder.undo()
             yield from stream.taken()
         (moving or stream).flush()
         yield from stream.taken()
         self.unmoved = 0 if moving is None else moving.unmoved
+        self.convention = str(decoder.convention or '')
+
+    def _refused(self, err: CloudError) -> None:
+        self.refusals[err.what] += 1
 
     def _messages(self) -> Iterator[tuple[str, Any | None]]:
         """Yield type and message of clouds and odometry; None for a cloud that cannot be read."""

@@ -11,9 +11,7 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import Threshold, plain
 from lidar_outlier_filter.core.detectors.evidence.detector import detect, neighbours
-from lidar_outlier_filter.core.detectors.evidence.pattern import judge
-from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.detectors.evidence.pattern import find_either, judge
 from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Evidence
 
@@ -28,23 +26,13 @@ if TYPE_CHECKING:
 
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
-    reason = np.zeros(len(seen.points), np.uint8) if parameters.scores else None
-    return Scores(_judge(seen, parameters, reason), reason=reason)
-
-
-def _judge(seen: Seen, parameters: FilterParameters, reason: Numbers | None) -> Floats:
-    points, sensor = seen.points, parameters.evidence.sensor
-    threshold = parameters.evidence.threshold
-    if sensor != 'profile':
-        # Azimuths are known in the sensor's own frame only.
-        pattern = find_pattern(points.in_own_frame, seen.threads, spins=sensor == 'spinning')
-        if pattern is not None:
-            return judge(pattern, threshold, seen.threads, reason=reason)
-    if sensor != 'spinning':
-        pattern = find_profile_pattern(points, seen.threads)
-        if pattern is not None:
-            return judge(pattern, threshold, seen.threads, profile=True, reason=reason)
-    return detect(seen.neighbourhood, points, parameters, reason)
+    points, threshold = seen.points, parameters.evidence.threshold
+    reason = np.zeros(len(points), np.uint8) if parameters.scores else None
+    found = find_either(points, parameters.evidence.sensor, seen.threads)
+    if found is None:
+        return Scores(detect(seen.neighbourhood, points, parameters, reason), reason=reason)
+    score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
+    return Scores(score, reason=reason, scaled=True)
 
 
 def _threshold(_parameters: FilterParameters) -> Threshold:

@@ -9,7 +9,7 @@ high ones. The trees were trained; :mod:`.pattern_model` says on what.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -42,18 +42,48 @@ from lidar_outlier_filter.core.detectors.evidence.reasons import strongest_of_tr
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.lanes import LANES
-from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE
+from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE, Pattern, find_pattern
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern
+    from lidar_outlier_filter.core.points import Points
 
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
     Numbers = NDArray[np.uint8]
 
 LEAST = -8.0  # log-odds that make a score of 0
+
+
+class FoundPattern(NamedTuple):
+    """The scan pattern of some points, and whether it is that of a profile scanner."""
+
+    pattern: Pattern
+    profile: bool
+
+
+def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern | None:
+    """Find the scan pattern of points; None where they have none, so that trees cannot judge them.
+
+    Parameters
+    ----------
+    points : valid ones
+    sensor : 'spinning', 'profile', or 'auto': whichever it is
+    threads : at most so many at once; 0 for as many as there are cores
+
+    """
+    if sensor != 'profile':
+        # Azimuths are known in the sensor's own frame only.
+        pattern = find_pattern(points.in_own_frame, threads, spins=sensor == 'spinning')
+        if pattern is not None:
+            return FoundPattern(pattern, profile=False)
+    if sensor != 'spinning':
+        pattern = find_profile_pattern(points, threads)
+        if pattern is not None:
+            return FoundPattern(pattern, profile=True)
+    return None
 
 
 def judge(

@@ -13,23 +13,37 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern import first_pass, second_pass
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
+from lidar_outlier_filter.core.detectors.evidence.pattern import (
+    find_either,
+    first_pass,
+    second_pass,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import (
+    PATTERN_MODEL,
+    PROFILE_MODEL,
+    load,
+)
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
     AGAIN,
     COUNT_AGAIN,
     measure_again,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
+from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared, prepare
+from lidar_outlier_filter.core.detectors.evidence.profile_features import (
+    COUNT_PROFILE,
+    PROFILE,
+    measure_profile,
+)
+from lidar_outlier_filter.core.detectors.evidence.profile_groups import find_groups
 from lidar_outlier_filter.core.detectors.evidence.reasons import add_up_reasons
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.evidence.pattern_scores import FirstPass
     from lidar_outlier_filter.core.detectors.evidence.trees import Trees
     from lidar_outlier_filter.core.points import Points
 
@@ -48,27 +62,41 @@ class Reasons(NamedTuple):
     average : (N,) float32
         What the trees that judged the point say on average.
     added : (F, N) float32
-        What each feature of ``REASONS`` adds to that; its sum over F and ``average`` are ``odds``.
+        What each feature of ``names`` adds to that; its sum over F and ``average`` are ``odds``. 0
+        for points whose reasons nobody wanted.
+    names : of the F features
+    threshold : log-odds above which the model rejects a point
 
     """
 
     odds: Singles
     average: Singles
     added: Singles
+    names: tuple[str, ...]
+    threshold: float
 
     @property
     def strongest(self) -> list[str]:
         """Name the feature that adds the most, of each point."""
-        return [REASONS[f] for f in self.added.argmax(axis=0)]
+        return [self.names[f] for f in self.added.argmax(axis=0)]
 
 
-def explain(points: Points, threads: int = 0) -> Reasons:
-    """Explain the log-odds of valid points of a spinning sensor, in the order given.
+def explain(
+    points: Points,
+    threads: int = 0,
+    *,
+    sensor: str = 'spinning',
+    wanted: NDArray[np.bool_] | None = None,
+) -> Reasons:
+    """Explain the log-odds of valid points, in the order given.
 
     Parameters
     ----------
-    points : valid ones, in the sensor's own frame
+    points : valid ones; of a spinning sensor in its own frame
     threads : at most so many at once; 0 for as many as there are cores
+    sensor : 'spinning', 'profile', or 'auto': whichever it is
+    wanted : (N,) bool
+        The points whose reasons are wanted; None: all.
 
     Raises
     ------
@@ -76,23 +104,42 @@ def explain(points: Points, threads: int = 0) -> Reasons:
         If they have no scan pattern: trees do not judge them.
 
     """
-    pattern = find_pattern(points, threads, spins=True)
-    if pattern is None:
+    found = find_either(points, sensor, threads)
+    if found is None:
         raise FilterError('the points to explain', 'those of a scan pattern', 'others')
-    model, there = load(), pattern.order >= 0
+    pattern, there = found.pattern, found.pattern.order >= 0
+    model = load(PROFILE_MODEL if found.profile else PATTERN_MODEL)
     prepared = prepare(pattern, threads)
+    if found.profile:
+        prepared = prepared._replace(groups=find_groups(pattern, prepared.near, threads))
     first = first_pass(prepared, model.first, threads)
     odds = second_pass(prepared, first, model.again, model.doubtful, threads)
-    values = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-    measure_again(prepared, first, 0, len(pattern.first), values)
+    values = _features(prepared, first)
     again = first.score > np.float32(model.doubtful)
-    added = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-    contribute(model.first, values, there & ~again, added)
-    contribute(model.again, values, there & again, added)
+    explained = there.copy()
+    if wanted is not None:
+        explained[there] = wanted[pattern.order[there]]
+    added = np.zeros_like(values)
+    contribute(model.first, values, explained & ~again, added)
+    contribute(model.again, values, explained & again, added)
     average = np.where(again, _average(model.again), _average(model.first))
     back = np.empty(len(points), np.int64)
     back[pattern.order[there]] = np.flatnonzero(there)
-    return Reasons(odds[back], average[back].astype(np.float32), added[:, back])
+    names = (*FEATURES, *PROFILE, *AGAIN) if found.profile else REASONS
+    single = average[back].astype(np.float32)
+    return Reasons(odds[back], single, added[:, back], names, model.threshold)
+
+
+def _features(prepared: Prepared, first: FirstPass) -> Singles:
+    """Measure all features of both passes, (F, M)."""
+    pattern, lines = prepared.pattern, len(prepared.pattern.first)
+    values = np.zeros((COUNT_AGAIN, len(pattern.order)), np.float32)
+    measure_again(prepared, first, 0, lines, values)
+    if len(prepared.groups) == 0:
+        return values
+    own = np.zeros((COUNT_PROFILE, len(pattern.order)), np.float32)
+    measure_profile(prepared, 0, lines, own)
+    return np.concatenate([values[:COUNT], own, values[COUNT:]])
 
 
 def _average(trees: Trees) -> float:

@@ -1,0 +1,146 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``report``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.evaluate import add_truth, truth_of
+from lidar_outlier_filter.cli.interrupts import stopping
+from lidar_outlier_filter.cli.terminal import (
+    DONE,
+    INCOMPLETE,
+    add_parameter_options,
+    progress_bar,
+    read_parameters,
+    say,
+)
+from lidar_outlier_filter.errors import ParameterError, RecordingError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from lidar_outlier_filter.cli.terminal import Advance, Commands
+    from lidar_outlier_filter.evaluation.labels import Codes
+    from lidar_outlier_filter.report.gather import Gathered
+    from lidar_outlier_filter.report.sources import Source
+
+MOST_DRAWN = 3_000_000  # points
+
+
+def add_report(commands: Commands) -> None:
+    """Add the command ``report``."""
+    parser = commands.add_parser(
+        'report',
+        help='make a page to look at: what is rejected, why, and what another threshold would do',
+        description='Judge a recording or a file, and write one page that needs no network: the '
+        'points in 3-D, a slider for the threshold of each detector, reasons, groups, histograms. '
+        'Exit status: 0 all done; 1 refused, nothing is written; 3 written, but some clouds were '
+        'refused.',
+    )
+    parser.add_argument(
+        'data',
+        type=Path,
+        metavar='RECORDING_OR_FILE',
+        help='bag folder, .mcap, .db3 or ROS 1 .bag; or a file as for clean',
+    )
+    parser.add_argument(
+        '--output', type=Path, metavar='FILE', help='new file; default: NAME_report.html'
+    )
+    parser.add_argument(
+        '--figures',
+        type=Path,
+        metavar='DIR',
+        help='new folder for the same as SVG and PNG; the page is then written with --output only',
+    )
+    parser.add_argument('--topic', metavar='T', help='of the clouds; default: the only one')
+    parser.add_argument(
+        '--points',
+        type=int,
+        default=MOST_DRAWN,
+        metavar='N',
+        help='draw at most so many points, 16 bytes each; counts are of all; default: %(default)s',
+    )
+    add_parameter_options(parser)
+    add_truth(parser)
+    parser.set_defaults(run=_report)
+
+
+def _report(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.report.figures import write_figures
+    from lidar_outlier_filter.report.page import check_new, write_page
+
+    output = options.output
+    if output is None and options.figures is None:
+        path = options.data.resolve()
+        name = path.name if path.is_dir() else path.stem
+        output = path.with_name(f'{name}_report.html')
+    for path in (output, options.figures):
+        if path is not None:
+            check_new(path)
+    if options.points < 1:
+        raise ParameterError('--points', 'at least 1', options.points)
+    with stopping() as leave_if_asked, progress_bar(options.data.name) as show:
+
+        def progress(done: int, total: int, text: str = '', /) -> None:
+            leave_if_asked()
+            show(done, total, text)
+
+        found = _gather(options, progress)
+        if output is not None:
+            write_page(found, output)
+        if options.figures is not None:
+            write_figures(found, options.figures)
+    return _say(found, output, options.figures)
+
+
+def _gather(options: argparse.Namespace, progress: Advance) -> Gathered:
+    from lidar_outlier_filter.report.gather import gather
+
+    source, codes = _source(options)
+    return gather(source, codes, options.points, progress)
+
+
+def _source(options: argparse.Namespace) -> tuple[Source, Codes]:
+    from lidar_outlier_filter.evaluation.labels import is_recording
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.report.sources import FileSource, RecordedSource
+
+    values = read_parameters(options.params, options.settings)
+    parameters = FilterParameters().changed(values)
+    files, codes = truth_of(options, options.data)
+    if is_recording(options.data):
+        given = (options.data, parameters, options.topic, options.label, files)
+        return RecordedSource(*given), codes
+    if options.topic is not None:
+        raise ParameterError('--topic', 'given for a recording only', repr(options.topic))
+    if len(files) > 1:
+        raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
+    truth = (files[0] if files else options.data, options.label)
+    named = bool(files) or bool(options.label)
+    source = FileSource(
+        options.data, parameters, chosen='chain' in values, truth=truth, named=named
+    )
+    return source, codes
+
+
+def _say(found: Gathered, output: Path | None, figures: Path | None) -> int:
+    from rich.console import Console
+
+    console = Console()
+    for path in (output, figures):
+        if path is not None:
+            text = f'written to {path}'
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
+    drawn, valid = len(found.kept), found.tally.all.points
+    if drawn < valid:
+        say(f'{drawn} of {valid} points are drawn (--points); all are counted')
+    refused = sum(found.found.refusals.values())
+    if refused:
+        reasons = ', '.join(f'{what} ({count})' for what, count in found.found.refusals.items())
+        say(f'{refused} clouds were refused, for: {reasons}')
+    return INCOMPLETE if refused else DONE

@@ -1,0 +1,237 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Figures as SVG, drawn anew at each step of a slider from exact counts.
+
+import { isRejected, place } from 'data';
+
+const SVG = 'http://www.w3.org/2000/svg';
+const WIDTH = 420;
+const HEIGHT = 200;
+const BOX = { left: 46, right: 10, top: 8, bottom: 30 };
+
+export function element(name, attributes = {}, text = '') {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  if (text) made.textContent = text;
+  return made;
+}
+
+export function count(number) {
+  return number.toLocaleString('en').replaceAll(',', ' ');
+}
+
+export function percent(part, whole) {
+  if (!whole) return '–';
+  const value = (100 * part) / whole;
+  if (value === 0 || value >= 1) return `${value.toFixed(2)} %`;
+  return `${Number(value.toPrecision(2))} %`;
+}
+
+function chart(parent, title, about) {
+  const figure = document.createElement('figure');
+  figure.className = 'chart';
+  figure.style.margin = '0';
+  const heading = document.createElement('h2');
+  heading.textContent = title;
+  const svg = element('svg', { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: 'img', 'aria-label': `${title}. ${about}` });
+  const caption = document.createElement('figcaption');
+  caption.className = 'quiet';
+  caption.textContent = about;
+  figure.append(heading, caption, svg);
+  parent.append(figure);
+  return { svg, caption };
+}
+
+const across = (part) => BOX.left + part * (WIDTH - BOX.left - BOX.right);
+const up = (part) => HEIGHT - BOX.bottom - part * (HEIGHT - BOX.top - BOX.bottom);
+
+function axes(svg, xTicks, yTicks, label) {
+  svg.replaceChildren();
+  for (const [part, text] of yTicks) {
+    svg.append(element('line', { class: 'axis', x1: across(0), x2: across(1), y1: up(part), y2: up(part) }));
+    svg.append(element('text', { x: across(0) - 6, y: up(part) + 4, 'text-anchor': 'end' }, text));
+  }
+  for (const [part, text] of xTicks) {
+    svg.append(element('text', { x: across(part), y: HEIGHT - BOX.bottom + 14, 'text-anchor': 'middle' }, text));
+  }
+  svg.append(element('text', { x: across(0.5), y: HEIGHT - 3, 'text-anchor': 'middle' }, label));
+}
+
+const short = (value) => (value >= 1e6 ? `${value / 1e6} M` : value >= 1e3 ? `${value / 1e3} k` : `${value}`);
+
+// Heights on a logarithmic scale from half a point on, so that a single one is seen.
+function decades(most) {
+  const top = Math.max(1, Math.ceil(Math.log10(Math.max(most, 10))));
+  const part = (value) => (value > 0 ? (Math.log10(value) + 0.3) / (top + 0.3) : 0);
+  const ticks = [];
+  for (let power = 0; power <= top; power += Math.ceil(top / 5)) ticks.push([part(10 ** power), short(10 ** power)]);
+  return { part, ticks };
+}
+
+function nice(most) {
+  const power = 10 ** Math.floor(Math.log10(Math.max(most, 1e-9)));
+  return power * [1, 2, 5, 10].find((factor) => factor * power >= most);
+}
+
+export class Charts {
+  constructor(parent, data) {
+    this.data = data;
+    this.header = data.header;
+    const header = this.header;
+    this.scores = chart(parent, 'Score', header.hasTruth
+      ? 'Points by score. Blue: outliers in truth. Dashed: the threshold.' : 'Points by score. Dashed: the threshold.');
+    this.ranges = chart(parent, 'Range', 'Points by distance from the sensor; rejected ones in front.');
+    if (header.hasFrames && data.frames.length > 1) {
+      this.time = chart(parent, 'Over time', 'Share of the points that is rejected.');
+    }
+    if (header.curve) {
+      this.roc = chart(parent, 'ROC', `Outliers found against good points lost. Area ${header.curve.auc.toFixed(4)}.`);
+    }
+    this.map = chart(parent, 'Map', header.moved || !header.hasFrames
+      ? 'Rejected points from above.' : 'Rejected points from above, in the frame of the clouds.');
+    this.map.svg.remove();
+    this.canvas = document.createElement('canvas');
+    this.canvas.setAttribute('role', 'img');
+    this.canvas.setAttribute('aria-label', 'Map of the rejected points, from above');
+    this.map.caption.after(this.canvas);
+  }
+
+  update(state) {
+    const slider = this.header.sliders[state.slider];
+    const counts = slider.counts[state.step];
+    this.drawScores(slider, state);
+    this.drawRanges(counts);
+    if (this.time) this.drawTime(slider, state);
+    if (this.roc) this.drawRoc(slider, state);
+    this.drawMap(state);
+  }
+
+  drawScores(slider, state) {
+    const { svg } = this.scores;
+    const [good, bad] = this.header.scores;
+    const most = Math.max(...good.map((value, i) => value + bad[i]));
+    const scale = decades(most);
+    const largest = this.header.largestScore;
+    axes(svg, [0, 1, 2, 3, 4].map((x) => [x / largest, x === largest ? '≥ 4' : `${x}`]), scale.ticks,
+      'score at the given settings');
+    const width = (across(1) - across(0)) / good.length;
+    good.forEach((value, i) => {
+      const height = up(0) - up(scale.part(value + bad[i]));
+      const x = across(i / good.length);
+      if (height > 0) svg.append(element('rect', { class: 'all', x, y: up(0) - height, width: width - 0.6, height }));
+      const part = up(0) - up(scale.part(bad[i]));
+      if (part > 0) svg.append(element('rect', { class: 'bad', x, y: up(0) - part, width: width - 0.6, height: part }));
+    });
+    const limit = slider.limits[state.step];
+    if (limit !== null && limit <= largest && this.header.sliders.length === 1) {
+      const x = across(limit / largest);
+      svg.append(element('line', { class: 'limit', x1: x, x2: x, y1: up(0), y2: up(1) }));
+    }
+  }
+
+  drawRanges(counts) {
+    const { svg } = this.ranges;
+    const all = this.header.all.ranges;
+    const scale = decades(Math.max(...all));
+    const bins = all.length;
+    axes(svg, this.header.ranges.map((from, i) => [i / bins, `${from}`]), scale.ticks, 'range, m');
+    const width = (across(1) - across(0)) / bins;
+    all.forEach((value, i) => {
+      for (const [name, number] of [['all', value], ['out', counts.ranges[i]]]) {
+        const height = up(0) - up(scale.part(number));
+        const bar = element('rect', { class: name, x: across(i / bins) + 1, y: up(0) - height, width: width - 2, height });
+        bar.append(element('title', {}, `${count(counts.ranges[i])} of ${count(value)} rejected`));
+        if (height > 0) svg.append(bar);
+      }
+    });
+  }
+
+  drawTime(slider, state) {
+    const { svg } = this.time;
+    const frames = this.data.frames;
+    const shares = slider.byFrame[state.step].map((value, i) => (100 * value) / Math.max(frames[i].points, 1));
+    const top = nice(Math.max(...shares, 1e-4));
+    const first = frames[0].start;
+    const length = Math.max(frames[frames.length - 1].start - first, 1e-9);
+    const ticks = [0, 0.25, 0.5, 0.75, 1].map((part) => [part, `${Number((part * length).toPrecision(3))}`]);
+    axes(svg, ticks, [0, 0.5, 1].map((part) => [part, `${Number((part * top).toPrecision(2))} %`]), 's');
+    const line = shares.map((share, i) => `${across((frames[i].start - first) / length).toFixed(1)},${up(share / top).toFixed(1)}`);
+    svg.append(element('polyline', { class: 'over', points: line.join(' ') }));
+    if (frames.length < 40) {
+      for (const one of line) {
+        const [cx, cy] = one.split(',');
+        svg.append(element('circle', { class: 'dot', cx, cy, r: 2.2 }));
+      }
+    }
+    if (state.single) {
+      const x = across((frames[state.frame].start - first) / length);
+      svg.append(element('line', { class: 'now', x1: x, x2: x, y1: up(0), y2: up(1) }));
+    }
+  }
+
+  drawRoc(slider, state) {
+    const { svg } = this.roc;
+    const { all, curve } = this.header;
+    const least = Math.floor(Math.log10(Math.max(0.5 / all.good, 1e-7)));
+    const part = (share) => Math.min(1, Math.max(0, (Math.log10(Math.max(share, 10 ** least)) - least) / -least));
+    const ticks = [];
+    for (let power = least; power <= 0; power += 1) ticks.push([part(10 ** power), power < -2 ? `1e${power}` : `${10 ** power}`]);
+    axes(svg, ticks, [0, 0.25, 0.5, 0.75, 1].map((one) => [one, one.toFixed(2)]), 'good points lost, share (logarithmic)');
+    const line = curve.recall.map((recall, i) => `${across(part(curve.lost[i])).toFixed(1)},${up(recall).toFixed(1)}`);
+    svg.append(element('polyline', { class: 'curve', points: line.join(' ') }));
+    slider.counts.forEach((counts, step) => {
+      const now = step === state.step;
+      svg.append(element('circle', {
+        class: now ? 'dot' : 'step', cx: across(part(counts.good / all.good)), cy: up(counts.bad / all.bad), r: now ? 5 : 2.2,
+      }));
+    });
+  }
+
+  drawMap(state) {
+    const ratio = 420 / 200;
+    const canvas = this.canvas;
+    canvas.width = 840;
+    canvas.height = 400;
+    const view = state.box;
+    if (!view) return;
+    const [dx, dy] = view.extent;
+    const scale = Math.min(canvas.width / (dx * 1.08), canvas.height / (dy * 1.08));
+    const context = canvas.getContext('2d');
+    const style = getComputedStyle(document.documentElement);
+    context.clearRect(0, 0, canvas.width, canvas.height);
+    const there = [0, 0, 0];
+    const draw = (frame, i, size) => {
+      place(frame, i, there);
+      const x = canvas.width / 2 + (there[0] - view.centre[0]) * scale;
+      const y = canvas.height / 2 - (there[1] - view.centre[1]) * scale;
+      context.fillRect(x - size / 2, y - size / 2, size, size);
+    };
+    context.fillStyle = style.getPropertyValue('--low');
+    const each = Math.max(60, Math.ceil(60000 / this.data.frames.length));
+    for (const frame of this.data.frames) {
+      const last = Math.min(frame.count, frame.marked + each);
+      for (let i = frame.marked; i < last; i += 1) draw(frame, i, ratio);
+    }
+    context.fillStyle = style.getPropertyValue('--rejected');
+    for (const frame of this.data.frames) {
+      for (let i = 0; i < frame.marked; i += 1) if (isRejected(frame, i, state.bit)) draw(frame, i, 4);
+    }
+  }
+}
+
+// What each feature adds, as bars to the right (for a rejection) and to the left (against it).
+export function bars(features) {
+  const height = 21 * features.length + 4;
+  const svg = element('svg', { class: 'bars', viewBox: `0 0 330 ${height}`, role: 'img' });
+  svg.setAttribute('aria-label', features.map(([name, value]) => `${name} ${value.toFixed(2)}`).join(', '));
+  const most = Math.max(...features.map(([, value]) => Math.abs(value)), 1e-6);
+  features.forEach(([name, value], i) => {
+    const y = 21 * i + 2;
+    const width = (Math.abs(value) / most) * 78;
+    svg.append(element('text', { x: 0, y: y + 13 }, name));
+    svg.append(element('rect', { class: value > 0 ? 'for' : 'against', x: value > 0 ? 200 : 200 - width, y: y + 3, width, height: 12, rx: 1.5 }));
+    svg.append(element('text', { class: 'soft', x: 328, y: y + 13, 'text-anchor': 'end' }, `${value > 0 ? '+' : '−'}${Math.abs(value).toFixed(2)}`));
+  });
+  return svg;
+}

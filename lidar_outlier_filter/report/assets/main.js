@@ -1,0 +1,414 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+
+import { PageSource, ServedSource, NO_REASON, ROW, describe, isRejected, load, neighbours, samePointLine, stepBit } from 'data';
+import { View } from 'scene';
+import { drawFlat } from 'flat';
+import { Charts, count, percent } from 'charts';
+import { list, node, showFound, showGroups, showPoint } from 'panel';
+
+const at = (id) => document.getElementById(id);
+const MODES = ['intensity', 'height', 'score', 'detector', 'strongest reason', 'truth'];
+const [INTENSITY, HEIGHT, SCORE, DETECTOR, REASON, TRUTH] = MODES.keys();
+const NEAR_STEPS = 2; // "near the threshold": rejected by one of so many stricter steps
+// Okabe and Ito, without the colour that stands for "rejected".
+const REASON_COLOURS = ['#d55e00', '#0072b2', '#e69f00', '#009e73', '#cc79a7', '#56b4e9'];
+const KEYS = [
+  ['arrows', 'turn'], ['W A S D', 'fly ahead, left, back, right'], ['Q E', 'fly down, up'], ['+ −', 'zoom'],
+  ['1 2 3', 'orbit, top, side'], ['[ ]', 'frame before, after'], ['space', 'play'], ['G', 'next group'],
+  ['< >', 'stricter, looser'], ['drag', 'turn; right button: move'], ['?', 'these keys'],
+];
+
+const state = {
+  slider: 0, step: 0, bit: 1, mode: INTENSITY, show: 0, single: false, frame: 0, group: -1, point: null, box: null,
+  firstFrame: 0, lastFrame: 0,
+};
+const times = { start: performance.now() };
+let data;
+let view = null;
+let charts;
+let playing = 0;
+let flatPending = false;
+
+const rgb = (text) => [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16) / 255);
+const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+function bytes(text) {
+  return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+}
+
+// Colours by reason: those that are the strongest most often have one of their own.
+function reasonColours() {
+  const often = new Map();
+  for (let r = 0; r < data.header.explained; r += 1) {
+    const row = data.reasons.subarray(ROW * r, ROW * (r + 1));
+    let best = 0;
+    for (let f = 1; f < 8; f += 1) if (row[12 + f] > row[12 + best]) best = f;
+    often.set(row[4 + best], (often.get(row[4 + best]) ?? 0) + 1);
+  }
+  const order = [...often].sort((a, b) => b[1] - a[1]).slice(0, REASON_COLOURS.length);
+  return order.map(([feature], i) => [feature, REASON_COLOURS[i]]);
+}
+
+function palette() {
+  const table = new Uint8Array(256 * 4 * 4).fill(255);
+  const put = (row, i, colour) => colour.forEach((value, c) => { table[4 * (256 * row + i) + c] = value; });
+  ['viridis', 'cividis'].forEach((name, row) => {
+    const map = bytes(data.header.colours[name]);
+    for (let i = 0; i < 256; i += 1) put(row, i, [...map.subarray(3 * i, 3 * i + 3)]);
+  });
+  const eight = (text) => rgb(text).map((value) => Math.round(255 * value));
+  for (let i = 0; i < 16; i += 1) put(2, i, eight(style('--rejected')));
+  for (const one of data.header.detectors) put(2, one.number, eight(detectorColour(one)));
+  for (let i = 0; i < 128; i += 1) put(3, i, eight(i === NO_REASON ? style('--soft') : style('--bar')));
+  for (const [feature, colour] of state.reasons) put(3, feature, eight(colour));
+  return table;
+}
+
+// The default's colour is black, which nobody sees on a dark ground.
+const detectorColour = (one) => (one.colour === '#000000' ? style('--rejected') : one.colour);
+
+function colours() {
+  const named = { low: '--low', high: '--high', rejectedColour: '--rejected', nearColour: '--near', missedColour: '--missed', lostColour: '--lost' };
+  const found = Object.fromEntries(Object.entries(named).map(([name, variable]) => [name, rgb(style(variable))]));
+  return { ...found, ground: style('--ground'), palette: palette(), marks: [rgb(style('--mark')), rgb(style('--near'))] };
+}
+
+function legend() {
+  const dots = [];
+  const dot = (colour, text) => dots.push(node('span', {}, node('i', { style: `background:${colour}` }), text));
+  const ramp = (name, low, high) => {
+    const map = bytes(data.header.colours[name]);
+    const stops = [0, 64, 128, 192, 255].map((i) => `rgb(${map.subarray(3 * i, 3 * i + 3).join()})`);
+    dots.push(node('span', {}, low, node('i', { class: 'ramp', style: `background:linear-gradient(90deg,${stops})` }), high));
+  };
+  if (view && state.mode === HEIGHT) ramp('viridis', `${(view.heights[0] + view.centre[2]).toFixed(1)} m`, `${(view.heights[1] + view.centre[2]).toFixed(1)} m`);
+  if (state.mode === SCORE) ramp('cividis', 'score 0', '1');
+  if (state.mode === DETECTOR) {
+    for (const one of data.header.detectors) if (data.header.chain.includes(one.name)) dot(detectorColour(one), one.name);
+  } else if (state.mode === REASON) {
+    for (const [feature, colour] of state.reasons) dot(colour, data.header.features[feature]);
+    if (state.reasons.length === REASON_COLOURS.length) dot(style('--bar'), 'others');
+  } else if (state.mode === TRUTH) {
+    dot(style('--near'), 'found');
+    dot(style('--missed'), 'missed');
+    dot(style('--lost'), 'good, lost');
+  } else if (state.show !== 3) {
+    dot(style('--rejected'), 'rejected');
+  }
+  if (state.show === 1 && state.mode !== TRUTH) dot(style('--near'), `kept, but ${NEAR_STEPS} steps from the threshold`);
+  at('legend').replaceChildren(...dots);
+}
+
+function redraw() {
+  if (view) {
+    view.draw();
+  } else if (!flatPending) {
+    flatPending = true;
+    requestAnimationFrame(() => {
+      flatPending = false;
+      drawFlat(at('canvas'), data, state.box, state);
+    });
+  }
+}
+
+// --- Sliders ---------------------------------------------------------------------------------
+
+function makeSliders() {
+  data.header.sliders.forEach((slider, number) => {
+    const id = `slider-${number}`;
+    const input = node('input', {
+      type: 'range', id, min: 0, max: slider.texts.length - 1, step: 1, value: slider.given, 'data-slider': number,
+    });
+    const shown = node('output', { for: id });
+    const label = node('label', { for: id }, slider.name, shown);
+    const ends = node('p', { class: 'ends' }, node('span', {}, 'rejects more'), node('span', {}, 'rejects less'));
+    const box = node('div', { class: 'slider' }, label, input, ends);
+    input.addEventListener('input', () => setStep(number, Number(input.value)));
+    at('slider-list').append(box);
+  });
+  at('slider-list').append(node('p', { id: 'count', 'aria-live': 'polite' }));
+  if (data.header.sliders.length > 1) {
+    at('slider-list').append(node('p', { class: 'quiet' }, 'One slider at a time is off its given value: what others would do then was not judged.'));
+  }
+}
+
+function setStep(number, step) {
+  const { sliders, all, points, chain, hasTruth } = data.header;
+  const slider = sliders[number];
+  state.slider = number;
+  state.step = Math.min(Math.max(step, 0), slider.texts.length - 1);
+  state.bit = stepBit(slider, state.step);
+  sliders.forEach((one, i) => {
+    const now = i === number ? state.step : one.given;
+    const input = at(`slider-${i}`);
+    input.value = now;
+    const text = `${one.texts[now]}${now === one.given ? ' (given)' : ''}`;
+    input.setAttribute('aria-valuetext', text);
+    input.previousElementSibling.querySelector('output').textContent = text;
+  });
+  let nearBits = 0;
+  for (let k = 1; k <= NEAR_STEPS && state.step - k >= 0; k += 1) nearBits |= stepBit(slider, state.step - k);
+  if (view) {
+    view.shared.bit.value = state.bit;
+    view.shared.nearBits.value = nearBits >>> 0;
+  }
+  const counts = slider.counts[state.step];
+  at('count').replaceChildren(count(counts.points), node('small', {}, `of ${count(all.points)} points rejected, ${percent(counts.points, all.points)}`));
+  at('lead').replaceChildren(node('strong', {}, `${count(counts.points)} of ${count(points)} points`), ` rejected by ${chain.join(', ')}${state.step === slider.given ? '' : ` at ${slider.name} ${slider.texts[state.step]}`}.`);
+  if (hasTruth && all.bad) showTruth(counts, all);
+  at('yaml').textContent = slider.yaml[state.step];
+  at('lines').textContent = slider.lines[state.step].join('\n') || '# nothing to set: these are the defaults';
+  charts.update(state);
+  if (state.point) choose(state.point.frame, state.point.index);
+  redraw();
+}
+
+function showTruth(counts, all) {
+  const found = counts.bad;
+  const rejected = counts.bad + counts.good;
+  const rows = [
+    ['precision', rejected ? percent(found, rejected) : '–'],
+    ['recall', percent(found, all.bad)],
+    ['F1', percent(2 * found, rejected + all.bad)],
+  ];
+  at('truth').hidden = false;
+  at('truth').replaceChildren(...rows.map(([name, value]) => node('div', {}, node('dt', {}, name), node('dd', { id: name }, value))));
+}
+
+// --- Time ------------------------------------------------------------------------------------
+
+function setFrames(single, frame = state.frame) {
+  const last = data.frames.length - 1;
+  state.single = single;
+  state.frame = Math.min(Math.max(frame, 0), last);
+  [state.firstFrame, state.lastFrame] = single ? [state.frame, state.frame] : [0, last];
+  at('whole').setAttribute('aria-pressed', !single);
+  at('single').setAttribute('aria-pressed', single);
+  at('frame').value = state.frame;
+  const now = data.frames[state.frame];
+  const name = data.header.hasFrames ? `${now.start.toFixed(2)} s` : `part ${state.frame + 1}`;
+  at('frame-text').textContent = single ? `${name} · ${state.frame + 1} of ${last + 1}` : `${last + 1} ${data.header.hasFrames ? 'frames' : 'parts'}`;
+  at('frame').setAttribute('aria-valuetext', at('frame-text').textContent);
+  if (view) view.setFrames(state.firstFrame, state.lastFrame);
+  if (view) view.moved();
+  if (charts && charts.time) charts.drawTime(data.header.sliders[state.slider], state);
+  redraw();
+}
+
+function play() {
+  const on = playing === 0;
+  at('play').textContent = on ? '❚❚' : '▶';
+  at('play').setAttribute('aria-label', on ? 'Pause' : 'Play');
+  if (!on) {
+    clearInterval(playing);
+    playing = 0;
+    return;
+  }
+  playing = setInterval(() => setFrames(true, (state.frame + 1) % data.frames.length), 200);
+}
+
+// --- Points and groups -----------------------------------------------------------------------
+
+function choose(number, index) {
+  const frame = data.frames[number];
+  const point = describe(data, number, index);
+  const near = neighbours(frame, index, 8);
+  const line = samePointLine(frame, index);
+  state.point = { frame: number, index };
+  showPoint(at('point-text'), data, point, {
+    rejected: isRejected(frame, index, state.bit), near: near.map(([, d]) => d), inLine: line.length,
+  });
+  if (view) {
+    view.setMarks(0, frame, near.map(([i]) => i));
+    view.setMarks(1, frame, line.length > 3000 ? line.filter((_, i) => i % Math.ceil(line.length / 3000) === 0) : line);
+  }
+  placeRing();
+}
+
+function placeRing() {
+  const ring = at('ring');
+  const there = state.point && view ? view.project(describe(data, state.point.frame, state.point.index).place) : null;
+  ring.hidden = !there;
+  if (there) [ring.style.left, ring.style.top] = there.map((value) => `${value}px`);
+}
+
+function chooseGroup(number) {
+  const { groups } = data.header;
+  if (!groups.length) return;
+  state.group = (number + groups.length) % groups.length;
+  const group = groups[state.group];
+  at('groups').querySelectorAll('button').forEach((button, i) => {
+    if (i === state.group) {
+      button.setAttribute('aria-current', 'true');
+      button.scrollIntoView({ block: 'nearest' });
+    } else button.removeAttribute('aria-current');
+  });
+  if (state.single) setFrames(true, group.frame);
+  if (view) view.flyTo(group.middle, Math.max(...group.size, 2));
+  choose(group.frame, group.worst);
+}
+
+// --- Start -----------------------------------------------------------------------------------
+
+function setView(name) {
+  if (view) view.look(name);
+  for (const button of document.querySelectorAll('[data-view]')) button.setAttribute('aria-pressed', button.dataset.view === name);
+}
+
+function onKey(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const { key } = event;
+  if (key === '?') { toggleKeys(); return; }
+  if (document.activeElement !== at('canvas')) return;
+  const turn = 0.08;
+  const fly = 0.06;
+  const actions = {
+    ArrowLeft: () => view?.turn(-turn, 0), ArrowRight: () => view?.turn(turn, 0),
+    ArrowUp: () => view?.turn(0, turn), ArrowDown: () => view?.turn(0, -turn),
+    w: () => view?.fly(fly, 0, 0), s: () => view?.fly(-fly, 0, 0), a: () => view?.fly(0, -fly, 0),
+    d: () => view?.fly(0, fly, 0), e: () => view?.fly(0, 0, fly), q: () => view?.fly(0, 0, -fly),
+    '+': () => view?.zoom(1.15), '=': () => view?.zoom(1.15), '-': () => view?.zoom(1 / 1.15),
+    1: () => setView('orbit'), 2: () => setView('top'), 3: () => setView('side'),
+    '[': () => setFrames(true, state.frame - 1), ']': () => setFrames(true, state.frame + 1), ' ': play,
+    g: () => chooseGroup(state.group + 1),
+    '<': () => setStep(state.slider, state.step - 1), '>': () => setStep(state.slider, state.step + 1),
+  };
+  const action = actions[key.length === 1 ? key.toLowerCase() : key];
+  if (action) {
+    event.preventDefault();
+    action();
+  }
+}
+
+function toggleKeys() {
+  at('keys').hidden = !at('keys').hidden;
+  at('keys-button').setAttribute('aria-expanded', !at('keys').hidden);
+}
+
+function listen() {
+  const { header } = data;
+  for (const [i, name] of MODES.entries()) {
+    if (i === REASON && !header.explained) continue;
+    if (i === TRUTH && !header.hasTruth) continue;
+    at('mode').append(node('option', { value: i }, name));
+  }
+  at('mode').addEventListener('change', () => {
+    state.mode = Number(at('mode').value);
+    view?.set('mode', state.mode);
+    legend();
+  });
+  at('show').addEventListener('change', () => {
+    state.show = Number(at('show').value);
+    view?.set('show', state.show);
+    legend();
+  });
+  for (const button of document.querySelectorAll('[data-view]')) button.addEventListener('click', () => setView(button.dataset.view));
+  at('whole').addEventListener('click', () => setFrames(false));
+  at('single').addEventListener('click', () => setFrames(true));
+  at('play').addEventListener('click', play);
+  at('frame').max = data.frames.length - 1;
+  at('frame').addEventListener('input', () => setFrames(true, Number(at('frame').value)));
+  at('time').hidden = data.frames.length < 2;
+  at('keys').append(node('table', {}, ...KEYS.map(([key, text]) => node('tr', {}, node('td', {}, key), node('td', {}, text)))));
+  at('keys-button').addEventListener('click', toggleKeys);
+  for (const button of document.querySelectorAll('[data-copy]')) {
+    button.addEventListener('click', () => copy(at(button.dataset.copy), button));
+  }
+  document.addEventListener('keydown', onKey);
+  let down = null;
+  at('canvas').addEventListener('pointerdown', (event) => { down = [event.offsetX, event.offsetY]; });
+  at('canvas').addEventListener('pointerup', (event) => {
+    if (!view || !down || Math.hypot(event.offsetX - down[0], event.offsetY - down[1]) > 4) return;
+    const found = view.pick(event.offsetX, event.offsetY, state.bit);
+    if (found) choose(found.frame, found.index);
+  });
+  matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
+    view?.setColours(colours());
+    charts.update(state);
+    legend();
+    redraw();
+  });
+}
+
+async function copy(from, button) {
+  const text = from.textContent;
+  try {
+    await navigator.clipboard.writeText(text);
+  } catch {
+    // From a file, or without permission: what is selected can be copied by hand.
+    getSelection().selectAllChildren(from);
+    document.execCommand('copy');
+  }
+  button.textContent = 'Copied';
+  setTimeout(() => { button.textContent = 'Copy'; }, 1500);
+}
+
+function openView() {
+  try {
+    view = new View(at('canvas'), data);
+  } catch (error) {
+    const plain = at('canvas').cloneNode(); // one that had another context has no 2-D
+    at('canvas').replaceWith(plain);
+    at('shown').textContent = `Pictures only: ${error.message}`;
+    for (const id of ['mode', 'show']) at(id).disabled = true;
+    for (const button of document.querySelectorAll('[data-view]')) button.disabled = true;
+    return;
+  }
+  view.setColours(colours());
+  view.listeners.push((drawn) => {
+    if (!times.first) times.first = performance.now();
+    const { header } = data;
+    at('shown').textContent = `${count(drawn)} of ${count(header.all.points)} points drawn`;
+    placeRing();
+  });
+}
+
+// The middle and the size of the points, where no view knows them.
+function boxOf(frames) {
+  const low = [Infinity, Infinity, Infinity];
+  const high = [-Infinity, -Infinity, -Infinity];
+  for (const frame of frames) {
+    for (let a = 0; a < 3; a += 1) {
+      low[a] = Math.min(low[a], frame.origin[a]);
+      high[a] = Math.max(high[a], frame.origin[a] + frame.step[a] * 0x1fffff);
+    }
+  }
+  return { centre: low.map((value, a) => (value + high[a]) / 2), extent: low.map((value, a) => Math.max(high[a] - value, 0.5)) };
+}
+
+async function start() {
+  const served = document.documentElement.dataset.base;
+  data = await load(served ? new ServedSource(served, location.search) : new PageSource());
+  times.decoded = performance.now();
+  if (!data.frames.length) {
+    at('lead').textContent = 'There is no valid point.';
+    document.querySelector('main').hidden = true;
+    showFound(document.querySelector('#found dl'), data.header);
+    at('settings').hidden = true;
+    document.documentElement.dataset.ready = 'yes';
+    return;
+  }
+  state.reasons = reasonColours();
+  openView();
+  times.opened = performance.now();
+  state.box = view ? { centre: view.centre, extent: view.extent } : boxOf(data.frames);
+  charts = new Charts(at('charts'), data);
+  makeSliders();
+  listen();
+  showGroups(at('groups'), at('groups-about'), data, chooseGroup);
+  showFound(document.querySelector('#found dl'), data.header);
+  at('footer').textContent = `lidar-outlier-filter ${data.header.version}. Everything is in this file.`;
+  setView('orbit');
+  const most = data.header.groups[0]?.frame ?? 0;
+  // Frames that lie on each other are shown one by one, those of a drive together.
+  setFrames(!data.header.together, most);
+  legend();
+  setStep(0, data.header.sliders[0].given);
+  if (!view) redraw();
+  times.built = performance.now();
+  document.documentElement.dataset.ready = 'yes';
+}
+
+start();
+window.report = { state, times, choose, setStep, setFrames, view: () => view, data: () => data };

@@ -1,0 +1,396 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+
+// The points in 3-D. Every point is four words that the vertex shader unpacks; a slider changes one
+// uniform, and no point is touched.
+
+import {
+  BufferAttribute, BufferGeometry, DataTexture, GLSL3, NearestFilter, OrthographicCamera,
+  PerspectiveCamera, Points, RawShaderMaterial, RGBAFormat, Scene, Sphere, Vector3, WebGLRenderer,
+} from 'three';
+import { OrbitControls } from 'three';
+import { place, isRejected } from 'data';
+
+const VERTEX = `
+precision highp float;
+precision highp int;
+in uvec4 position;
+uniform mat4 modelViewMatrix, projectionMatrix;
+uniform vec3 origin, unit;
+uniform uint bit, nearBits;
+uniform int mode, show;
+uniform float size;
+uniform vec2 heights;
+uniform vec3 low, high, rejectedColour, nearColour, missedColour, lostColour;
+uniform sampler2D palette;
+flat out vec3 colour;
+flat out float dot_;
+const int INTENSITY = 0, HEIGHT = 1, SCORE = 2, DETECTOR = 3, REASON = 4, TRUTH = 5;
+void main() {
+  uvec3 steps = uvec3(position.x & 0x1FFFFFu,
+                      (position.x >> 21) | ((position.y & 0x3FFu) << 11),
+                      (position.y >> 10) & 0x1FFFFFu);
+  vec3 xyz = origin + unit * vec3(steps);
+  bool rejected = (position.w & bit) != 0u;
+  bool near = !rejected && (position.w & nearBits) != 0u;
+  uint word = position.z;
+  float score = float(word & 0x3FFu) / 256.0;
+  colour = mix(low, high, sqrt(float((word >> 10) & 0x7Fu) / 127.0));
+  if (mode == HEIGHT) {
+    float h = clamp((xyz.z - heights.x) / (heights.y - heights.x), 0.0, 1.0);
+    colour = texelFetch(palette, ivec2(int(h * 255.0), 0), 0).rgb;
+  } else if (mode == SCORE) {
+    if ((word & 0x3FFu) != 1023u)
+      colour = texelFetch(palette, ivec2(int(clamp(score, 0.0, 1.0) * 255.0), 1), 0).rgb;
+  } else if (mode == DETECTOR || mode == REASON) {
+    colour = mix(low, high, 0.3);
+  } else if (mode == TRUTH) {
+    colour = mix(low, high, 0.3);
+  }
+  vec3 top = rejectedColour;
+  if (mode == DETECTOR) top = texelFetch(palette, ivec2(int((word >> 24) & 0xFu), 2), 0).rgb;
+  if (mode == REASON) top = texelFetch(palette, ivec2(int((word >> 17) & 0x7Fu), 3), 0).rgb;
+  bool above = rejected || (near && show == 1);
+  if (mode == TRUTH) {
+    bool bad = ((word >> 28) & 3u) == 2u;
+    bool good = ((word >> 28) & 3u) == 1u;
+    top = rejected && good ? lostColour : nearColour;
+    if (bad && !rejected) { top = missedColour; above = true; }
+  } else if (near && mode != REASON) {
+    top = nearColour;
+  }
+  if (above) colour = top;
+  vec4 clip = projectionMatrix * modelViewMatrix * vec4(xyz, 1.0);
+  // In front of all others, and among themselves in their order.
+  if (above) clip.z = -clip.w + (clip.z + clip.w) * 0.001;
+  if ((show == 2 && !above) || (show == 3 && rejected)) clip = vec4(2.0, 2.0, 2.0, 0.5);
+  gl_Position = clip;
+  dot_ = above ? size * 1.8 + 1.0 : size;
+  gl_PointSize = dot_;
+}`;
+const FRAGMENT = `
+precision highp float;
+flat in vec3 colour;
+flat in float dot_;
+out vec4 result;
+void main() {
+  if (dot_ > 2.5 && length(gl_PointCoord - 0.5) > 0.5) discard;
+  result = vec4(colour, 1.0);
+}`;
+const MARK_VERTEX = `
+precision highp float;
+in vec3 position;
+uniform mat4 modelViewMatrix, projectionMatrix;
+uniform float size;
+void main() {
+  vec4 clip = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  clip.z = -clip.w * 0.9999;
+  gl_Position = clip;
+  gl_PointSize = size;
+}`;
+const MARK_FRAGMENT = `
+precision highp float;
+uniform vec3 colour;
+out vec4 result;
+void main() {
+  float r = length(gl_PointCoord - 0.5);
+  if (r > 0.5 || r < 0.28) discard;
+  result = vec4(colour, 1.0);
+}`;
+
+const SOFTWARE = /swiftshader|llvmpipe|software|basic render/i;
+
+export class View {
+  // Throws where there is no WebGL 2.
+  constructor(canvas, data) {
+    this.canvas = canvas;
+    this.data = data;
+    const gl = canvas.getContext('webgl2', { antialias: false, powerPreference: 'high-performance' });
+    if (!gl) throw new Error('no WebGL 2');
+    this.renderer = new WebGLRenderer({ canvas, context: gl, antialias: false });
+    const info = gl.getExtension('WEBGL_debug_renderer_info');
+    const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : '';
+    this.software = SOFTWARE.test(name);
+    this.budget = this.software ? 250000 : 4000000; // points while it moves
+    this.scene = new Scene();
+    this.frames = { first: 0, last: data.frames.length - 1 };
+    this.measure();
+    this.shared = this.uniforms();
+    this.objects = data.frames.map((frame) => this.object(frame));
+    this.marks = [this.mark(9), this.mark(5)];
+    this.perspective = new PerspectiveCamera(50, 1, this.radius / 5000, this.radius * 20);
+    this.flat = new OrthographicCamera(-1, 1, 1, -1, -this.radius * 10, this.radius * 20);
+    for (const camera of [this.perspective, this.flat]) camera.up.set(0, 0, 1);
+    this.camera = this.perspective;
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.addEventListener('change', () => this.moved());
+    this.controls.zoomToCursor = true;
+    this.listeners = [];
+    this.full = false;
+    this.pending = false;
+    this.resize();
+    new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
+  }
+
+  // The middle and the size of what is seen: of the middle 98 % of the frames' points.
+  measure() {
+    const sample = [[], [], []];
+    const there = [0, 0, 0];
+    for (const frame of this.data.frames) {
+      const step = Math.max(1, Math.floor(frame.count / 200));
+      for (let i = frame.marked; i < frame.count; i += step) {
+        place(frame, i, there);
+        for (let a = 0; a < 3; a += 1) sample[a].push(there[a]);
+      }
+    }
+    for (const axis of sample) axis.sort((a, b) => a - b);
+    const at = (axis, part) => axis[Math.floor(part * (axis.length - 1))] ?? 0;
+    this.centre = sample.map((axis) => at(axis, 0.5));
+    this.extent = sample.map((axis) => Math.max(at(axis, 0.98) - at(axis, 0.02), 0.5));
+    this.heights = [at(sample[2], 0.02) - this.centre[2], at(sample[2], 0.98) - this.centre[2]];
+    this.radius = Math.max(Math.hypot(...this.extent) / 2, 1);
+  }
+
+  uniforms() {
+    const values = {
+      bit: 1, nearBits: 0, mode: 0, show: 0, size: 2 * devicePixelRatio, heights: this.heights,
+      low: new Vector3(), high: new Vector3(), rejectedColour: new Vector3(),
+      nearColour: new Vector3(), missedColour: new Vector3(), lostColour: new Vector3(),
+      palette: null,
+    };
+    return Object.fromEntries(Object.entries(values).map(([name, value]) => [name, { value }]));
+  }
+
+  object(frame) {
+    const geometry = new BufferGeometry();
+    geometry.setAttribute('position', new BufferAttribute(frame.words, 4));
+    const near = frame.origin.map((value, a) => value - this.centre[a]);
+    const size = frame.step.map((step) => step * 0x1fffff);
+    const middle = new Vector3(...near.map((value, a) => value + size[a] / 2));
+    geometry.boundingSphere = new Sphere(middle, Math.hypot(...size) / 2 + 0.01);
+    const material = new RawShaderMaterial({
+      glslVersion: GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT,
+      uniforms: {
+        ...this.shared,
+        origin: { value: new Vector3(...near) },
+        unit: { value: new Vector3(...frame.step) },
+      },
+    });
+    const points = new Points(geometry, material);
+    points.matrixAutoUpdate = false;
+    this.scene.add(points);
+    return points;
+  }
+
+  mark(size) {
+    const material = new RawShaderMaterial({
+      glslVersion: GLSL3, vertexShader: MARK_VERTEX, fragmentShader: MARK_FRAGMENT,
+      uniforms: { colour: { value: new Vector3() }, size: { value: size * devicePixelRatio } },
+    });
+    const points = new Points(new BufferGeometry(), material);
+    points.frustumCulled = false;
+    points.visible = false;
+    points.renderOrder = 1;
+    this.scene.add(points);
+    return points;
+  }
+
+  // Rings around points: 0 the neighbours of the chosen one, 1 its line.
+  setMarks(which, frame, indices) {
+    const object = this.marks[which];
+    object.geometry.dispose();
+    object.geometry = new BufferGeometry();
+    const there = [0, 0, 0];
+    const flat = new Float32Array(3 * indices.length);
+    indices.forEach((i, k) => {
+      place(frame, i, there);
+      for (let a = 0; a < 3; a += 1) flat[3 * k + a] = there[a] - this.centre[a];
+    });
+    object.geometry.setAttribute('position', new BufferAttribute(flat, 3));
+    object.visible = indices.length > 0;
+    this.draw();
+  }
+
+  setColours(colours) {
+    const shared = this.shared;
+    for (const name of ['low', 'high', 'rejectedColour', 'nearColour', 'missedColour', 'lostColour']) {
+      shared[name].value.set(...colours[name]);
+    }
+    shared.palette.value?.dispose();
+    const texture = new DataTexture(colours.palette, 256, 4, RGBAFormat);
+    texture.minFilter = texture.magFilter = NearestFilter;
+    texture.needsUpdate = true;
+    shared.palette.value = texture;
+    this.marks.forEach((mark, i) => mark.material.uniforms.colour.value.set(...colours.marks[i]));
+    this.renderer.setClearColor(colours.ground, 1);
+    this.draw();
+  }
+
+  set(name, value) {
+    this.shared[name].value = value;
+    this.draw();
+  }
+
+  setFrames(first, last) {
+    this.frames = { first, last };
+    this.objects.forEach((object, i) => { object.visible = i >= first && i <= last; });
+    this.draw();
+  }
+
+  resize() {
+    const box = this.canvas.parentElement.getBoundingClientRect();
+    if (!box.width || !box.height) return;
+    this.renderer.setPixelRatio(this.software ? 1 : Math.min(devicePixelRatio, 2));
+    this.renderer.setSize(box.width, box.height, false);
+    this.perspective.aspect = box.width / box.height;
+    this.perspective.updateProjectionMatrix();
+    const half = this.flat.top;
+    this.flat.left = -half * this.perspective.aspect;
+    this.flat.right = half * this.perspective.aspect;
+    this.flat.updateProjectionMatrix();
+    this.draw();
+  }
+
+  // 'orbit', 'top' or 'side'
+  look(view) {
+    const tall = Math.max(this.extent[1], this.extent[0] / this.perspective.aspect) / 2;
+    const half = view === 'top' ? tall : Math.max(this.extent[2], this.extent[0] / this.perspective.aspect) / 2;
+    this.camera = view === 'orbit' ? this.perspective : this.flat;
+    this.camera.zoom = 1;
+    if (view === 'orbit') {
+      const away = this.radius * 1.1;
+      this.camera.position.set(-0.62 * away, -0.62 * away, 0.48 * away);
+    } else {
+      this.flat.top = half * 1.06;
+      this.flat.bottom = -this.flat.top;
+      this.camera.position.set(0, view === 'top' ? -1e-3 : -this.radius * 2, view === 'top' ? this.radius * 2 : 0);
+      this.resize();
+    }
+    this.controls.object = this.camera;
+    this.controls.target.set(0, 0, 0);
+    this.controls.update();
+    this.camera.updateProjectionMatrix();
+    this.moved();
+  }
+
+  flyTo(where, size) {
+    const target = new Vector3(...where.map((value, a) => value - this.centre[a]));
+    const away = Math.max(3 * size, 4);
+    const back = this.camera.position.clone().sub(this.controls.target).normalize();
+    if (this.camera === this.flat) {
+      this.flat.zoom = this.flat.top / (away / 2);
+      this.camera.position.copy(target).addScaledVector(back, this.radius * 2);
+    } else {
+      this.camera.position.copy(target).addScaledVector(back, away);
+    }
+    this.controls.target.copy(target);
+    this.camera.updateProjectionMatrix();
+    this.controls.update();
+    this.moved();
+  }
+
+  // Turn by angles, rad.
+  turn(right, up) {
+    const offset = this.camera.position.clone().sub(this.controls.target);
+    const flat = Math.hypot(offset.x, offset.y);
+    const angle = Math.atan2(offset.y, offset.x) + right;
+    const slope = Math.min(Math.max(Math.atan2(offset.z, flat) + up, -1.56), 1.56);
+    const away = offset.length();
+    offset.set(Math.cos(angle) * Math.cos(slope), Math.sin(angle) * Math.cos(slope), Math.sin(slope));
+    this.camera.position.copy(this.controls.target).addScaledVector(offset, away);
+    this.controls.update();
+    this.moved();
+  }
+
+  // Fly: ahead, to the right and up, parts of the distance to what is looked at.
+  fly(ahead, right, up) {
+    const offset = this.controls.target.clone().sub(this.camera.position);
+    const away = this.camera === this.flat ? this.flat.top / this.flat.zoom : offset.length();
+    const forward = offset.normalize();
+    const aside = new Vector3().crossVectors(forward, this.camera.up).normalize();
+    const move = forward.multiplyScalar(ahead * away).addScaledVector(aside, right * away);
+    move.z += up * away;
+    this.camera.position.add(move);
+    this.controls.target.add(move);
+    this.controls.update();
+    this.moved();
+  }
+
+  zoom(factor) {
+    if (this.camera === this.flat) {
+      this.flat.zoom *= factor;
+      this.flat.updateProjectionMatrix();
+    } else {
+      const offset = this.camera.position.clone().sub(this.controls.target).divideScalar(factor);
+      this.camera.position.copy(this.controls.target).add(offset);
+    }
+    this.controls.update();
+    this.moved();
+  }
+
+  moved() {
+    this.full = false;
+    clearTimeout(this.settling);
+    this.settling = setTimeout(() => { this.full = true; this.draw(); }, 180);
+    this.draw();
+  }
+
+  draw() {
+    if (this.pending) return;
+    this.pending = true;
+    requestAnimationFrame(() => this.render());
+  }
+
+  render() {
+    this.pending = false;
+    let visible = 0;
+    this.objects.forEach((object, i) => { if (object.visible) visible += this.data.frames[i].count; });
+    const share = this.full ? 1 : Math.min(1, this.budget / Math.max(visible, 1));
+    let drawn = 0;
+    this.objects.forEach((object, i) => {
+      const frame = this.data.frames[i];
+      const count = frame.marked + Math.ceil((frame.count - frame.marked) * share);
+      object.geometry.setDrawRange(0, count);
+      if (object.visible) drawn += count;
+    });
+    this.renderer.render(this.scene, this.camera);
+    for (const listener of this.listeners) listener(drawn, visible);
+  }
+
+  // Where a point is on the screen, CSS pixels; null: behind the eye.
+  project(where) {
+    const v = new Vector3(...where.map((value, a) => value - this.centre[a])).project(this.camera);
+    if (v.z < -1 || v.z > 1) return null;
+    const box = this.canvas.getBoundingClientRect();
+    return [((v.x + 1) / 2) * box.width, ((1 - v.y) / 2) * box.height];
+  }
+
+  // The point at a place of the canvas, CSS pixels: the rejected before others, then the nearest.
+  pick(x, y, bit) {
+    const box = this.canvas.getBoundingClientRect();
+    this.camera.updateMatrixWorld();
+    const m = this.camera.projectionMatrix.clone().multiply(this.camera.matrixWorldInverse).elements;
+    const there = [0, 0, 0];
+    let best = null;
+    let least = Infinity;
+    for (let f = this.frames.first; f <= this.frames.last; f += 1) {
+      const frame = this.data.frames[f];
+      for (let i = 0; i < frame.count; i += 1) {
+        place(frame, i, there);
+        const px = there[0] - this.centre[0];
+        const py = there[1] - this.centre[1];
+        const pz = there[2] - this.centre[2];
+        const w = m[3] * px + m[7] * py + m[11] * pz + m[15];
+        if (w <= 0) continue;
+        const u = ((m[0] * px + m[4] * py + m[8] * pz + m[12]) / w + 1) * 0.5 * box.width - x;
+        const v = (1 - (m[1] * px + m[5] * py + m[9] * pz + m[13]) / w) * 0.5 * box.height - y;
+        const d = u * u + v * v;
+        if (d > 100) continue;
+        const depth = ((m[2] * px + m[6] * py + m[10] * pz + m[14]) / w + 1) / 2;
+        const cost = d + 20 * depth - (isRejected(frame, i, bit) ? 150 : 0);
+        if (cost < least) { least = cost; best = { frame: f, index: i }; }
+      }
+    }
+    return best;
+  }
+}

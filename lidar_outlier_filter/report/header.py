@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the page knows beside the points: an object that is written as JSON."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
+from lidar_outlier_filter.report.groups import find
+from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES
+from lidar_outlier_filter.tuning.output import as_yaml, ros_lines
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.report.frames import Frames
+    from lidar_outlier_filter.report.gather import Gathered
+    from lidar_outlier_filter.report.pack import Packed
+    from lidar_outlier_filter.report.sliders import Slider
+    from lidar_outlier_filter.report.tally import Counts
+
+MOST_ON_CURVE = 200
+SECTION = 1 << 20  # points of a buffer, or one frame that has more
+
+
+def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]:
+    """Collect all that is not in the buffers."""
+    found, tally = gathered.found, gathered.tally
+    sections = split(frames)
+    groups, total = find(gathered.kept, frames)
+    return {
+        'version': __version__,
+        'name': gathered.name,
+        'topic': found.topic,
+        'clouds': found.clouds,
+        'points': found.points,
+        'invalid': found.invalid,
+        'untested': tally.untested,
+        'drawn': len(gathered.kept),
+        'refusals': found.refusals,
+        'unmoved': found.unmoved,
+        'moved': found.moved,
+        'convention': found.convention,
+        'period': None if math.isnan(found.period) else found.period,
+        'seconds': (found.ends[-1] - found.starts[0]) / SECOND if found.starts else None,
+        'gaps': [list(gap) for gap in found.gaps],
+        'chain': list(gathered.parameters.chain),
+        'trees': bool(gathered.names),
+        'hasFrames': gathered.has_frames,
+        'together': frames.together,
+        'sliders': [
+            _slider(gathered, frames, number, slider)
+            for number, slider in enumerate(gathered.sliders)
+        ],
+        'all': _counts(tally.all),
+        'ranges': list(RANGES),
+        'largestScore': LARGEST_SCORE,
+        'scores': tally.scores.tolist(),
+        'hasTruth': tally.has_truth,
+        'curve': _curve(gathered),
+        'sections': len(sections),
+        'frames': _frames(gathered, frames, packed, sections),
+        'groups': [
+            {
+                'frame': group.frame,
+                'count': group.count,
+                'middle': _rounded(group.middle),
+                'size': _rounded(group.size),
+                'range': round(group.range, 2),
+                'worst': group.worst,
+            }
+            for group in groups
+        ],
+        'allGroups': total,
+        'features': list(gathered.names),
+        'explained': len(packed.reasons),
+        'detectors': [
+            {'name': one.name, 'number': one.bit.bit_length(), 'colour': one.colour}
+            for one in DETECTORS.values()
+        ],
+        'intensity': list(packed.intensity),
+    }
+
+
+def split(frames: Frames) -> list[tuple[int, int]]:
+    """Cut the points into buffers: the first and the last frame of each, the last excluded."""
+    sections: list[tuple[int, int]] = []
+    begin = 0
+    for number in range(len(frames)):
+        if frames.first[number + 1] - frames.first[begin] > SECTION and number > begin:
+            sections.append((begin, number))
+            begin = number
+    if len(frames):
+        sections.append((begin, len(frames)))
+    return sections
+
+
+def _frames(
+    gathered: Gathered, frames: Frames, packed: Packed, sections: list[tuple[int, int]]
+) -> list[dict[str, Any]]:
+    """Say of each frame where its points are, and what they are."""
+    first = int(frames.start.min()) if len(frames) else 0
+    result = []
+    for section, (begin, end) in enumerate(sections):
+        for number in range(begin, end):
+            low, high = frames.first[number], frames.first[number + 1]
+            clouds = frames.clouds[number].tolist() if frames.clouds else []
+            points = sum(gathered.tally.clouds[cloud] for cloud in clouds) if clouds else high - low
+            result.append(
+                {
+                    'section': section,
+                    'begin': int(low - frames.first[begin]),
+                    'count': int(high - low),
+                    'points': int(points),
+                    'explained': int(frames.explained[number]),
+                    'marked': int(frames.marked[number]),
+                    'start': (int(frames.start[number]) - first) / SECOND,
+                    'origin': packed.origin[number].tolist(),
+                    'step': packed.step[number].tolist(),
+                }
+            )
+    return result
+
+
+def _slider(gathered: Gathered, frames: Frames, number: int, slider: Slider) -> dict[str, Any]:
+    tally, parameters = gathered.tally, gathered.parameters
+    steps = range(len(slider.values))
+    changed = [slider.changed(parameters, step) for step in steps]
+    return {
+        'detector': slider.detector,
+        'name': slider.name,
+        'texts': [as_yaml(value) for value in slider.values],
+        'given': slider.given,
+        'first': slider.first,
+        'limits': [_finite(limit) for limit in slider.limits.tolist()],
+        'counts': [_counts(tally.at[number][step]) for step in steps],
+        'byFrame': [
+            [int(tally.of_clouds(number, step, clouds.tolist()).sum()) for clouds in frames.clouds]
+            for step in steps
+        ],
+        'yaml': [parameter_file(one) for one in changed],
+        'lines': [ros_lines(FilterParameters(), _not_fixed(one)) for one in changed],
+    }
+
+
+def _not_fixed(parameters: FilterParameters) -> dict[str, Any]:
+    """List what differs from the defaults and can be set while a node runs."""
+    fixed = {parameter.name for parameter in describe() if parameter.fixed}
+    defaults = FilterParameters().flat()
+    return {
+        name: value
+        for name, value in parameters.flat().items()
+        if value != defaults[name] and name not in fixed
+    }
+
+
+def parameter_file(parameters: FilterParameters) -> str:
+    """Write a ROS parameter file of what is not as by default."""
+    defaults = FilterParameters().flat()
+    lines = [
+        f'    {name}: {as_yaml(value)}'
+        for name, value in parameters.flat().items()
+        if value != defaults[name]
+    ]
+    return '\n'.join(['/**:', f'  ros__parameters:{"" if lines else " {}"}', *lines]) + '\n'
+
+
+def _counts(counts: Counts) -> dict[str, Any]:
+    return {
+        'points': counts.points,
+        'bad': counts.bad,
+        'good': counts.good,
+        'ranges': counts.by_range.tolist(),
+    }
+
+
+def _curve(gathered: Gathered) -> dict[str, Any] | None:
+    """Thin the ROC curve of the score; None without a truth of both kinds."""
+    score, bad = gathered.tally.truth()
+    if not bad.any() or bad.all():
+        return None
+    whole = curve(bad, score)
+    thin = whole.thinned(MOST_ON_CURVE)
+    return {
+        'recall': _rounded((thin.found / whole.found[-1]).tolist(), 5),
+        'lost': [float(f'{one:.4g}') for one in (thin.lost / whole.lost[-1]).tolist()],
+        'auc': round(whole.auc, 5),
+    }
+
+
+def _rounded(values: Any, digits: int = 3) -> list[float]:
+    return [round(float(value), digits) for value in np.asarray(values).tolist()]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

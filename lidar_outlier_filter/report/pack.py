@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sixteen bytes a point: four words that the page hands to the GPU as they are.
+
+Words 0 and 1: x, y and z in steps of the frame's box, 21 bits each. Word 2, from the lowest bit:
+score × 256 (10 bits, ``UNTESTED`` without), intensity (7), strongest reason (7, ``NO_REASON``
+without), number of the first detector that rejects it (4, 0: none), truth (2). Word 3: the steps
+of the sliders that reject it (21 bits), then the rank of its scan line in the frame (11, modulo).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.messages.cloud import first_numbers
+from lidar_outlier_filter.report.keeping import table
+from lidar_outlier_filter.report.sliders import BITS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.report.frames import Frames
+    from lidar_outlier_filter.report.gather import Gathered
+
+    Words = NDArray[np.uint32]
+
+WORDS = 4
+STEPS = (1 << 21) - 1  # of a box, on each axis
+SCORE_UNIT = 256
+UNTESTED = 1023
+NO_REASON = 127
+INTENSITIES = 127
+NO_TRUTH, GOOD, BAD = range(3)
+LINES = 1 << 11
+DARKEST, BRIGHTEST = 2, 98  # percentiles of the intensity that the colours span
+ROW = 20  # numbers of a point with reasons: see `reasons`
+
+
+@dataclass(frozen=True)
+class Packed:
+    """The points of a report as bytes.
+
+    Attributes
+    ----------
+    points : (N, 4) uint32, frame by frame
+    origin, step : (F, 3) float64, metres: the box of each frame
+    reasons : (R, 20) float32, the points with reasons in the order of the points
+    intensity : least and largest that the colours span
+
+    """
+
+    points: Words
+    origin: NDArray[np.float64]
+    step: NDArray[np.float64]
+    reasons: NDArray[np.float32]
+    intensity: tuple[float, float]
+
+
+def pack(gathered: Gathered, frames: Frames) -> Packed:
+    """Pack the kept points, in the order of their frames."""
+    kept = gathered.kept.take(frames.order)
+    number = np.repeat(np.arange(len(frames)), np.diff(frames.first))
+    origin, step = _boxes(kept.xyz, frames)
+    place = np.rint((kept.xyz - origin[number]) / step[number]).astype(np.uint64)
+    x, y, z = place.astype(np.uint32).T
+    words = np.empty((len(kept), WORDS), np.uint32)
+    words[:, 0] = x | (y << np.uint32(21))
+    words[:, 1] = (y >> np.uint32(11)) | (z << np.uint32(10))
+    brightness, span = _brightness(kept.intensity)
+    words[:, 2] = _scores(kept.score)
+    words[:, 2] |= brightness << np.uint32(10)
+    words[:, 2] |= _strongest(gathered, kept.reason) << np.uint32(17)
+    words[:, 2] |= np.minimum(first_numbers(kept.detectors), 15).astype(np.uint32) << np.uint32(24)
+    words[:, 2] |= _truth(gathered, kept.code) << np.uint32(28)
+    words[:, 3] = kept.bits | (_ranks(kept.line, frames) << np.uint32(BITS))
+    return Packed(words, origin, step, _reasons(gathered, frames), span)
+
+
+def _boxes(
+    xyz: NDArray[np.float64], frames: Frames
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    if len(frames) == 0:
+        return np.empty((0, 3)), np.empty((0, 3))
+    origin = np.minimum.reduceat(xyz, frames.first[:-1])
+    size = np.maximum.reduceat(xyz, frames.first[:-1]) - origin
+    return origin, np.maximum(size / STEPS, 1e-9)
+
+
+def _brightness(intensity: NDArray[np.float32]) -> tuple[Words, tuple[float, float]]:
+    known = intensity[np.isfinite(intensity)]
+    if len(known) == 0:
+        return np.zeros(len(intensity), np.uint32), (0.0, 0.0)
+    low, high = np.percentile(known, [DARKEST, BRIGHTEST]).tolist()
+    scaled = np.clip((np.nan_to_num(intensity, nan=low) - low) / max(high - low, 1e-9), 0.0, 1.0)
+    return np.rint(scaled * INTENSITIES).astype(np.uint32), (low, high)
+
+
+def _scores(score: NDArray[np.float32]) -> Words:
+    known = np.nan_to_num(score.astype(np.float64), nan=0.0, posinf=1e9)
+    steps = np.minimum(np.rint(known * SCORE_UNIT), UNTESTED - 1).astype(np.uint32)
+    return np.where(np.isnan(score), np.uint32(UNTESTED), steps)
+
+
+def _strongest(gathered: Gathered, row: NDArray[np.int32]) -> Words:
+    """Find the feature that adds most to the score of each point."""
+    features, added = table(gathered.reasons)
+    if len(features) == 0:
+        return np.full(len(row), NO_REASON, np.uint32)
+    most = np.take_along_axis(features, added.argmax(axis=1)[:, None], axis=1)[:, 0]
+    return np.where(row >= 0, most[row], NO_REASON).astype(np.uint32)
+
+
+def _truth(gathered: Gathered, code: NDArray[np.int32]) -> Words:
+    if not gathered.tally.has_truth:
+        return np.zeros(len(code), np.uint32)
+    wide = code.astype(np.int64)
+    truth = np.where(gathered.codes.bad(wide), BAD, GOOD)
+    counted = gathered.codes.counted(wide) & (code >= 0)
+    return np.where(counted, truth, NO_TRUTH).astype(np.uint32)
+
+
+def _ranks(line: NDArray[np.int64], frames: Frames) -> Words:
+    ranks = np.empty(len(line), np.uint32)
+    for first, last in zip(frames.first[:-1], frames.first[1:], strict=True):
+        ranks[first:last] = np.unique(line[first:last], return_inverse=True)[1] % LINES
+    return ranks
+
+
+def _reasons(gathered: Gathered, frames: Frames) -> NDArray[np.float32]:
+    """Lay out the points with reasons, a row each.
+
+    Score, seconds after the frame's start, scan line, intensity; then the numbers of the features,
+    then what each adds to the log-odds.
+    """
+    kept = gathered.kept.take(frames.order)
+    features, added = table(gathered.reasons)
+    which = np.flatnonzero(kept.reason >= 0)
+    rows = np.zeros((len(which), ROW), np.float32)
+    start = np.repeat(frames.start, np.diff(frames.first))
+    rows[:, 0] = kept.score[which]
+    rows[:, 1] = (kept.t[which] - start[which]) * 1e-9
+    rows[:, 2] = kept.line[which]
+    rows[:, 3] = kept.intensity[which]
+    rows[:, 4:12] = features[kept.reason[which]]
+    rows[:, 12:] = added[kept.reason[which]]
+    return rows

@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page: one file with all its data, that needs no network."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import os
+from importlib.resources import files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from matplotlib import colormaps
+
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.report.frames import cut
+from lidar_outlier_filter.report.header import header, split
+from lidar_outlier_filter.report.pack import pack
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.report.gather import Gathered
+
+# The modules of the page by the names that they import each other by. A served page maps the same
+# names to addresses.
+MODULES = {name: f'{name}.js' for name in ('three', 'data', 'scene', 'flat', 'charts', 'panel')}
+START = 'main.js'
+
+
+def asset(name: str) -> str:
+    """Read a file of the page."""
+    return (files(__package__) / 'assets' / name).read_text(encoding='utf-8')
+
+
+def buffers(gathered: Gathered) -> tuple[str, dict[str, bytes]]:
+    """Make the data of a page: the header as JSON, and the buffers by name."""
+    frames = cut(gathered)
+    packed = pack(gathered, frames)
+    known = header(gathered, frames, packed)
+    known['colours'] = {name: _colours(name) for name in ('viridis', 'cividis')}
+    parts = {'reasons': packed.reasons.astype('<f4').tobytes()}
+    for number, (begin, end) in enumerate(split(frames)):
+        words = packed.points[frames.first[begin] : frames.first[end]]
+        parts[f'points-{number}'] = words.astype('<u4').tobytes()
+    return json.dumps(known, separators=(',', ':'), allow_nan=False), parts
+
+
+def page(gathered: Gathered) -> str:
+    """Make a page that holds all of it."""
+    known, parts = buffers(gathered)
+    # In a script element nothing but its end has a meaning.
+    safe = known.replace('<', '\\u003c')
+    data = [f'<script type="application/json" id="header">{safe}</script>']
+    for name, content in parts.items():
+        text = base64.b64encode(content).decode('ascii')
+        data.append(f'<script type="text/plain" id="data-{name}">{text}</script>')
+    modules = {name: _inline(asset(path)) for name, path in MODULES.items()}
+    imports = json.dumps({'imports': modules})
+    whole = asset('page.html')
+    for mark, text in (
+        ('<!--title-->', html.escape(gathered.name)),
+        ('<!--style-->', f'<style>{asset("style.css")}</style>'),
+        ('<!--licence-->', f'<!--\n{asset("three.LICENSE")}\n-->'),
+        ('<!--imports-->', f'<script type="importmap">{imports}</script>'),
+        ('<!--start-->', f'<script type="module" src="{_inline(asset(START))}"></script>'),
+        ('<!--data-->', '\n'.join(data)),
+    ):
+        whole = whole.replace(mark, text)
+    return whole
+
+
+def write_page(gathered: Gathered, output: Path) -> None:
+    """Write the page to a new file, whole or not at all.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists, or cannot be written.
+
+    """
+    check_new(output)
+    text = page(gathered)
+    try:
+        parent = output.absolute().parent
+        with TemporaryDirectory(prefix=f'.{output.name}.partial-', dir=parent) as hidden:
+            built = Path(hidden, output.name)
+            built.write_text(text, encoding='utf-8')
+            built.rename(output)
+    except OSError as err:
+        must_be = 'written in full'
+        raise RecordingError(f'the output {output}', must_be, err.strerror or err) from err
+
+
+def check_new(output: Path) -> None:
+    """Refuse to replace what is there."""
+    if os.path.lexists(output):
+        raise RecordingError('the output', 'new', f'{output}, which exists')
+
+
+def _inline(code: str) -> str:
+    return 'data:text/javascript;base64,' + base64.b64encode(code.encode()).decode('ascii')
+
+
+def _colours(name: str) -> str:
+    """Give a map of 256 colours as base64, three bytes each."""
+    table = colormaps[name](range(256), bytes=True)[:, :3]
+    return base64.b64encode(table.tobytes()).decode('ascii')

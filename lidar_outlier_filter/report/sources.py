@@ -1,0 +1,266 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the points of a report come from: a recording, or a file; judged as by other commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from lidar_outlier_filter.core.blocks import Stream
+from lidar_outlier_filter.core.chain import Chain, along_lines
+from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.whole_cloud import chain_without_lines, judge_whole
+from lidar_outlier_filter.errors import CloudError, RecordingError
+from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_codes
+from lidar_outlier_filter.files import points as columns
+from lidar_outlier_filter.files.cloud_file import open_cloud, read
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.tuning.recorded import RecordedClouds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.cloud_file import CloudFile
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.tuning.recorded import RecordedCloud
+
+INTENSITIES = ('intensity', 'reflectivity', 'i')
+GAP = 1.5  # × the usual time between two clouds: more is a gap
+MOST_GAPS = 50  # that are listed
+
+
+@dataclass(eq=False, kw_only=True)
+class ReportCloud(StreamCloud):
+    """The valid points of a cloud, and what is known of each beside its verdict.
+
+    Attributes
+    ----------
+    number : of the cloud, from 0
+    intensity : (N,) float32 or None
+    code : (N,) int64 or None
+        The truth.
+
+    """
+
+    number: int
+    intensity: NDArray[np.float32] | None = None
+    code: NDArray[np.int64] | None = None
+
+
+@dataclass
+class SourceFacts:
+    """What was found of the clouds, beside their points.
+
+    Attributes
+    ----------
+    clouds, points, invalid : of the source: clouds taken, their points, and missing returns
+    refusals : clouds refused, by what was wrong with them
+    unmoved : clouds that were taken without poses, though there is odometry
+    convention : how they are read
+    starts, ends : of each cloud with a valid point, nanoseconds
+    topic : of the clouds; empty: they are a file
+    moved : whether the points were moved to a frame that stands still
+
+    """
+
+    clouds: int = 0
+    points: int = 0
+    invalid: int = 0
+    refusals: dict[str, int] = field(default_factory=dict)
+    unmoved: int = 0
+    convention: str = ''
+    starts: list[int] = field(default_factory=list)
+    ends: list[int] = field(default_factory=list)
+    topic: str = ''
+    moved: bool = False
+
+    def note(self, cloud: StreamCloud, count: int) -> None:
+        """Count a cloud of so many points, valid or not."""
+        self.clouds += 1
+        self.points += count
+        self.invalid += count - len(cloud.points)
+        if len(cloud.points):
+            self.starts.append(cloud.first)
+            self.ends.append(cloud.last)
+
+    @property
+    def period(self) -> float:
+        """Usual time from cloud to cloud, seconds; NaN of less than two."""
+        steps = np.diff(np.array(self.starts, np.int64))
+        return float(np.median(steps)) / SECOND if len(steps) else np.nan
+
+    @property
+    def gaps(self) -> list[tuple[float, float]]:
+        """When clouds are missing, and for how long: seconds after the first, the longest first."""
+        starts = np.array(self.starts, np.int64)
+        steps = np.diff(starts) / SECOND
+        late = np.flatnonzero(steps > GAP * self.period) if len(steps) else np.empty(0, int)
+        after = [(float((starts[i] - starts[0]) / SECOND), float(steps[i])) for i in late]
+        return sorted(after, key=lambda gap: -gap[1])[:MOST_GAPS]
+
+
+class Source(Protocol):
+    """Clouds that can be judged, as often as it takes."""
+
+    name: str
+    found: SourceFacts
+    parameters: FilterParameters
+    has_frames: bool  # whether clouds follow each other in time
+
+    def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
+        """Judge all clouds by each of some chains; yield the chain's number, and its clouds."""
+
+
+class RecordedSource:
+    """One topic of a recording, judged as by a replay."""
+
+    has_frames = True
+
+    def __init__(
+        self,
+        recording: Path,
+        parameters: FilterParameters,
+        topic: str | None = None,
+        label: str = '',
+        files: Sequence[Path] = (),
+    ) -> None:
+        """Name the recording; the truth is a field of the clouds, or in a file for each."""
+        self.name = recording.name
+        self.parameters = parameters
+        self.found = SourceFacts(moved=parameters.motion.source == 'odometry')
+        self._clouds = RecordedClouds(recording, parameters, topic)
+        self._label, self._files = label, files
+
+    def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
+        """Judge all clouds by each of some chains; they are read once for all of them."""
+        streams: list[Stream[ReportCloud]] = []
+        for chain in chains:
+            streams.append(Stream(chain.parameters))
+            streams[-1].chain = chain
+        found = SourceFacts(moved=self.found.moved)
+        for taken in self._clouds:
+            found.note(taken, taken.count)
+            for number, stream in enumerate(streams):
+                for cloud in stream.push(self._cloud(taken)):
+                    yield number, cloud
+        for number, stream in enumerate(streams):
+            for cloud in stream.flush():
+                yield number, cloud
+        found.refusals = dict(self._clouds.refusals)
+        found.unmoved, found.convention = self._clouds.unmoved, self._clouds.convention
+        found.topic = self._clouds.topic
+        if self._files and len(self._files) != self._clouds.count:
+            must_be = f'as many as there are clouds, {self._clouds.count}'
+            raise RecordingError('the files with labels', must_be, len(self._files))
+        self.found = found
+
+    def _cloud(self, taken: RecordedCloud) -> ReportCloud:
+        view = structured(taken.msg).reshape(-1) if taken.count else None
+        names = (view.dtype.names or ()) if view is not None else ()
+        name = next((one for one in INTENSITIES if one in names), '')
+        intensity = code = None
+        if view is not None and name and view.dtype[name].kind in 'iuf':
+            intensity = view[name][taken.where].astype(np.float32)
+        if self._files:
+            code = self._codes(taken)
+        elif view is not None and self._label:
+            if self._label not in names:
+                must_be = f'one of the fields {", ".join(names)}'
+                raise CloudError('the field with the truth', must_be, repr(self._label))
+            code = view[self._label][taken.where].astype(np.int64)
+        elif view is not None and LABEL in names and view.dtype[LABEL].kind in 'iu':
+            code = view[LABEL][taken.where].astype(np.int64)
+        return ReportCloud(
+            taken.points, taken.frame, number=taken.number, intensity=intensity, code=code
+        )
+
+    def _codes(self, taken: RecordedCloud) -> NDArray[np.int64]:
+        if taken.number >= len(self._files):
+            must_be = f'as many as there are clouds, at least {taken.number + 1}'
+            raise RecordingError('the files with labels', must_be, len(self._files))
+        codes = read_codes(self._files[taken.number])
+        if len(codes) != taken.count:
+            must_be = f'of {taken.count} points, as the cloud'
+            raise RecordingError(f'the labels {self._files[taken.number]}', must_be, len(codes))
+        return codes[taken.where]
+
+
+class FileSource:
+    """A file of points, judged in one piece as by ``clean``."""
+
+    has_frames = False
+
+    def __init__(
+        self,
+        path: Path,
+        parameters: FilterParameters,
+        *,
+        chosen: bool,
+        truth: tuple[Path, str],
+        named: bool = False,
+    ) -> None:
+        """Read the file. Where it has no scan lines, the chain is sor.
+
+        Parameters
+        ----------
+        path : of any format that ``clean`` reads
+        parameters : of the filter
+        chosen : whether somebody chose the chain
+        truth : a file with labels, and the name of their column; empty: the usual one
+        named : whether somebody named it; otherwise there may be none
+
+        """
+        self.name = path.name
+        file = open_cloud(path)
+        names = columns.choose_coordinates(file, ())
+        loaded = columns.load(file, names, parameters, timed=True)
+        if along_lines(parameters.chain) and not loaded.lines:
+            parameters = chain_without_lines(
+                parameters, chosen=chosen, what=str(path), lack=loaded.lack
+            )
+        self.parameters, self._loaded = parameters, loaded.points
+        self._intensity = _intensity(file)
+        self._code = _truth(path, file, *truth) if named or _has_labels(file) else None
+        how = loaded.lines or f'{loaded.lack}, so that the chain is {", ".join(parameters.chain)}'
+        self.found = SourceFacts(1, len(file), convention=how)
+
+    def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
+        """Judge all points by each of some chains."""
+        for number, chain in enumerate(chains):
+            verdict = judge_whole(self._loaded, chain.parameters, chain)
+            cloud = ReportCloud(self._loaded, number=0)
+            self.found.invalid = len(self._loaded) - len(cloud.where)
+            cloud.verdict = verdict.take(cloud.where)
+            if self._intensity is not None:
+                cloud.intensity = self._intensity[cloud.where]
+            if self._code is not None:
+                cloud.code = self._code[cloud.where]
+            yield number, cloud
+
+
+def _has_labels(file: CloudFile) -> bool:
+    """Return whether a file has labels: classes in LAS, a column of that name elsewhere."""
+    return LABEL in file.columns or (file.classes and CLASSIFICATION in file.columns)
+
+
+def _truth(path: Path, file: CloudFile, labels: Path, column: str) -> NDArray[np.int64]:
+    codes = read_codes(labels, column)
+    if len(codes) != len(file):
+        must_be = f'of {len(file)} points, as {path.name}'
+        raise RecordingError(f'the labels in {labels}', must_be, len(codes))
+    return codes
+
+
+def _intensity(file: CloudFile) -> NDArray[np.float32] | None:
+    lower = {name.lower(): name for name in file.columns}
+    name = next((lower[one] for one in INTENSITIES if one in lower), None)
+    if name is None:
+        return None
+    return np.concatenate([values.astype(np.float32) for (values,) in read(file, [name])])

@@ -1,0 +1,276 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The data of a report: counts are those of replays, points are packed as they are unpacked."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from naive import groups as naive
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
+from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.report import gather as gathering
+from lidar_outlier_filter.report import keeping
+from lidar_outlier_filter.report.frames import cut
+from lidar_outlier_filter.report.gather import gather
+from lidar_outlier_filter.report.groups import connect
+from lidar_outlier_filter.report.header import header, parameter_file, split
+from lidar_outlier_filter.report.pack import SCORE_UNIT, STEPS, UNTESTED, pack
+from lidar_outlier_filter.report.reasons import MOST_IN_BLOCK
+from lidar_outlier_filter.report.sliders import BITS, sliders
+from lidar_outlier_filter.report.sources import FileSource, RecordedSource
+from lidar_outlier_filter.simulation.demo_street import snow_drive
+from lidar_outlier_filter.simulation.recording import record
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from lidar_outlier_filter.report.gather import Gathered
+
+MOST = 10**6
+CHAIN = {'chain': ['sor', 'alpha_beta_gamma']}
+
+
+@pytest.fixture(scope='module')
+def snow(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record two turns in snow."""
+    path = tmp_path_factory.mktemp('snow') / 'snow'
+    record(replace(snow_drive(), lines=2), path, lines_per_message=1)
+    return path
+
+
+@pytest.fixture(scope='module')
+def found(snow: Path) -> Gathered:
+    """Gather them for a report."""
+    return gather(RecordedSource(snow, FilterParameters()), CAUSES, MOST)
+
+
+def replayed(recording: Path, output: Path, values: Mapping[str, object]) -> int:
+    """Count the points that a replay rejects."""
+    (topic,) = replay(recording, output, parameters=values).topics
+    return topic.rejected
+
+
+def test_every_step_counts_what_a_replay_rejects(
+    found: Gathered, snow: Path, tmp_path: Path
+) -> None:
+    """Of the default, whose threshold only divides its score: all from one judging."""
+    (slider,) = found.sliders
+    assert len(slider.values) == BITS
+    for step in range(0, len(slider.values), 3):
+        values = {slider.name: slider.values[step]}
+        counts = found.tally.at[0][step]
+        assert counts.points == replayed(snow, tmp_path / str(step), values)
+        bits = found.kept.bits & np.uint32(1 << (slider.first + step))
+        assert np.count_nonzero(bits) == counts.points
+    many = [counts.points for counts in found.tally.at[0]]
+    assert many[0] > many[slider.given] > many[-1]
+
+
+def test_steps_that_scores_do_not_say_are_judged(
+    found: Gathered, snow: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where every score is as near to a limit as rounding, the answer is the same."""
+    monkeypatch.setattr(gathering, 'ROUNDING', 10.0)
+    judged = gather(RecordedSource(snow, FilterParameters()), CAUSES, MOST)
+    assert np.array_equal(judged.kept.bits, found.kept.bits)
+    for step, other in zip(judged.tally.at[0], found.tally.at[0], strict=True):
+        assert (step.points, step.bad, step.good) == (other.points, other.bad, other.good)
+        assert np.array_equal(step.by_range, other.by_range)
+
+
+@pytest.mark.parametrize('vote', [0, 2])
+def test_steps_of_a_chain(snow: Path, tmp_path: Path, vote: int) -> None:
+    """Of two detectors one after the other, or together: each step is judged."""
+    values = {**CHAIN, 'vote': vote}
+    parameters = FilterParameters().changed(values)
+    found = gather(RecordedSource(snow, parameters), CAUSES, MOST)
+    assert [slider.detector for slider in found.sliders] == CHAIN['chain']
+    for number, slider in enumerate(found.sliders):
+        assert slider.first + len(slider.values) <= BITS
+        for step in (0, slider.given, len(slider.values) - 1):
+            changed = {**values, slider.name: slider.values[step]}
+            rejected = replayed(snow, tmp_path / f'{number}-{step}', changed)
+            assert found.tally.at[number][step].points == rejected
+            bits = found.kept.bits & np.uint32(1 << (slider.first + step))
+            assert np.count_nonzero(bits) == rejected
+
+
+def test_truth_is_that_of_evaluate(found: Gathered, snow: Path, tmp_path: Path) -> None:
+    """Found and lost at the given step are those of a replay with scores; so are the scores."""
+    replay(snow, tmp_path / 'out', parameters={'scores': True})
+    points = read_recording(tmp_path / 'out')
+    counts = found.tally.at[0][found.sliders[0].given]
+    assert counts.bad == np.count_nonzero(points.bad & points.rejected)
+    assert counts.good == np.count_nonzero(~points.bad & points.rejected)
+    assert found.tally.all.bad == np.count_nonzero(points.bad)
+    assert points.score is not None
+    same = np.array_equal(np.sort(found.kept.score), np.sort(points.score), equal_nan=True)
+    assert same
+
+
+def test_points_are_unpacked_as_they_were(found: Gathered) -> None:
+    """Places within half a step, scores within half a unit, steps and truth exactly."""
+    frames = cut(found)
+    packed, kept = pack(found, frames), found.kept.take(frames.order)
+    a, b, word, last = packed.points.T
+    number = np.repeat(np.arange(len(frames)), np.diff(frames.first))
+    steps = np.stack([a & STEPS, (a >> 21) | ((b & 0x3FF) << 11), b >> 10], axis=1)
+    place = packed.origin[number] + steps * packed.step[number]
+    assert (np.abs(place - kept.xyz) <= 0.5001 * packed.step[number]).all()
+    assert (packed.step < 0.001).all()
+    score = word & 0x3FF
+    assert np.array_equal(score == UNTESTED, np.isnan(kept.score))
+    known = score < UNTESTED - 1
+    assert kept.score[known] == pytest.approx(score[known] / SCORE_UNIT, abs=0.51 / SCORE_UNIT)
+    assert np.array_equal(last & ((1 << BITS) - 1), kept.bits)
+    assert np.array_equal(
+        (word >> 28) & 3, np.where(found.codes.bad(kept.code.astype(np.int64)), 2, 1)
+    )
+    for begin, end in zip(frames.first[:-1], frames.first[1:], strict=True):
+        _, ranks = np.unique(kept.line[begin:end], return_inverse=True)
+        assert np.array_equal(last[begin:end] >> BITS, ranks)
+
+
+def test_reasons_stand_first_and_have_the_score(found: Gathered) -> None:
+    """As many points as are explained at once, rejected ones first; the row has the score."""
+    frames = cut(found)
+    packed, kept = pack(found, frames), found.kept.take(frames.order)
+    assert MOST_IN_BLOCK < len(packed.reasons) <= 2 * MOST_IN_BLOCK
+    assert kept.rejected[kept.reason >= 0].all()
+    rows = np.concatenate(
+        [
+            np.arange(first, first + count)
+            for first, count in zip(frames.first[:-1], frames.explained, strict=True)
+        ]
+    )
+    assert np.array_equal(np.flatnonzero(kept.reason >= 0), rows)
+    assert np.array_equal(packed.reasons[:, 0], kept.score[rows])
+    largest = np.abs(packed.reasons[:, 12:])
+    assert (np.diff(largest, axis=1) <= 0).all()
+
+
+def test_reasons_are_bounded(snow: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a long recording an even sample is left."""
+    monkeypatch.setattr(keeping, 'MOST_REASONS', 300)
+    found = gather(RecordedSource(snow, FilterParameters()), CAUSES, MOST)
+    there = found.kept.reason >= 0
+    assert len(found.reasons) == np.count_nonzero(there) == 300
+    assert np.bincount(found.kept.cloud[there]).min() > 100
+    for row, score in zip(found.kept.reason[there], found.kept.score[there], strict=True):
+        assert found.reasons[row].score == float(score)
+
+
+def test_thinned_points_are_counted_all_the_same(found: Gathered, snow: Path) -> None:
+    """The rejected stay, of the others an even sample; counts are those of all."""
+    most = 20_000
+    thin = gather(RecordedSource(snow, FilterParameters()), CAUSES, most)
+    assert len(thin.kept) == most < len(found.kept)
+    assert np.count_nonzero(thin.kept.rejected) == np.count_nonzero(found.kept.rejected)
+    for step, other in zip(thin.tally.at[0], found.tally.at[0], strict=True):
+        assert step.points == other.points
+    share = np.bincount(thin.kept.cloud[~thin.kept.rejected])
+    assert share.min() > 0.4 * share.sum()
+    known = header(thin, cut(thin), pack(thin, cut(thin)))
+    assert known['drawn'] == most
+    assert known['all']['points'] == len(found.kept)
+
+
+def test_header_is_json(found: Gathered) -> None:
+    """No NaN in it; what it says of frames adds up."""
+    frames = cut(found)
+    known = header(found, frames, pack(found, frames))
+    assert json.loads(json.dumps(known, allow_nan=False)) == known
+    assert sum(frame['points'] for frame in known['frames']) == found.tally.all.points
+    slider = known['sliders'][0]
+    for step, by_frame in zip(slider['counts'], slider['byFrame'], strict=True):
+        assert sum(by_frame) == step['points'] == sum(step['ranges'])
+    assert known['sections'] == len(split(frames))
+
+
+def test_parameter_file_is_read_back(tmp_path: Path) -> None:
+    """By the reader of the other commands."""
+    parameters = FilterParameters().changed({**CHAIN, 'lof.threshold': 1e-3, 'halo': 0.02})
+    path = tmp_path / 'some.yaml'
+    path.write_text(parameter_file(parameters), encoding='utf-8')
+    assert FilterParameters().changed(read_yaml(path)) == parameters
+    path.write_text(parameter_file(FilterParameters()), encoding='utf-8')
+    assert FilterParameters().changed(read_yaml(path)) == FilterParameters()
+
+
+@pytest.mark.parametrize('count', [1, 2, 60, 400])
+def test_groups_are_those_of_loops(count: int) -> None:
+    """Random points, dense and sparse."""
+    xyz = np.random.default_rng(count).uniform(-3, 3, (count, 3))
+    label = connect(xyz)
+    ours = {frozenset(np.flatnonzero(label == one).tolist()) for one in np.unique(label)}
+    assert ours == {frozenset(group) for group in naive.connect(xyz.tolist())}
+
+
+@pytest.mark.parametrize('count', [1, 2, 3, 5, 7])
+def test_sliders_share_the_bits(count: int) -> None:
+    """Any chain: no bit is used twice, and the given value is among the values, in order."""
+    chain = ['sor', 'lof', 'quadric', 'elevation', 'hierarchical', 'evidence', 'alpha_beta_gamma']
+    parameters = FilterParameters().changed({'chain': chain[:count]})
+    found = sliders(parameters)
+    used = [one.first + step for one in found for step in range(len(one.values))]
+    assert len(used) == len({*used})
+    assert max(used) < BITS
+    for slider in found:
+        assert slider.values[slider.given] == parameters.flat()[slider.name]
+        assert (np.diff(slider.limits) > 0).all()
+        assert slider.limits[slider.given] == 1
+
+
+def test_a_file(tmp_path: Path) -> None:
+    """A file without times: sor judges it, in one piece; what is nowhere is no point."""
+    rng = np.random.default_rng(2)
+    xyz = rng.uniform((-20, -20, 0), (20, 20, 0.02), (3000, 3))
+    xyz[7] = 1, 2, 6
+    xyz[8] = np.nan
+    path = tmp_path / 'floor.xyz'
+    text = '\n'.join(' '.join(f'{value:.4f}' for value in row) for row in xyz)
+    path.write_text(f'x y z\n{text}\n', encoding='utf-8')
+    given = FilterParameters()
+    found = gather(FileSource(path, given, chosen=False, truth=(path, '')), ALL_BUT_0, MOST)
+    assert found.parameters.chain == ('sor',)
+    assert found.found.invalid == 1
+    assert found.kept.rejected[found.kept.place == 7].all()
+    with pytest.raises(FilterError, match='without evidence'):
+        FileSource(path, given, chosen=True, truth=(path, ''))
+
+
+def test_command(snow: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A page and figures appear; neither is replaced."""
+    page, folder = tmp_path / 'report.html', tmp_path / 'figures'
+    arguments = ['report', str(snow), '--points', '5000']
+    options = ['--output', str(page), '--figures', str(folder)]
+    assert main([*arguments, *options]) == 0
+    said = capsys.readouterr()
+    assert '5000 of' in said.err
+    assert str(page) in said.out
+    text = page.read_text(encoding='utf-8')
+    assert text.count('</script>') == text.count('<script')
+    names = {path.name for path in folder.iterdir()}
+    assert {
+        'map.svg',
+        'map.png',
+        'over_time.svg',
+        'scores.png',
+        'roc.svg',
+        'thresholds.svg',
+    } <= names
+    assert main([*arguments, *options]) == 1
+    assert main(['report', str(snow), '--points', '0', '--output', str(tmp_path / 'x')]) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['figures', 'report.html']
