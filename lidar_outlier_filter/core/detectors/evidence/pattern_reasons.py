@@ -22,7 +22,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
     measure_again,
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
-from lidar_outlier_filter.core.detectors.evidence.reasons import add_up_reasons
+from lidar_outlier_filter.core.detectors.evidence.reasons import add_up_reasons, find_means
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
@@ -102,6 +102,7 @@ def _average(trees: Trees) -> float:
 @kernel
 def contribute(trees: Trees, features: Singles, wanted: NDArray[np.bool_], added: Singles) -> None:
     """Add what each feature (F, N) adds to the log-odds of the points that are wanted."""
+    means = find_means(trees)
     for k in range(len(wanted)):
         if wanted[k]:
-            add_up_reasons(trees, features[:, k], added[:, k])
+            add_up_reasons(trees, means, features[:, k], added[:, k])
