@@ -67,6 +67,8 @@ def strongest(points: Points, some: Prepared, model: PatternModel, *more: str) -
     once, twice = np.zeros_like(values), np.zeros_like(values)
     contribute(model.first, values, there, once)
     contribute(model.again, values, there, twice)
+    likely = np.isin(names, ['range', 'glare', 'share', 'share_range'])
+    once[likely], twice[likely] = -np.inf, -np.inf
     found, again = names[once.argmax(axis=0)], names[twice.argmax(axis=0)]
     known = (first.score > np.float32(model.doubtful)) & (again != 'first')
     result = np.empty(len(points), names.dtype)

@@ -36,7 +36,7 @@ from lidar_outlier_filter.core.detectors.evidence.profile_features import (
     measure_profile,
 )
 from lidar_outlier_filter.core.detectors.evidence.profile_groups import find_groups
-from lidar_outlier_filter.core.detectors.evidence.reasons import add_up_reasons
+from lidar_outlier_filter.core.detectors.evidence.reasons import add_up_reasons, find_means
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.errors import FilterError
 
@@ -149,6 +149,7 @@ def _average(trees: Trees) -> float:
 @kernel
 def contribute(trees: Trees, features: Singles, wanted: NDArray[np.bool_], added: Singles) -> None:
     """Add what each feature (F, N) adds to the log-odds of the points that are wanted."""
+    means = find_means(trees)
     for k in range(len(wanted)):
         if wanted[k]:
-            add_up_reasons(trees, features[:, k], added[:, k])
+            add_up_reasons(trees, means, features[:, k], added[:, k])

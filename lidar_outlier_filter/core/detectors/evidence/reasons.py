@@ -4,7 +4,8 @@
 
 Each tree asks three questions. Each leaves half of the values that were possible before it: what
 the mean of the possible values changes by is what the question's feature adds. Where that is the
-point's own result of the first pass, the reason is the strongest feature of that pass.
+point's own result of the first pass, the reason is the strongest feature of that pass. Features
+that only say where outliers are likely are no reason.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from lidar_outlier_filter.core.detectors.evidence.profile_features import (
     make_pairs,
     write_profile,
 )
-from lidar_outlier_filter.core.detectors.evidence.trees import VALUES, Trees
+from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.lanes import LANES
 from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE
@@ -54,10 +55,10 @@ if TYPE_CHECKING:
     Bools = NDArray[np.bool_]
     Numbers = NDArray[np.uint8]
 
-DEPTH = 3
 # A number never changes its meaning, so each group has room for more: of the window, of the second
 # pass, of profile scanners, and of the weighted sum. 0 is none.
 WINDOW, SECOND, OF_PROFILE, OF_SUM = 1, 65, 129, 193
+LIKELY = ('range', 'glare', 'share', 'share_range')  # no reasons
 SLANTED = OF_SUM + len(weighted.FEATURES)  # a slanted group in the air
 REASON_NAMES = {
     first + k: name
@@ -68,13 +69,14 @@ REASON_NAMES = {
         (OF_SUM, (*weighted.FEATURES, 'slanted')),
     )
     for k, name in enumerate(names)
+    if name not in LIKELY
 }
 
 
 def number_rows(names: Sequence[str]) -> Numbers:
-    """Return the numbers of the features of trees."""
+    """Return the numbers of the features of trees; 0 for those that are no reason."""
     known = {name: number for number, name in REASON_NAMES.items() if number < OF_SUM}
-    return np.array([known[name] for name in names], np.uint8)
+    return np.array([known.get(name, 0) for name in names], np.uint8)
 
 
 def strongest_of_sum(contributions: Floats, weights: Floats) -> Numbers:
@@ -126,6 +128,7 @@ def _explain(
     reason: Numbers,
 ) -> None:
     pattern, window, pairs = prepared.pattern, make_window(), make_pairs()
+    means = find_means(both[0]), find_means(both[1])
     values, added = np.empty((COUNT_ALL, LANES), np.float32), np.empty(len(rows), np.float32)
     more = COUNT_PROFILE if len(prepared.groups) > 0 else 0
     own = COUNT + more  # the row of the point's own result of the first pass
@@ -143,32 +146,47 @@ def _explain(
                 if wanted[k + lane]:
                     strongest = own
                     if first.score[k + lane] > doubtful:
-                        strongest = _find_strongest(both[1], values[:, lane], added)
+                        strongest = _find_strongest(both[1], means[1], rows, values[:, lane], added)
                     if strongest == own:
-                        strongest = _find_strongest(both[0], values[:, lane], added)
+                        strongest = _find_strongest(both[0], means[0], rows, values[:, lane], added)
                     reason[k + lane] = rows[strongest]
 
 
 @kernel
-def _find_strongest(trees: Trees, features: Singles, added: Singles) -> int:
+def _find_strongest(
+    trees: Trees, means: Singles, rows: Numbers, features: Singles, added: Singles
+) -> int:
+    """Return the row of the feature that adds most, of those that can be a reason."""
     added[:] = 0
-    add_up_reasons(trees, features, added)
+    add_up_reasons(trees, means, features, added)
+    for row in range(len(rows)):
+        if rows[row] == 0:
+            added[row] = -np.inf
     return int(added.argmax())
 
 
 @kernel
-def add_up_reasons(trees: Trees, features: Singles, added: Singles) -> None:
+def find_means(trees: Trees) -> Singles:
+    """Return the mean (T, 15) of the values that are possible at each place of full trees.
+
+    The questions come first, as in ``Trees``, and the values behind them.
+    """
+    means = np.empty((len(trees.value), QUESTIONS + VALUES), np.float32)
+    for tree in range(len(means)):
+        means[tree, QUESTIONS:] = trees.value[tree]
+        for place in range(QUESTIONS - 1, -1, -1):
+            low, high = means[tree, 2 * place + 1], means[tree, 2 * place + 2]
+            means[tree, place] = np.float32(0.5) * (low + high)
+    return means
+
+
+@kernel
+def add_up_reasons(trees: Trees, means: Singles, features: Singles, added: Singles) -> None:
     """Add what each feature (F,) of a point adds to its log-odds."""
     for tree in range(len(trees.feature)):
-        f, t, v = trees.feature[tree], trees.limit[tree], trees.value[tree]
-        place, low, high = 0, 0, VALUES
-        before = v.mean()
-        for _ in range(DEPTH):
-            middle = (low + high) // 2
-            if features[f[place]] > t[place]:
-                low, number = middle, 2 * place + 2
-            else:
-                high, number = middle, 2 * place + 1
-            after = v[low:high].mean()
-            added[f[place]] += after - before
-            before, place = after, number
+        f, t, mean = trees.feature[tree], trees.limit[tree], means[tree]
+        place = 0
+        while place < QUESTIONS:
+            number = 2 * place + (2 if features[f[place]] > t[place] else 1)
+            added[f[place]] += mean[number] - mean[place]
+            place = number
