@@ -57,7 +57,8 @@ if TYPE_CHECKING:
 STREETS = 64
 FOLDS = 3  # of streets
 ROUNDS = (100, 120)  # trees of both ensembles
-DOUBTFUL = -3.0  # log-odds of the first from which on a point is looked at again
+LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
+DOUBTFUL = -1.0  # from which on a point is looked at again
 GOOD, BAD = (4000, 8000), (400, 1000)  # points of a street, and of each cause, in both passes
 GOOD_COUNTS = 5.0  # how much good points count
 BAD_COUNTS = {Cause.MIXED: 0.5, Cause.BARRIER: 2.0}  # and outliers of a cause; 1 for others
@@ -239,7 +240,7 @@ def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) ->
     values, codes = [], []
     for n, block in enumerate(_blocks(street)):
         said = None if odds is None else odds[n]
-        asked = block.own if said is None else block.own & (said > DOUBTFUL)
+        asked = block.own if said is None else block.own & (said > LEARN_FROM)
         values.append(_values(block, said)[:, asked])
         codes.append(block.code[asked])
     code = np.concatenate(codes)
