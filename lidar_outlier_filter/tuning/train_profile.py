@@ -57,7 +57,8 @@ if TYPE_CHECKING:
 STREETS = 64
 FOLDS = 3  # of streets
 ROUNDS = (100, 120)  # trees of both ensembles
-DOUBTFUL = -3.0  # log-odds of the first from which on a point is looked at again
+LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
+DOUBTFUL = -1.0  # from which on a point is looked at again
 GOOD, BAD = (4000, 8000), (400, 1000)  # points of a street, and of each cause, in both passes
 GOOD_COUNTS = 5.0  # how much good points count
 BAD_COUNTS = {Cause.MIXED: 0.5, Cause.BARRIER: 2.0}  # and outliers of a cause; 1 for others
@@ -235,7 +236,7 @@ def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) ->
     values, codes = [], []
     for n, block in enumerate(_blocks(street)):
         before = None if odds is None else odds[n]
-        drawable = block.own if before is None else block.own & (before > DOUBTFUL)
+        drawable = block.own if before is None else block.own & (before > LEARN_FROM)
         values.append(_values(block, before)[:, drawable])
         codes.append(block.code[drawable])
     code = np.concatenate(codes)

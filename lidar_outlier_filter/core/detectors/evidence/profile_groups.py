@@ -79,40 +79,24 @@ def find_groups(pattern: Pattern, near: Places, threads: int = 0) -> Singles:
         Of ``GROUPS``; of the wide group, where there is one.
 
     """
-    found = np.full((len(REACHES), len(GROUPS), len(pattern.order)), NONE)
+    out = np.full((len(GROUPS), len(pattern.order)), NONE)
+    found = pool.run(lambda n, _: _find(pattern, near, REACHES[n]), len(REACHES), 1, threads)
 
-    def work(begin: int, end: int) -> None:
-        for n in range(begin, end):
-            _find(pattern, near, REACHES[n], found[n])
+    def write(begin: int, end: int) -> None:
+        # The wide groups last, so that they are what stays.
+        for segments, group, of_groups in reversed(found):
+            _write(pattern, segments, group, of_groups, begin, end, out)
 
-    pool.run(work, len(REACHES), 1, threads)
-    return _choose(found[0], found[1], pattern, threads)
-
-
-def _choose(wide: Singles, narrow: Singles, pattern: Pattern, threads: int) -> Singles:
-    pool.run(
-        lambda i, j: _take(wide, narrow, pattern, i, j), len(pattern.first), LINES_AT_ONCE, threads
-    )
-    return wide
+    pool.run(write, len(pattern.first), LINES_AT_ONCE, threads)
+    return out
 
 
-@kernel
-def _take(wide: Singles, narrow: Singles, pattern: Pattern, begin: int, end: int) -> None:
-    """Write the narrow groups where there is no wide one."""
-    for line in range(begin, end):
-        for k in range(pattern.first[line], pattern.last[line]):
-            if wide[0, k] == NONE and narrow[0, k] != NONE:
-                for f in range(len(wide)):
-                    wide[f, k] = narrow[f, k]
-
-
-def _find(pattern: Pattern, near: Places, reach: float, out: Singles) -> None:
+def _find(pattern: Pattern, near: Places, reach: float) -> tuple[Segments, Places, Singles]:
+    """Return all segments, the free group of each, and what is said of each group."""
     segments = find_segments(pattern, reach)
     group = join(pattern, near, reach, segments)
-    if len(group) == 0 or group.max() < 0:
-        return
-    sums = _sum_up(pattern, segments, group, int(group.max()) + 1)
-    _write(pattern, segments, group, _describe(sums), out)
+    sums = _sum_up(pattern, segments, group, int(group.max(initial=-1)) + 1)
+    return segments, group, _describe(sums)
 
 
 @kernel
@@ -256,11 +240,19 @@ def _describe(sums: Floats) -> Singles:
 
 @kernel
 def _write(
-    pattern: Pattern, segments: Segments, group: Places, of_groups: Singles, out: Singles
+    pattern: Pattern,
+    segments: Segments,
+    group: Places,
+    of_groups: Singles,
+    begin: int,
+    end: int,
+    out: Singles,
 ) -> None:
-    for line in range(len(pattern.first)):
+    """Write what is said of the groups of lines begin to end."""
+    of = segments.of  # once, because every time its references are counted
+    for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line]):
-            g = group[segments.of[k]]
+            g = group[of[k]]
             if g >= 0:
                 for f in range(len(out)):
                     out[f, k] = of_groups[f, g]
