@@ -71,6 +71,11 @@ def add_replay(commands: Commands) -> None:
         help='filter what can be read of a damaged recording, and count what is lost',
     )
     parser.add_argument(
+        '--resume',
+        action='store_true',
+        help='take the answers that a killed run left for the same output, and go on from there',
+    )
+    parser.add_argument(
         '--largest-message',
         type=int,
         default=256,
@@ -107,6 +112,7 @@ def _run(options: argparse.Namespace) -> ReplayReport:
             read_parameters(options.params, options.settings),
             drop_input=options.drop_input,
             salvage=options.salvage,
+            resume=options.resume,
             largest=options.largest_message * MEGABYTE,
             progress=progress,
             inform=say,
