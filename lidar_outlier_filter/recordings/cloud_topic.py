@@ -11,6 +11,7 @@ from zlib import crc32
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
@@ -47,6 +48,19 @@ class TopicReport:
     refusals: Mapping[str, int]
     rejected_by: Mapping[str, int]
     undecided_by: Mapping[str, int]
+
+    @property
+    def untested_because(self) -> str:
+        """Why no point could be tested; empty where one was, or there is no answered cloud."""
+        if self.messages == self.refused or self.points > self.untested + self.invalid:
+            return ''
+        if self.points == self.invalid:
+            return 'all are missing returns' if self.points else 'its clouds have none'
+        needs = [
+            f'{name} needs {"longer scan lines" if DETECTORS[name].needs_lines else "more points"}'
+            for name in self.rejected_by
+        ]
+        return ', '.join(needs)
 
 
 class CloudTopic:
