@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import CloudError, RecordingError
-from lidar_outlier_filter.recordings.bags import RELIABLE, Topic
+from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
 from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 from lidar_outlier_filter.stream.motion import Odometry
@@ -202,7 +202,8 @@ class CloudTopic:
             journal.stop()
         counts = self._counted().as_counts()
         done = Done(self._clouds, self._checksum, self._answered, counts)
-        journal.note(self.topic.name, done)
+        with writable(self._bag.path):
+            journal.note(self.topic.name, done)
 
     def _counted(self) -> Statistics:
         """Count what was filtered, by a killed run too."""

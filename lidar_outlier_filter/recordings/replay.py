@@ -119,7 +119,8 @@ def replay(  # noqa: PLR0913  what the command line offers
         chosen = choose_clouds(source, topics, 'a topic to filter')
         _check_motion(source, chosen, given)
         streams = {topic: CloudTopic(topic, given, inform, chain) for topic in chosen}
-        journal = Journal(bag.folder, head, left)
+        with writable(output):
+            journal = Journal(bag.folder, head, left)
         stack.callback(journal.stop)
         for stream in streams.values():
             stream.keep(journal)
