@@ -37,6 +37,7 @@ from damaged import (  # noqa: E402  after the path is known
     check,
     content,
     inflict,
+    write_large,
     write_recording,
 )
 from hostile import (  # noqa: E402  after the path is known
@@ -59,7 +60,6 @@ if TYPE_CHECKING:
 
 DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
 BAGS = ('vlp16_mrpt_mcap/vlp16_mrpt_mcap.mcap', 'vlp16_mrpt_db3/vlp16_mrpt_db3.db3', 'os0_32.bag')
-KILLS = (('clean', 'clouds/plane.laz'), ('replay', 'bags/vlp16_mrpt_mcap'))
 
 
 class Table:
@@ -177,19 +177,28 @@ def salvages(table: Table, count: int, start: int, folder: Path) -> None:
         shutil.rmtree(broken_ones)
 
 
-def kills(table: Table, count: int, folder: Path) -> None:
-    """Kill so many runs of each command."""
-    for what, source in KILLS:
+def kills(table: Table, counts: dict[str, int], folder: Path) -> None:
+    """Kill so many runs of each command; replays also go on from what they left."""
+    sources = {
+        'clean': DATA / 'clouds' / 'plane.laz',
+        'replay': DATA / 'bags' / 'vlp16_mrpt_mcap',
+        'resume': write_large(folder / 'large'),
+    }
+    for what, source in sources.items():
+        if not counts[what]:
+            continue
         empty = folder / what
         empty.mkdir()
         program = [sys.executable, str(TESTS / 'killing.py')]
-        command = [*program, what, str(DATA / source), str(empty), str(count)]
+        command = [*program, what, str(source), str(empty), str(counts[what])]
+        name = 'killed replays that go on' if what == 'resume' else f'killed runs of {what}'
         begin = perf_counter()
         done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603  ours
-        row = table.rows.setdefault(f'killed runs of {what}', Counter())
+        row = table.rows.setdefault(name, Counter())
         for line in done.stdout.splitlines():
-            row['answered' if line.startswith('good') else 'broken'] += 1
-        table.seconds[f'killed runs of {what}'] += perf_counter() - begin
+            if line.startswith(('good', 'bad', 'torn')):
+                row['answered' if line.startswith('good') else 'broken'] += 1
+        table.seconds[name] += perf_counter() - begin
 
 
 def main() -> int:
@@ -200,6 +209,7 @@ def main() -> int:
     parser.add_argument('--cuts', type=int, default=170, help='of each kind of recording')
     parser.add_argument('--salvages', type=int, default=500, help='damaged recordings')
     parser.add_argument('--kills', type=int, default=50, help='of each command')
+    parser.add_argument('--resumes', type=int, default=10, help='killed replays that go on')
     parser.add_argument('--seed', type=int, default=0)
     options = parser.parse_args()
     table = Table()
@@ -209,8 +219,8 @@ def main() -> int:
         files(table, options.files, options.seed, Path(name))
         cuts(table, options.cuts, Path(name))
         salvages(table, options.salvages, options.seed, Path(name))
-        if options.kills:
-            kills(table, options.kills, Path(name))
+        counts = {'clean': options.kills, 'replay': options.kills, 'resume': options.resumes}
+        kills(table, counts, Path(name))
     return table.show()
 
 

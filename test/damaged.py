@@ -72,22 +72,22 @@ class Sent(NamedTuple):
     message: Any
 
 
-def drive(types: Any) -> list[Sent]:
+def drive(types: Any, points: int = POINTS) -> list[Sent]:
     """Make clouds of a wall with outliers, 0.1 s each, and a text before each."""
     sent = []
     for i in range(COUNT):
         rng = np.random.default_rng(i)
-        rows = np.zeros(POINTS, [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4')])
-        rows['time'] = np.arange(POINTS) * (0.1 / POINTS)
-        rows['x'] = 10 + rng.normal(0, 0.01, POINTS)
-        rows['y'] = np.linspace(-5, 5, POINTS)
-        rows['x'][rng.choice(POINTS, 3, replace=False)] -= 3
+        rows = np.zeros(points, [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4')])
+        rows['time'] = np.arange(points) * (0.1 / points)
+        rows['x'] = 10 + rng.normal(0, 0.01, points)
+        rows['y'] = np.linspace(-5, 5, points)
+        rows['x'][rng.choice(points, 3, replace=False)] -= 3
         field = types['sensor_msgs/msg/PointField']
         stamp = types['builtin_interfaces/msg/Time'](*divmod(i * PERIOD, 10**9))
         old = 'seq' in types['std_msgs/msg/Header'].__dataclass_fields__
         header = types['std_msgs/msg/Header'](*([i] if old else []), stamp, 'lidar')
         fields = [field(name, 4 * k, 7, 1) for k, name in enumerate(('x', 'y', 'z', 'time'))]
-        shape = (1, POINTS, fields, False, 16, 16 * POINTS)
+        shape = (1, points, fields, False, 16, 16 * points)
         data, is_dense = rows.view(np.uint8).reshape(-1), True
         sent.append(Sent('/text', i * PERIOD, types[TEXT](f'cloud {i}')))
         sent.append(Sent('/lidar', i * PERIOD, types[CLOUD](header, *shape, data, is_dense)))
@@ -108,6 +108,11 @@ def write_recording(kind: str, folder: Path) -> Path:
         return _write_split(folder / 'drive')
     plugin = StoragePlugin.SQLITE3 if form in {'db3', 'message'} else StoragePlugin.MCAP
     return _write_ros2(folder / 'drive', plugin, form)
+
+
+def write_large(path: Path) -> Path:
+    """Write the drive with so many points that its replay has several chunks."""
+    return _write_ros2(path, StoragePlugin.MCAP, '', points=15_000)
 
 
 def _write_mcap(path: Path, form: str) -> Path:
@@ -150,7 +155,13 @@ def _write_ros1(path: Path, form: str) -> Path:
     return path
 
 
-def _write_ros2(path: Path, plugin: StoragePlugin, form: str, parts: slice = slice(None)) -> Path:
+def _write_ros2(
+    path: Path,
+    plugin: StoragePlugin,
+    form: str,
+    parts: slice = slice(None),
+    points: int = POINTS,
+) -> Path:
     writer = Writer2(path, version=9, storage_plugin=plugin)
     writer.set_custom_data('robot', 'seven')
     if form in {'file', 'message'}:
@@ -160,7 +171,7 @@ def _write_ros2(path: Path, plugin: StoragePlugin, form: str, parts: slice = sli
             topic: writer.add_connection(topic, msgtype, typestore=JAZZY)
             for topic, msgtype in TOPICS.items()
         }
-        for topic, time, message in drive(JAZZY.types)[parts]:
+        for topic, time, message in drive(JAZZY.types, points)[parts]:
             data = JAZZY.serialize_cdr(message, TOPICS[topic])
             writer.write(connections[topic], time, data)
     return path

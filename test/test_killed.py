@@ -6,16 +6,21 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from damaged import write_recording
 from hostile import FORMATS, whole_file
 
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.files.hidden_folder import LOCK, hidden_folder
 from lidar_outlier_filter.files.scratch import scratch
+from lidar_outlier_filter.recordings.packed import unpack_file
+from lidar_outlier_filter.recordings.replay import replay
 
 KILLING = Path(__file__).with_name('killing.py')
 FULL = """
@@ -97,3 +102,65 @@ def test_full_disk_of_tiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(CloudError, match=sentence), scratch(tmp_path / 'out.las', 1.0) as allocate:
         allocate((100, 3))
     assert list(tmp_path.iterdir()) == []
+
+
+# Replays ------------------------------------------------------------------------------------------
+
+FULL_REPLAY = """
+import resource, sys
+from lidar_outlier_filter.cli.main import main
+import lidar_outlier_filter.recordings.replay
+limit = int(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+print(main(['replay', '--set', 'chain=[sor]', *sys.argv[2:]]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('limit', 'more'), [(1000, []), (6000, ['--salvage'])])
+def test_full_disk_of_a_replay(tmp_path: Path, limit: int, more: list[str]) -> None:
+    """Where no more can be written, of the bag, of the notes or of a copy, one sentence says so."""
+    source, output = write_recording('folder', tmp_path), tmp_path / 'out'
+    arguments = [str(limit), str(source), '--output', str(output), *more]
+    command = [sys.executable, '-c', FULL_REPLAY, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == '1\n'
+    sentence = done.stderr.splitlines()[-1]
+    assert sentence.startswith(f'the output {tmp_path}/')
+    assert sentence.endswith(' must be written in full, got "File too large"')
+    assert list(tmp_path.iterdir()) == [source]
+
+
+def test_full_disk_of_what_is_unpacked(tmp_path: Path) -> None:
+    """Where a bag compressed by file cannot be unpacked, the sentence names where to."""
+    (file,) = write_recording('folder file', tmp_path).glob('*.zstd')
+    target = Path('/dev/full')
+    with pytest.raises(RecordingError, match='the file /dev/full must be written in full, got "No'):
+        unpack_file(file, target, 10**6)
+
+
+@pytest.mark.parametrize('more', [[], ['--resume'], ['--salvage']])
+@pytest.mark.parametrize('folder', ['/proc', '/no/such/folder'])
+def test_target_that_cannot_be_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], folder: str, more: list[str]
+) -> None:
+    """A folder that nobody may write to, or that is not there, is refused in one sentence."""
+    source = write_recording('mcap', tmp_path)
+    command = ['replay', str(source), '--output', f'{folder}/out', '--set', 'chain=[sor]', *more]
+    assert main(command) == 1
+    sentence = capsys.readouterr().err.splitlines()[-1]
+    assert sentence.startswith(f'the output {folder}/out must be written in full, got "')
+
+
+def test_target_that_vanishes(tmp_path: Path) -> None:
+    """Where the folder of the output goes away while it is written, one sentence says so."""
+    source, folder = write_recording('mcap', tmp_path), tmp_path / 'mounted'
+    folder.mkdir()
+
+    def vanish(done: int, _total: int) -> None:
+        if done == 5:
+            shutil.rmtree(folder)
+
+    with pytest.raises(RecordingError, match=r'the output .*out must be written in full, got "No'):
+        replay(source, folder / 'out', parameters={'chain': ('sor',)}, progress=vanish)
+    assert list(tmp_path.iterdir()) == [source]

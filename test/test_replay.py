@@ -21,6 +21,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import PointCloud2, PointField
 
+from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.replay import replay
@@ -230,6 +231,35 @@ def test_refused_clouds_are_counted(tmp_path: Path) -> None:
     assert {name: after[name] for name in before} == before
     del before['/lidar'][2:4]
     check_answers(before, after, '/lidar')
+
+
+@pytest.mark.parametrize(
+    ('points', 'value', 'because'),
+    [
+        (3, 1.0, 'alpha_beta_gamma needs longer scan lines, sor needs more points'),
+        (30, np.nan, 'all are missing returns'),
+        (0, 1.0, 'its clouds have none'),
+    ],
+)
+def test_no_point_is_tested(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    points: int,
+    value: float,
+    because: str,
+) -> None:
+    """Where no point of a topic could be tested, it is said why, and the exit status is 3."""
+    clouds = []
+    for index in range(2):
+        msg = cloud(index)
+        rows = np.frombuffer(bytes(msg.data), ROW)[:points].copy()
+        rows['x'] *= np.float32(value)
+        msg.data, msg.width, msg.row_step = rows.tobytes(), points, rows.nbytes
+        clouds.append(msg)
+    source = write_drive(tmp_path / 'drive', clouds)
+    command = ['replay', str(source), '--set', 'chain=[alpha_beta_gamma, sor]']
+    assert main(command) == 3
+    assert f'no point of /lidar could be tested: {because}\n' in capsys.readouterr().err
 
 
 def test_two_types_on_one_topic(tmp_path: Path) -> None:

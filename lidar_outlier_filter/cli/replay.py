@@ -43,7 +43,8 @@ def add_replay(commands: Commands) -> None:
         help='filter the clouds of a recording',
         description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
         'TOPIC/outliers. Exit status: 0 all done; 1 refused, nothing is written; 3 written, but '
-        'some clouds were refused and have no answer, or part of a damaged recording is lost.',
+        'some clouds were refused and have no answer, no point of a topic could be tested, or part '
+        'of a damaged recording is lost.',
     )
     parser.add_argument(
         'recording', type=Path, metavar='RECORDING', help='bag folder, .mcap, .db3 or ROS 1 .bag'
@@ -71,6 +72,11 @@ def add_replay(commands: Commands) -> None:
         help='filter what can be read of a damaged recording, and count what is lost',
     )
     parser.add_argument(
+        '--resume',
+        action='store_true',
+        help='take the answers that a killed run left for the same output, and go on from there',
+    )
+    parser.add_argument(
         '--largest-message',
         type=int,
         default=256,
@@ -90,7 +96,8 @@ def _replay(options: argparse.Namespace) -> int:
         say(f'{err}; --salvage filters what can be read of it')
         return REFUSED
     _show(report)
-    return DONE if report.is_complete else INCOMPLETE
+    is_tested = not any(topic.untested_because for topic in report.topics)
+    return DONE if report.is_complete and is_tested else INCOMPLETE
 
 
 def _run(options: argparse.Namespace) -> ReplayReport:
@@ -107,6 +114,7 @@ def _run(options: argparse.Namespace) -> ReplayReport:
             read_parameters(options.params, options.settings),
             drop_input=options.drop_input,
             salvage=options.salvage,
+            resume=options.resume,
             largest=options.largest_message * MEGABYTE,
             progress=progress,
             inform=say,
@@ -125,6 +133,8 @@ def _show(report: ReplayReport) -> None:
             reasons = ', '.join(f'{what} ({count})' for what, count in topic.refusals.items())
             clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
             say(f'{clouds} were refused and have no answer, for: {reasons}')
+        if topic.untested_because:
+            say(f'no point of {topic.topic} could be tested: {topic.untested_because}')
     if report.lost.reasons:
         _show_losses(report.lost)
     say_unread(report.unread)

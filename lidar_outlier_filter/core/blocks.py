@@ -222,6 +222,8 @@ class Stream(Generic[AnyCloud]):
     def _judge(self, begin: int, end: int) -> None:
         """Judge the pending points of one block with its halo."""
         members = self._members(begin - self._halo, end + self._halo)
+        if all(cloud.known for cloud, _ in members if begin <= cloud.last and cloud.first < end):
+            return
         verdict = self._judge_together(members)
         begin = max(begin, self._judged)
         offset = 0
@@ -237,7 +239,7 @@ class Stream(Generic[AnyCloud]):
 
     def _judge_message(self, cloud: AnyCloud) -> None:
         """Judge a cloud with the halo before it, and with what lies in its own time, at once."""
-        if cloud.first < END:
+        if cloud.first < END and not cloud.known:
             # The cloud is the last of those seen, but others may have later points.
             members = self._members(cloud.first - self._halo, cloud.last + 1)
             verdict = self._judge_together(members)

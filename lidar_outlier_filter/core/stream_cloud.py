@@ -34,6 +34,9 @@ class StreamCloud:
         All points are given; the valid ones are kept.
     frame : str
         That of the coordinates. Points of different frames are never judged together.
+    known : bool
+        Whether its verdict is known elsewhere. A block with points of such clouds only is not
+        judged.
     where : (M,) int64
         The places of the valid points in the cloud.
     verdict : Verdict
@@ -50,6 +53,7 @@ class StreamCloud:
 
     points: Points
     frame: str = ''
+    known: bool = field(default=False, kw_only=True)
     where: NDArray[np.intp] = field(init=False)
     verdict: Verdict = field(init=False)
     error: JudgingError | None = field(init=False, default=None)

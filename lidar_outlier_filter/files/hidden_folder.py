@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import shutil
 import sys
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import time
@@ -36,16 +36,38 @@ def hidden_folder(path: Path, kind: str = 'partial') -> Iterator[Path]:
         If it cannot be made.
 
     """
+    for left in _folders(path, kind):
+        _remove_if_left(left)
     prefix = f'.{path.name}.{kind}-'
-    for left in path.parent.iterdir():
-        if left.name.startswith(prefix) and left.is_dir() and not left.is_symlink():
-            _remove_if_left(left)
     with (
         TemporaryDirectory(prefix=prefix, dir=path.parent, ignore_cleanup_errors=True) as name,
         Path(name, LOCK).open('wb') as lock,
     ):
         _take(lock)
         yield Path(name)
+
+
+@contextmanager
+def held_leftovers(path: Path, kind: str = 'partial') -> Iterator[list[Path]]:
+    """Hold the folders that killed runs left beside ``path``, so that no other run removes them."""
+    with ExitStack() as stack:
+        held = []
+        for left in sorted(_folders(path, kind)):
+            if (left / LOCK).is_file():
+                lock = stack.enter_context((left / LOCK).open('ab'))
+                if _take(lock):
+                    held.append(left)
+        yield held
+
+
+def _folders(path: Path, kind: str) -> list[Path]:
+    """List the hidden folders beside ``path``."""
+    prefix = f'.{path.name}.{kind}-'
+    return [
+        left
+        for left in path.parent.iterdir()
+        if left.name.startswith(prefix) and left.is_dir() and not left.is_symlink()
+    ]
 
 
 def _remove_if_left(folder: Path) -> None:

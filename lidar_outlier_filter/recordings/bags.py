@@ -164,7 +164,7 @@ class NewBag:
 
     A context manager. Until it is left without an error, all is in a hidden folder beside ``path``;
     no error, no Ctrl-C and no full disk leaves anything behind. Only one chunk (1 MiB, or a single
-    message that is longer) is held in memory.
+    message that is longer) is held in memory. Inside it, ``folder`` is the hidden folder.
 
     Raises
     ------
@@ -182,8 +182,9 @@ class NewBag:
         """Begin the bag in its hidden folder."""
         check_new(self.path)
         with ExitStack() as stack, writable(self.path):
+            self.folder = stack.enter_context(hidden_folder(self.path))
             # In the hidden folder it has its final name already: its files are named after it.
-            self._built = stack.enter_context(hidden_folder(self.path)) / self.path.name
+            self._built = self.folder / self.path.name
             stack.push(self._publish)
             writer = Writer(self._built, version=9, storage_plugin=StoragePlugin.MCAP)
             for key, value in self._custom_data.items():

@@ -6,23 +6,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+from zlib import crc32
 
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import CloudError, RecordingError
-from lidar_outlier_filter.recordings.bags import RELIABLE, Topic
+from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
+from lidar_outlier_filter.recordings.journal import Done, refuse_other
 from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 from lidar_outlier_filter.stream.motion import Odometry
 from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, answers, resolve
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from lidar_outlier_filter.core.chain import Chain
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.bags import NewBag
+    from lidar_outlier_filter.recordings.journal import Journal
     from lidar_outlier_filter.stream.cloud_filter import Answer
+    from lidar_outlier_filter.stream.statistics import Statistics
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,19 @@ class TopicReport:
     refusals: Mapping[str, int]
     rejected_by: Mapping[str, int]
     undecided_by: Mapping[str, int]
+
+    @property
+    def untested_because(self) -> str:
+        """Why no point could be tested; empty where one was, or there is no answered cloud."""
+        if self.messages == self.refused or self.points > self.untested + self.invalid:
+            return ''
+        if self.points == self.invalid:
+            return 'all are missing returns' if self.points else 'its clouds have none'
+        needs = [
+            f'{name} needs {"longer scan lines" if DETECTORS[name].needs_lines else "more points"}'
+            for name in self.rejected_by
+        ]
+        return ', '.join(needs)
 
 
 class CloudTopic:
@@ -70,7 +88,10 @@ class CloudTopic:
         if chain is not None:
             self._filter.judge_by(chain)
         self._filter.wanted = (False, False)
-        self._clouds = 0
+        self._clouds = self._checksum = 0  # read so far
+        self._answered = 0  # number of the last cloud answered
+        self._journal: Journal | None = None
+        self._done = Done(0, 0, 0, {})  # by a killed run
         self._types = get_typestore(Stores.ROS2_JAZZY)
 
     @property
@@ -104,16 +125,22 @@ class CloudTopic:
             names.add(name)
             self._outputs.append(output)
 
+    def keep(self, journal: Journal) -> None:
+        """Note in a journal how far the answers are, and take those that a killed run left."""
+        self._journal, self._done = journal, journal.done(self.topic.name)
+
     def feed(self, time: int, data: bytes) -> None:
         """Filter a cloud with its bag time, and write the answers that are finished by it."""
         self._clouds += 1
+        self._check_input(data)
         try:
             cloud = self._types.deserialize_cdr(data, CLOUD)
         except SerdeError as err:
             self._filter.refused(CloudError('the CDR bytes', 'a whole cloud', err))
             return
         try:
-            finished = self._filter.push(cloud, time)
+            known = self._clouds <= self._done.answered
+            finished = self._filter.push(cloud, (self._clouds, time), known=known)
         except CloudError:  # counted by the filter; others may be finished all the same
             finished = self._filter.advance()
         self._write(finished)
@@ -133,17 +160,60 @@ class CloudTopic:
     def finish(self) -> None:
         """Write the answers to the last clouds."""
         self._write(self._filter.flush())
+        if self._journal is not None and self._clouds < self._done.read:
+            self._refuse_input(self._journal)
 
-    def _write(self, finished: Iterable[Answer]) -> None:
+    def _check_input(self, data: bytes) -> None:
+        """Refuse a cloud that is not that of the killed run."""
+        if self._journal is None:
+            return
+        self._checksum = crc32(data, self._checksum)
+        if self._clouds == self._done.read and self._checksum != self._done.checksum:
+            self._refuse_input(self._journal)
+
+    @staticmethod
+    def _refuse_input(journal: Journal) -> None:
+        if journal.left is not None:
+            refuse_other(journal.left.folder, 'recording')
+
+    def _write(self, finished: Sequence[Answer]) -> None:
         if not any(self._filter.wanted):
             return
         for answer in finished:
-            for topic, cloud in zip(self._outputs, (answer.cleaned, answer.outliers), strict=True):
-                self._bag.write(topic, answer.tag, self._types.serialize_cdr(cloud, CLOUD))
+            self._answered, time = answer.tag
+            pair = self._pair(answer)
+            for topic, data in zip(self._outputs, pair, strict=True):
+                self._bag.write(topic, time, data)
+            if self._journal is not None:
+                self._journal.answer(pair)
+        if finished and self._journal is not None:
+            self._note(self._journal)
+
+    def _pair(self, answer: Answer) -> list[bytes]:
+        """Give the bytes of the cleaned and of the outlier cloud."""
+        if answer.cleaned is None and self._journal is not None and self._journal.left is not None:
+            cleaned, outliers = self._outputs
+            return self._journal.left.take((cleaned.name, outliers.name))
+        clouds = (answer.cleaned, answer.outliers)
+        return [bytes(self._types.serialize_cdr(cloud, CLOUD)) for cloud in clouds]
+
+    def _note(self, journal: Journal) -> None:
+        if self._filter.statistics.failures:  # a cloud before the last one has no answer
+            journal.stop()
+        counts = self._counted().as_counts()
+        done = Done(self._clouds, self._checksum, self._answered, counts)
+        with writable(self._bag.path):
+            journal.note(self.topic.name, done)
+
+    def _counted(self) -> Statistics:
+        """Count what was filtered, by a killed run too."""
+        counts = self._filter.statistics.copy()
+        counts.add_counts(self._done.counts)
+        return counts
 
     def report(self) -> TopicReport:
         """Say what became of the clouds."""
-        counts, chain = self._filter.statistics, self._parameters.chain
+        counts, chain = self._counted(), self._parameters.chain
         return TopicReport(
             self.topic.name,
             self._clouds,

@@ -77,7 +77,10 @@ def unpack_file(source: RecordingPath, target: Path, largest: int) -> str:
             left -= len(part)
             if left < 0:
                 return f'more than {MOST_TIMES} times its size when it is unpacked'
-            out.write(part)
+            try:
+                out.write(part)
+            except OSError as err:  # of the disk, not of the recording
+                raise RecordingError(f'the file {target}', 'written in full', said_by(err)) from err
             data, whole = b'', frame.eof
             if whole:
                 data, frame = frame.unused_data, decompressor('zstd')

@@ -157,7 +157,12 @@ class CloudFilter:
         return None if first is None else first.tag
 
     def push(
-        self, msg: Any, tag: Any = None, *, stamp: int | np.integer[Any] | None = None
+        self,
+        msg: Any,
+        tag: Any = None,
+        *,
+        stamp: int | np.integer[Any] | None = None,
+        known: bool = False,
     ) -> list[Answer]:
         """Take the next cloud; return the answers that are finished by it, the oldest first.
 
@@ -170,6 +175,9 @@ class CloudFilter:
             Comes back with the answer.
         stamp : int, optional
             Time that the times of an array count from, nanoseconds. Absolute times need none.
+        known : bool, optional
+            Its answer is known elsewhere. It is judged no further than other clouds need, and is
+            not counted; both clouds of its answer are None.
 
         Raises
         ------
@@ -182,7 +190,7 @@ class CloudFilter:
         self.statistics.shed += self._sheds
         try:
             points = self._decoder.decode(msg)
-            finished = self._push(points, msg, tag)
+            finished = self._push(points, msg, tag, known=known)
         except CloudError as err:
             self._decoder.undo()
             self.statistics.refusals[err.what] += 1
@@ -281,10 +289,12 @@ class CloudFilter:
         self.statistics.refusals[err.what] += 1
         self.refuse(err)
 
-    def _push(self, points: Points, msg: Any, tag: Any, passed: str = '') -> list[_FilteredCloud]:
+    def _push(
+        self, points: Points, msg: Any, tag: Any, passed: str = '', *, known: bool = False
+    ) -> list[_FilteredCloud]:
         frame = '' if self._moving is None else str(msg.header.frame_id)
         cloud = _FilteredCloud(
-            points, frame, msg=msg, tag=tag, form=self._parameters, passed=passed
+            points, frame, known=known, msg=msg, tag=tag, form=self._parameters, passed=passed
         )
         return self._entrance.push(cloud)
 
@@ -322,6 +332,9 @@ class CloudFilter:
         self.statistics.passes = max(self.statistics.passes, self._stream.chain.passes)
         answers = []
         for cloud in finished:
+            if cloud.known:
+                answers.append(Answer(None, None, cloud.tag))
+                continue
             if cloud.passed:
                 self.statistics.count_passed(cloud.count, cloud.passed)
             elif cloud.error is not None:
