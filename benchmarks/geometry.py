@@ -22,10 +22,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
-from shapes import CHAINS, SHAPES, scanned, street  # noqa: E402  after the path is known
+from shapes import CHAINS, SHAPES, scanned, street
 
-from lidar_outlier_filter.core.chain import Chain  # noqa: E402
-from lidar_outlier_filter.parameters.filter import FilterParameters  # noqa: E402
+from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.points import Points
