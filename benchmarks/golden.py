@@ -5,6 +5,11 @@
     scripts/environment python benchmarks/golden.py           # compares; exit status 1 if different
     scripts/environment python benchmarks/golden.py --write   # writes test/golden/verdicts.json
     scripts/environment python benchmarks/golden.py --small   # small real recordings only
+    scripts/environment python benchmarks/golden.py --few     # some points of each of them only
+    scripts/environment python benchmarks/golden.py --small --threads 1 --python PATH
+
+The last one compares what another Python finds, with the libraries that it has, in one thread.
+With ``NUMBA_DISABLE_JIT=1`` kernels are not compiled: then ``--few`` takes a minute.
 
 The hash covers the bits of the detectors and the float32 score of every point, so that a change of
 the last bit is seen.
@@ -16,10 +21,13 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numba
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
@@ -57,6 +65,7 @@ CHAINS: dict[str, dict[str, object]] = {
     'by message': {'chain': ('alpha_beta_gamma', 'sor'), 'blocks': 'message'},
 }
 SEED = 7
+LINES, FEW = 4, 240  # lines and points of a recording that are judged without compiled kernels
 SLOW_FROM = 100_000  # points of a preset above which patches are left out
 
 
@@ -93,12 +102,31 @@ def stream(clouds: list[Points], parameters: FilterParameters) -> list[Verdict]:
     return [cloud.verdict for cloud in finished + pushed.flush()]
 
 
-def of_recordings(names: tuple[str, ...]) -> dict[str, str]:
+def few(name: str, parameters: FilterParameters) -> Points:
+    """Take the first returns of some lines of a recording."""
+    points = next(recording(name, parameters))
+    valid = np.flatnonzero(points.valid)
+    lines = np.unique(points.line[valid])[:LINES]
+    return points.take(valid[np.isin(points.line[valid], lines)][:FEW])
+
+
+def of_few(names: tuple[str, ...], threads: int = 0) -> dict[str, str]:
+    """Hash the verdicts of all chains on few points of real recordings."""
+    found = {}
+    for name in names:
+        for chain, values in CHAINS.items():
+            parameters = FilterParameters().changed({**values, 'threads': threads})
+            points = few(name, parameters)
+            found[f'{name}, {FEW} points, {chain}'] = digest(stream([points], parameters))
+    return found
+
+
+def of_recordings(names: tuple[str, ...], threads: int = 0) -> dict[str, str]:
     """Hash the verdicts of all chains on real recordings."""
     found = {}
     for name in names:
         for chain, values in CHAINS.items():
-            parameters = FilterParameters().changed(values)
+            parameters = FilterParameters().changed({**values, 'threads': threads})
             if chain == 'quadric patches' and name not in SMALL:
                 continue
             verdicts = stream(list(recording(name, parameters)), parameters)
@@ -107,13 +135,13 @@ def of_recordings(names: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
-def of_presets(names: tuple[str, ...]) -> dict[str, str]:
+def of_presets(names: tuple[str, ...], threads: int = 0) -> dict[str, str]:
     """Hash the verdicts of all chains on simulated clouds."""
     found = {}
     for name in names:
         for sample in simulated(name, SEED):
             for chain, values in CHAINS.items():
-                parameters = FilterParameters().changed(values)
+                parameters = FilterParameters().changed({**values, 'threads': threads})
                 many = len(sample.code) > SLOW_FROM
                 if (many and chain == 'quadric patches') or not sample.suits(parameters.chain):
                     continue
@@ -127,15 +155,35 @@ def of_presets(names: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
+def _by(python: str) -> int:
+    """Compare with another Python; return its exit status."""
+    words = sys.argv[1:]
+    at = words.index('--python')
+    command = [python, __file__, *words[:at], *words[at + 2 :]]
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    return subprocess.run(command, env=environment, check=False).returncode  # noqa: S603  as asked
+
+
 def main() -> int:
     """Compare, or write; return the exit status."""
     parser = argparse.ArgumentParser(description='Compare golden verdicts.')
     parser.add_argument('--write', action='store_true', help='write the file anew')
     parser.add_argument('--small', action='store_true', help='small real recordings only')
+    parser.add_argument('--few', action='store_true', help='few points of these only')
+    parser.add_argument('--threads', type=int, default=0, help='0: as many as there are cores')
+    parser.add_argument('--python', metavar='PATH', help='another Python, with its own libraries')
+    parser.add_argument('--recordings', nargs='+', default=SMALL, metavar='NAME', help='small ones')
     arguments = parser.parse_args()
-    found = of_recordings(SMALL)
-    if not arguments.small:
-        found |= of_recordings(LARGE) | of_presets(PRESETS)
+    small = tuple(arguments.recordings)
+    if arguments.python:
+        return _by(arguments.python)
+    threads = arguments.threads
+    print(f'Python {sys.version.split()[0]}, NumPy {np.__version__}, numba {numba.__version__}')
+    found = of_few(small, threads)
+    if not arguments.few:
+        found |= of_recordings(small, threads)
+    if not (arguments.small or arguments.few):
+        found |= of_recordings(LARGE, threads) | of_presets(PRESETS, threads)
     if arguments.write:
         GOLDEN.parent.mkdir(exist_ok=True)
         GOLDEN.write_text(json.dumps(found, indent=1) + '\n')

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Medians in kernels are numpy's."""
 
+from time import process_time
+
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.kernels import median
+from lidar_outlier_filter.core.kernels import median, select
 
 
 @pytest.mark.parametrize('count', [*range(1, 34), 100, 101])
@@ -14,3 +16,29 @@ def test_medians(count: int) -> None:
     rng = np.random.default_rng(count)
     for values in (rng.normal(size=count), rng.integers(0, 4, count) / 3, np.full(count, -2.5)):
         assert median(values.copy(), count) == np.median(values)
+
+
+WAVES = {
+    'circle': np.abs(np.cos(np.arange(60_000) * (2 * np.pi / 60_000))),
+    'up and down': np.minimum(np.arange(60_000), np.arange(60_000)[::-1]).astype(np.float64),
+    'teeth': np.arange(60_000) % 300.0,
+    'fewer and fewer': 1.0 / np.arange(1, 60_001),
+}
+
+
+@pytest.mark.parametrize('name', WAVES)
+def test_waves(name: str) -> None:
+    """Any rank of values that rise and fall is found, in about the time of random ones."""
+    values = WAVES[name]
+    mixed, ordered = np.random.default_rng(1).permutation(values), np.sort(values)
+    ranks = np.linspace(0, len(values) - 1, 9).astype(int).tolist()
+    for rank in ranks:
+        assert select(values.copy(), len(values), rank) == ordered[rank]
+
+    def seconds(given: np.ndarray) -> float:
+        begin = process_time()
+        for rank in ranks:
+            select(given.copy(), len(given), rank)
+        return process_time() - begin
+
+    assert min(seconds(values) for _ in range(3)) < 10 * min(seconds(mixed) for _ in range(3))

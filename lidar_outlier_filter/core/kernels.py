@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SMALL = 16  # values that are sorted rather than partitioned
+PATIENCE = 8  # looks at each value, before pivots are taken at pseudo-random places
 
 Function = TypeVar('Function', bound='Callable[..., object]')
 
@@ -46,11 +47,20 @@ def select(values: NDArray[np.float64], count: int, rank: int) -> float:
     """Return the value of ``rank`` (from 0) among the first ``count``, none NaN; reorders them.
 
     Afterwards no value before ``rank`` is larger, and none behind it smaller. Quickselect; its
-    partition has no branch on the values, which a processor could not predict.
+    partition has no branch on the values, which a processor could not predict. Waves have pivots
+    that part little at regular places.
     """
     low, high = 0, count - 1
+    left, place = PATIENCE * count, 1
     while high - low > SMALL:
         a, b, c = values[low], values[(low + high) // 2], values[high]
+        left -= high - low
+        if left < 0:
+            # Those of the generator in POSIX.
+            place = (place * 1103515245 + 12345) & 0x7FFFFFFF
+            a = values[low + place % (high - low)]
+            place = (place * 1103515245 + 12345) & 0x7FFFFFFF
+            b = values[low + place % (high - low)]
         pivot = max(min(a, b), min(max(a, b), c))
         middle = low
         for i in range(low, high + 1):

@@ -143,6 +143,8 @@ def find_scanner(xyz: Floats, t: Ints, order: Ints, first: Ints, rank: Ints) -> 
 
     """
     begins, sizes = first[:-1], np.diff(first)
+    if np.count_nonzero(sizes >= FEWEST) < KNOWN * len(sizes):
+        return None
     period = float(np.median(np.diff(t[begins][rank])))
     if not period > 0.0:
         return None

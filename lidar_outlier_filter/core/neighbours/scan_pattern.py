@@ -39,6 +39,7 @@ STEADY = 0.9  # share of the steps along rings that go the way the head turns: l
 LINES_AT_ONCE, AT_ONCE = 4, 1 << 14  # lines, and points, that a thread takes
 PAD = 40  # places: as many as are looked at side by side, and a window's
 LEAST_GAP = 1e-4  # rad between rings
+MOST_MOVES = 16  # for each return of a line, one by one; beyond, the line is merged
 NOISE_M = 0.02  # metres that are added to what beams are apart: no range is better
 LEVEL_M = 0.06  # metres that ranges may differ by, and still be the same
 NOWHERE = 1e9  # rad: the phase where there is no point
@@ -224,7 +225,9 @@ def make_pattern(sizes: Ints, *of_lines: Singles) -> Pattern:
 
 def _spacings(sine: Floats) -> Floats:
     """Return the angles between rings, of sines of elevations in ascending order, rad."""
-    spacings: Floats = np.diff(sine) / np.sqrt(1.0 - ((sine[1:] + sine[:-1]) / 2.0) ** 2)
+    # Straight up and down, where the cosine is 0, all rings are one.
+    cosine = np.sqrt(np.maximum(1.0 - ((sine[1:] + sine[:-1]) / 2.0) ** 2, np.finfo(float).tiny))
+    spacings: Floats = np.diff(sine) / cosine
     return spacings
 
 
@@ -329,10 +332,14 @@ def _unwrap(
 
 @kernel
 def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> None:
-    """Sort each line by phase; of one phase, by range and place, whatever the order given."""
+    """Sort each line by phase; of one phase, by range and place, whatever the order given.
+
+    Lines are nearly sorted, where the head turns steadily: then few returns move, and not far.
+    """
     order, first = lines.order, lines.first
     for line in range(begin, end):
         low, high = first[line], first[line + 1]
+        left = MOST_MOVES * (high - low)
         for k in range(low + 1, high):
             if phase[k] > phase[k - 1]:
                 continue
@@ -342,6 +349,33 @@ def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
                 order[m], order[m - 1] = order[m - 1], order[m]
                 up[m], up[m - 1] = up[m - 1], up[m]
                 m -= 1
+            left -= k - m
+            if left < 0:
+                _merge(lines, low, high, phase, up)
+                break
+
+
+@kernel
+def _merge(lines: OrderedLines, low: int, high: int, phase: Floats, up: Floats) -> None:
+    """Sort one line, whatever its order; what is equal stays in its order."""
+    count, size = high - low, 1
+    place, merged = np.arange(low, high), np.empty(high - low, np.int64)
+    while size < count:
+        for begin in range(0, count, 2 * size):
+            middle, end = min(begin + size, count), min(begin + 2 * size, count)
+            i, j = begin, middle
+            for k in range(begin, end):
+                if j >= end or (i < middle and not _is_before(lines, phase, place[j], place[i])):
+                    merged[k] = place[i]
+                    i += 1
+                else:
+                    merged[k] = place[j]
+                    j += 1
+        place, merged = merged, place
+        size *= 2
+    lines.order[low:high] = lines.order[place]
+    turned, sine = phase[place], up[place]
+    phase[low:high], up[low:high] = turned, sine
 
 
 @kernel

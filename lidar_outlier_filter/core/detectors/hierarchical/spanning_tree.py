@@ -211,8 +211,12 @@ def _find_ways_out(search: _Search, found: _Found, root: int, shortest: Floats) 
         for i in range(tree.first[node], tree.last[node]):
             own = search.component[i]
             if max(clear, found.squared[i]) < shortest[own]:
-                squared, j = _nearest_outside(search, i, shortest[own], stack, gaps)
+                squared, j = _nearest(search, i, own, False, shortest[own], stack, gaps)  # noqa: FBT003  numba
                 found.squared[i], found.nearest[i] = squared, j
+                if j >= 0 and search.uniform[node] != MIXED:
+                    # The way back may be shorter: what is as short is yet to be found.
+                    back, _ = _nearest(search, j, own, True, squared, stack, gaps)  # noqa: FBT003  numba
+                    squared = min(squared, np.nextafter(back, np.inf))
                 shortest[own] = squared
 
 
@@ -242,11 +246,20 @@ def _is_clear(search: _Search, node: int, own: int, squared: float, stack: Ints)
 
 
 @kernel
-def _nearest_outside(
-    search: _Search, i: int, squared: float, stack: Ints, gaps: Floats
+def _nearest(
+    search: _Search,
+    i: int,
+    own: int,
+    within: bool,
+    squared: float,
+    stack: Ints,
+    gaps: Floats,
 ) -> tuple[float, int]:
-    """Find the nearest point of another component that is nearer than given; -1: there is none."""
-    xyz, tree, own = search.xyz, search.tree, search.component[i]
+    """Find the nearest point within a component, or of another, that is nearer than given.
+
+    -1: there is none.
+    """
+    xyz, tree = search.xyz, search.tree
     x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
     here, nearest = (x, y, z, x, y, z), -1
     stack[0], gaps[0], waiting = 0, 0.0, 1
@@ -258,8 +271,8 @@ def _nearest_outside(
         near = tree.child[node]
         if near >= 0:
             far = near + 1
-            near_gap = gap(tree, near, here) if search.uniform[near] != own else np.inf
-            far_gap = gap(tree, far, here) if search.uniform[far] != own else np.inf
+            near_gap = gap(tree, near, here) if _holds(search, near, own, within) else np.inf
+            far_gap = gap(tree, far, here) if _holds(search, far, own, within) else np.inf
             if far_gap < near_gap:
                 near, far, near_gap, far_gap = far, near, far_gap, near_gap
             stack[waiting], gaps[waiting] = far, far_gap
@@ -270,12 +283,19 @@ def _nearest_outside(
         for j in range(tree.first[node], tree.last[node]):
             dx, dy, dz = xyz[j, 0] - x, xyz[j, 1] - y, xyz[j, 2] - z
             d = (dx * dx + dy * dy) + dz * dz
-            if d < squared and search.component[j] != own:
+            if d < squared and (search.component[j] == own) == within:
                 squared, nearest = d, j
                 # Of a heap of coincident points the first one does.
                 if d <= least:
                     break
     return squared, nearest
+
+
+@kernel
+def _holds(search: _Search, node: int, own: int, within: bool) -> bool:
+    """Return whether a node may hold points within a component, or of another."""
+    uniform = search.uniform[node]
+    return bool(uniform == MIXED or (uniform == own) == within)
 
 
 @kernel
