@@ -71,7 +71,7 @@ def test_where_a_cloud_is_does_not_matter(name: str) -> None:
         for form in by_line(name)[:2]:
             # The sensor moves along.
             points = FORMS[form](here)
-            points = replace(points, distance=points.range)
+            points = replace(points, own=points.xyz)
             found = chain(name).judge(points)
             for away in (UTM, (-32.0, 4096.0, 1.0)):
                 moved = chain(name).judge(replace(points, xyz=points.xyz + np.array(away)))
@@ -82,7 +82,7 @@ def test_where_a_cloud_is_does_not_matter(name: str) -> None:
 def test_what_is_found_in_utm() -> None:
     """Of a street that is on no grid, roundings of 1e-9 m reject no point more, and none less."""
     here = shape('street', 5 * COUNT)
-    here = replace(here, distance=here.range)
+    here = replace(here, own=here.xyz)
     there = replace(here, xyz=here.xyz + UTM)
     for name in CHAINS:
         found, moved = (chain(name).judge(points) for points in (here, there))

@@ -54,6 +54,7 @@ PYPI_NAMES = {
 # Imported only where a user asks for them, and installed by an extra
 EXTRAS = {
     'filterpy': 'audit',
+    'distributed': 'archive',
     'fsspec': 'archive',
     'laspy': 'files',
     'lazrs': 'files',

@@ -23,6 +23,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.replay import choose_clouds
+from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -45,6 +46,7 @@ class Piece:
     topics : of clouds
     parameters : of the filter, those that are given
     start, stop : bag times, ns; None: from its beginning, to its end
+    largest : bytes that a message, or a chunk of messages, may have
 
     """
 
@@ -53,6 +55,7 @@ class Piece:
     parameters: Mapping[str, object]
     start: int | None
     stop: int | None
+    largest: int = LARGEST
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ def cut(
     topics: Collection[str] = (),
     parameters: Mapping[str, object] | None = None,
     length: float = LENGTH,
+    largest: int = LARGEST,
 ) -> list[Piece]:
     """Cut a recording into pieces of about so many seconds of bag time.
 
@@ -78,7 +82,7 @@ def cut(
         If the recording cannot be read or has no such topic.
 
     """
-    with staged(place) as path, Recording(path) as source:
+    with staged(place) as path, Recording(path, largest) as source:
         chosen = tuple(topic.name for topic in choose_clouds(source, topics, 'a topic to filter'))
         most = max(1, source.message_count // LEAST)
         # The length of a recording is one more than the distance of its first and last message.
@@ -86,7 +90,7 @@ def cut(
         inner = [source.start + source.duration * number // count for number in range(1, count)]
     bounds = [None, *inner, None]
     given = dict(parameters or {})
-    return [Piece(place, chosen, given, bounds[i], bounds[i + 1]) for i in range(count)]
+    return [Piece(place, chosen, given, bounds[i], bounds[i + 1], largest) for i in range(count)]
 
 
 def starts(pieces: Sequence[Piece]) -> list[int]:
@@ -106,7 +110,7 @@ def judge_piece(piece: Piece) -> JudgedPiece:
     began = perf_counter()
     parameters = FilterParameters().changed({**piece.parameters, 'threads': 1})
     chain = NotingChain(parameters)
-    source = _opened(piece.recording)
+    source = _opened(piece.recording, piece.largest)
     chosen = choose_clouds(source, piece.topics, 'a topic to filter')
     streams = [CloudTopic(topic, parameters, chain=chain) for topic in chosen]
     listeners = {key: feed for stream in streams for key, feed in stream.listeners.items()}
@@ -155,7 +159,7 @@ class _Opened(threading.local):
     """The recording that a thread has read a piece of: the next one is likely of the same."""
 
     def __init__(self) -> None:
-        self.place: Place | None = None
+        self.key: tuple[Place, int] | None = None
         self.source: Recording | None = None
         self.stack = ExitStack()
 
@@ -163,14 +167,14 @@ class _Opened(threading.local):
 _kept = _Opened()
 
 
-def _opened(place: Place) -> Recording:
+def _opened(place: Place, largest: int) -> Recording:
     """Open a recording, or take the one that is open; refuse one that has changed since."""
-    if _kept.source is not None and place == _kept.place:
+    if _kept.source is not None and (place, largest) == _kept.key:
         return _kept.source
     _kept.stack.close()
     _kept.source = None
     place.check_unchanged()
     path = _kept.stack.enter_context(staged(place))
-    _kept.source = _kept.stack.enter_context(Recording(path))
-    _kept.place = place
+    _kept.source = _kept.stack.enter_context(Recording(path, largest))
+    _kept.key = place, largest
     return _kept.source

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.terminal import (
@@ -14,11 +13,8 @@ from lidar_outlier_filter.cli.terminal import (
     INCOMPLETE,
     REFUSED,
     add_parameter_options,
-    beside,
-    read_parameters,
     say,
     say_unread,
-    stoppable_bar,
 )
 from lidar_outlier_filter.errors import RecordingError
 
@@ -31,8 +27,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.losses import Losses
     from lidar_outlier_filter.recordings.replay import ReplayReport
 
-SUFFIXES = ('.mcap', '.db3', '.bag')
-MEGABYTE = 1_000_000  # bytes
 MOST_REASONS = 5  # of losses, that are said in full
 
 
@@ -42,15 +36,19 @@ def add_replay(commands: Commands) -> None:
         'replay',
         help='filter the clouds of a recording',
         description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
-        'TOPIC/outliers. Exit status: 0 all done; 1 refused, nothing is written; 3 written, but '
-        'some clouds were refused and have no answer, no point of a topic could be tested, or part '
-        'of a damaged recording is lost.',
+        'TOPIC/outliers. Of a folder of recordings, or a pattern, each one goes to a folder of its '
+        'own; those that are done already are left. Exit status: 0 all done; 1 refused, nothing is '
+        'written; 3 written, but some clouds, or some recordings, were refused and have no answer, '
+        'no point of a topic could be tested, or part of a damaged recording is lost.',
     )
     parser.add_argument(
-        'recording', type=Path, metavar='RECORDING', help='bag folder, .mcap, .db3 or ROS 1 .bag'
+        'recording',
+        metavar='RECORDING',
+        help='bag folder, .mcap, .db3 or ROS 1 .bag; a folder of those; a pattern in quotes; an '
+        'address such as s3://…',
     )
     parser.add_argument(
-        '--output', type=Path, metavar='DIR', help='new folder; default: RECORDING_cleaned'
+        '--output', metavar='DIR', help='new folder; default: RECORDING_cleaned, beside it'
     )
     parser.add_argument(
         '--topic',
@@ -83,14 +81,32 @@ def add_replay(commands: Commands) -> None:
         metavar='MB',
         help='refuse larger messages and chunks of messages, unpacked; default: %(default)s',
     )
+    parser.add_argument(
+        '--jobs',
+        type=int,
+        metavar='N',
+        help='processes that judge; default: as many as there are cores, for 300 MB and more',
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='of a Dask cluster whose workers judge, as tcp://host:8786',
+    )
     parser.set_defaults(run=_replay)
 
 
 def _replay(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.archive.places import SUFFIXES, path_at
+    from lidar_outlier_filter.cli.archive import is_archive, replay_archive, replay_one
+
+    if options.largest_message < 1:
+        raise RecordingError('--largest-message', 'at least 1 MB', options.largest_message)
+    if is_archive(options.recording):
+        return replay_archive(options)
     try:
-        report = _run(options)
+        report = replay_one(options)
     except RecordingError as err:
-        path = options.recording
+        path = path_at(options.recording)
         if not err.is_damage or options.salvage or not (path.is_dir() or path.suffix in SUFFIXES):
             raise
         say(f'{err}; --salvage filters what can be read of it')
@@ -98,27 +114,6 @@ def _replay(options: argparse.Namespace) -> int:
     _show(report)
     is_tested = not any(topic.untested_because for topic in report.topics)
     return DONE if report.is_complete and is_tested else INCOMPLETE
-
-
-def _run(options: argparse.Namespace) -> ReplayReport:
-    """Replay, with a bar of progress, until a signal comes."""
-    from lidar_outlier_filter.recordings.replay import replay
-
-    if options.largest_message < 1:
-        raise RecordingError('--largest-message', 'at least 1 MB', options.largest_message)
-    with stoppable_bar(options.recording.name) as progress:
-        return replay(
-            options.recording,
-            options.output or beside(options.recording, '_cleaned'),
-            options.topics,
-            read_parameters(options.params, options.settings),
-            drop_input=options.drop_input,
-            salvage=options.salvage,
-            resume=options.resume,
-            largest=options.largest_message * MEGABYTE,
-            progress=progress,
-            inform=say,
-        )
 
 
 def _show(report: ReplayReport) -> None:

@@ -1,0 +1,182 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings replayed one after the other, their pieces judged by workers ahead of the writer.
+
+The bytes of an output are those of a replay in one process: the same code writes it, and takes a
+verdict from a piece only where the piece has judged the same points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.archive.known_chain import KnowingChain
+from lidar_outlier_filter.archive.piece_queue import PieceQueue
+from lidar_outlier_filter.archive.pieces import LENGTH, Piece, cut, starts
+from lidar_outlier_filter.archive.places import staged
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.detectors import DetectorSections
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.replay import ReplayReport, replay
+from lidar_outlier_filter.recordings.unpack import LARGEST
+from lidar_outlier_filter.stream.compiling import make_ready
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.archive.workers import Workers
+    from lidar_outlier_filter.recordings.bags import Topic
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be done with each recording, as :func:`replay` takes it.
+
+    ``length`` is that of the pieces, seconds.
+    """
+
+    topics: tuple[str, ...] = ()
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    drop_input: bool = False
+    salvage: bool = False
+    resume: bool = False
+    largest: int = LARGEST
+    length: float = LENGTH
+
+    @property
+    def filter(self) -> FilterParameters:
+        """All parameters."""
+        return FilterParameters().changed(self.parameters)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A recording, and where its output goes."""
+
+    place: Place
+    output: RecordingPath
+
+
+class Engine:
+    """Replays recordings, with workers or in this process.
+
+    Attributes
+    ----------
+    judged, judged_here : blocks so far, and those of them that no worker had the verdict of
+
+    """
+
+    def __init__(
+        self,
+        tasks: Sequence[Task],
+        order: Order,
+        workers: Workers | None,
+        tick: Callable[[], object] = lambda: None,
+        inform: Callable[[str], object] = str,
+    ) -> None:
+        """Take recordings in the order in which they are replayed.
+
+        ``tick`` is called often, and may leave by an exception. ``inform`` gets sentences.
+        """
+        self._order, self._tick, self._inform = order, tick, inform
+        self._parameters = order.filter
+        self._cut: dict[str, list[Piece]] = {}
+        self._queue = None
+        self.judged = self.judged_here = 0
+        if workers is not None and self._can_be_cut():
+            make_ready(self._parameters)  # before workers would compile the same at once
+            following = (self._pieces(task.place) for task in tasks)
+            self._queue = PieceQueue(following, workers, tick)
+
+    def _can_be_cut(self) -> bool:
+        """Return whether workers know all detectors of the chain; say why not."""
+        own = {item.name for item in fields(DetectorSections)}
+        added = [name for name in self._parameters.chain if name not in own]
+        if added:
+            self._inform(f'one process judges all: workers do not know {", ".join(added)}')
+        return not added
+
+    def _pieces(self, place: Place) -> list[Piece]:
+        """Cut a recording; one that cannot be read has no pieces: who writes it says why."""
+        name = str(place.path)
+        if name not in self._cut:
+            order = self._order
+            try:
+                pieces = cut(place, order.topics, order.parameters, order.length, order.largest)
+            except FilterError:
+                pieces = []
+            self._cut[name] = pieces
+        return self._cut[name]
+
+    def replay(
+        self,
+        task: Task,
+        output: Path,
+        progress: Callable[[int, int], object],
+        begin: Callable[[Topic | None, int], object] = lambda _topic, _time: None,
+    ) -> tuple[ReplayReport, str]:
+        """Replay one recording; return what became of it, and who judged it.
+
+        Raises
+        ------
+        RecordingError
+            If it cannot be read, or has changed meanwhile, or the output cannot be written.
+
+        """
+        order, names = self._order, {'this process'}
+        pieces = [] if self._queue is None else self._pieces(task.place)
+        chain = None
+        if pieces:
+            chain, names = self._chain(pieces)
+
+        def note(topic: Topic | None, time: int) -> None:
+            begin(topic, time)
+            if chain is not None:
+                chain.begin(topic, time)
+
+        def step(done: int, total: int) -> None:
+            self._tick()
+            progress(done, total)
+
+        try:
+            with staged(task.place) as path:
+                report = replay(
+                    path,
+                    output,
+                    order.topics,
+                    order.parameters,
+                    drop_input=order.drop_input,
+                    salvage=order.salvage,
+                    resume=order.resume,
+                    largest=order.largest,
+                    progress=step,
+                    inform=self._inform,
+                    chain=chain,
+                    begin=note,
+                )
+            task.place.check_unchanged()
+        finally:
+            if self._queue is not None:
+                self._queue.give_up(self._cut.pop(str(task.place.path), ()))
+        if chain is not None:
+            self.judged += chain.judged
+            self.judged_here += chain.judged_here
+        return report, ', '.join(sorted(names))
+
+    def _chain(self, pieces: list[Piece]) -> tuple[KnowingChain, set[str]]:
+        """Make the chain that has the verdicts of pieces, and a set for the names of the judges."""
+        names: set[str] = set()
+        queue = self._queue
+
+        def verdicts_of(number: int) -> Mapping[bytes, bytes]:
+            if queue is None:
+                return {}
+            judged = queue.take(pieces[number])
+            names.add(judged.worker)
+            return judged.verdicts
+
+        return KnowingChain(self._parameters, starts(pieces), verdicts_of), names

@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What an output was made of: the hash of its recording, of the parameters, the code, the model."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from hashlib import file_digest, sha256
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import lidar_outlier_filter
+from lidar_outlier_filter.core import kernel_cache
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+WITHOUT_EFFECT = ('threads', 'save_to')  # on verdicts
+
+
+def content_hash(place: Place) -> str:
+    """Return what changes with the content: SHA-256 of the files, or the mark of a store.
+
+    A folder is hashed by the names and the hashes of its files.
+    """
+    if not isinstance(place.path, Path):
+        return place.state
+    if place.path.is_file():
+        return _file_hash(place.path)
+    total = sha256()
+    for file in sorted(place.path.iterdir()):
+        if file.is_file():
+            total.update(f'{file.name} {_file_hash(file)}\n'.encode())
+    return total.hexdigest()
+
+
+def _file_hash(path: Path) -> str:
+    with path.open('rb') as stream:
+        return file_digest(stream, 'sha256').hexdigest()
+
+
+def parameters_hash(parameters: FilterParameters, **options: object) -> str:
+    """Hash the values that decide what is written."""
+    values = {k: v for k, v in parameters.flat().items() if k not in WITHOUT_EFFECT}
+    return sha256(json.dumps([values, options], sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def version() -> str:
+    """Return the version of the package with the hash of the code that judges."""
+    return f'{lidar_outlier_filter.__version__}+{kernel_cache.stamp(_JUDGE)[:12]}'
+
+
+@cache
+def model_hash() -> str:
+    """Hash the files of the trained models."""
+    folder = Path(str(lidar_outlier_filter.__file__)).parent / 'core'
+    total = sha256()
+    for path in sorted(folder.rglob('*.json')):
+        total.update(f'{path.name} {_file_hash(path)}\n'.encode())
+    return total.hexdigest()
+
+
+_JUDGE = 'lidar_outlier_filter.recordings.replay'

@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run over an archive: what is done already is left, what fails costs itself only."""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.archive.fingerprints import (
+    content_hash,
+    model_hash,
+    parameters_hash,
+    version,
+)
+from lidar_outlier_filter.archive.manifest import DONE, FAILED, Entry
+from lidar_outlier_filter.archive.places import place_of, published
+from lidar_outlier_filter.archive.workers import SchedulerError
+from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
+from lidar_outlier_filter.files.hidden_folder import hidden_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from lidar_outlier_filter.archive.engine import Engine, Order, Task
+    from lidar_outlier_filter.archive.manifest import Manifest
+    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.recordings.bags import Topic
+    from lidar_outlier_filter.recordings.cloud_topic import TopicReport
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+    from lidar_outlier_filter.recordings.replay import ReplayReport
+
+GAP = 2.0  # usual distances of two clouds, from which on clouds are missing between them
+BROKEN_OFF = 'the run that wrote it must be ended, got broken off'
+
+
+@dataclass(frozen=True)
+class Step:
+    """How far a run is: recording ``number`` of ``total``, and messages of it."""
+
+    recording: str
+    number: int
+    total: int
+    done: int
+    messages: int
+    bytes_done: float
+    bytes_total: int
+
+
+def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Task]:
+    """Choose the recordings whose outputs the manifest does not prove."""
+    expected = {
+        'parameters': _hash_of(order),
+        'version': version(),
+        'model': model_hash(),
+        'state': DONE,
+    }
+    return [task for task in tasks if not _is_proved(task, expected, manifest)]
+
+
+def replay_all(
+    tasks: Sequence[Task],
+    engine: Engine,
+    order: Order,
+    manifest: Manifest,
+    show: Callable[[Step], object],
+) -> list[Entry]:
+    """Replay recordings, and write into the manifest what became of each.
+
+    A recording that fails costs itself only.
+
+    Raises
+    ------
+    SchedulerError
+        If the scheduler goes away.
+
+    """
+    entries = []
+    total, before = sum(task.place.size for task in tasks), 0
+    for number, task in enumerate(tasks, 1):
+
+        def progress(done: int, messages: int, task: Task = task, number: int = number) -> None:
+            share = done / max(messages, done, 1)
+            at = before + share * task.place.size  # noqa: B023  called within this turn only
+            name = task.output.name
+            show(Step(name, number, len(tasks), done, messages, at, total))
+
+        progress(0, 0)
+        entries.append(_replay_one(task, engine, order, manifest, progress))
+        before += task.place.size
+    return entries
+
+
+def _replay_one(
+    task: Task,
+    engine: Engine,
+    order: Order,
+    manifest: Manifest,
+    progress: Callable[[int, int], object],
+) -> Entry:
+    began = perf_counter()
+    known = any(entry.output == str(task.output) for entry in manifest.entries.values())
+    entry = Entry(
+        source=str(task.place.path),
+        size=task.place.size,
+        hash='',
+        parameters=_hash_of(order),
+        version=version(),
+        model=model_hash(),
+        output=str(task.output),
+        state=FAILED,
+        source_state=task.place.state,
+        error=BROKEN_OFF,
+    )
+    try:
+        _refuse_unknown(task.output, known=known)
+        manifest.add(entry)  # so that a folder that is left without another line is ours
+        entry = replace(entry, hash=content_hash(task.place))
+        times = _Times()
+        with _built(task.output) as output:
+            report, worker = engine.replay(task, output, progress, times.note)
+        entry = replace(entry, **_counted(report, times), worker=worker, state=DONE, error=None)
+        made = place_of(task.output)
+        entry = replace(entry, output_hash=content_hash(made), output_state=made.state)
+    except SchedulerError:
+        raise
+    except FilterError as err:
+        entry = replace(entry, state=FAILED, error=str(err))
+    except Exception as err:  # noqa: BLE001  whatever it is, the next recording is replayed
+        wrong = RecordingError(f'the recording {task.place.path}', 'replayed', said_by(err))
+        entry = replace(entry, state=FAILED, error=str(wrong))
+    finished = datetime.now(UTC).isoformat(timespec='seconds')
+    entry = replace(entry, seconds=round(perf_counter() - began, 3), finished=finished)
+    manifest.add(entry)
+    return entry
+
+
+def _refuse_unknown(output: RecordingPath, *, known: bool) -> None:
+    """Refuse to write over what no run has written."""
+    if not known and output.exists():
+        must_be = 'a new folder, or one of the manifest'
+        raise RecordingError('the output', must_be, f'{output}, which exists')
+
+
+@contextmanager
+def _built(output: RecordingPath) -> Iterator[Path]:
+    """Give a path to build an output at; it takes the place of an older one at the end."""
+    if not isinstance(output, Path):
+        if output.exists():
+            output.system.rm(output.key, recursive=True)
+        with published(output) as path:
+            yield path
+        return
+    output.parent.mkdir(parents=True, exist_ok=True)
+    with hidden_folder(output) as folder:
+        yield folder / output.name
+        if output.exists():
+            shutil.rmtree(output)
+        (folder / output.name).rename(output)
+
+
+def _is_proved(task: Task, expected: Mapping[str, str], manifest: Manifest) -> bool:
+    """Return whether the manifest has what is expected, of this source and of this output."""
+    entry = manifest.entries.get(str(task.place.path))
+    if entry is None or entry.output != str(task.output):
+        return False
+    if any(getattr(entry, name) != value for name, value in expected.items()):
+        return False
+    try:
+        made = place_of(task.output)
+        same = _is_same(task.place, entry.size, entry.source_state, entry.hash)
+        if not same or not _is_same(made, made.size, entry.output_state, entry.output_hash):
+            return False
+    except (FilterError, OSError):
+        return False
+    if (task.place.state, made.state) != (entry.source_state, entry.output_state):
+        # Hashed anew: the times of the files have changed, as by a copy. Not next time.
+        manifest.add(replace(entry, source_state=task.place.state, output_state=made.state))
+    return True
+
+
+def _is_same(place: Place, size: int, state: str, known: str) -> bool:
+    """Return whether the content is known: by size and times, or, where those differ, by hash."""
+    return place.size == size and (place.state == state or content_hash(place) == known)
+
+
+def _hash_of(order: Order) -> str:
+    options = {
+        name: getattr(order, name) for name in ('topics', 'drop_input', 'salvage', 'largest')
+    }
+    return parameters_hash(order.filter, **options)
+
+
+class _Times:
+    """The bag times of the clouds of each topic."""
+
+    def __init__(self) -> None:
+        self._times: dict[str, list[int]] = {}
+
+    def note(self, topic: Topic | None, time: int) -> None:
+        """Note the time of a message, ns."""
+        if topic is not None:
+            self._times.setdefault(topic.name, []).append(time)
+
+    def gaps(self, topic: str) -> int:
+        """Count where clouds are missing: distances longer than ``GAP`` × their median."""
+        distances = np.diff(np.sort(np.array(self._times.get(topic, []), np.int64)))
+        if not len(distances):
+            return 0
+        return int((distances > GAP * np.median(distances)).sum())
+
+
+def _counted(report: ReplayReport, times: _Times) -> dict[str, Any]:
+    """Give the counts of a report as an entry has them."""
+    topics = {topic.topic: _counts(topic, times.gaps(topic.topic)) for topic in report.topics}
+    return {
+        'topics': topics,
+        'unread': report.unread,
+        'lost': list(report.lost.reasons),
+        'duration': report.recorded,
+    }
+
+
+def _counts(topic: TopicReport, gaps: int) -> dict[str, Any]:
+    return {
+        'messages': topic.messages,
+        'points': topic.points,
+        'kept': topic.points - topic.rejected,
+        'rejected': topic.rejected,
+        'untested': topic.untested,
+        'refused': topic.refused,
+        'rejected_by': dict(topic.rejected_by),
+        'gaps': gaps,
+    }

@@ -1,0 +1,174 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Processes that judge pieces: of this machine, or of a cluster that runs. Dask's, both.
+
+Dask sends a piece to another worker when one dies or fails, starts workers of this machine anew,
+and gives up on a piece that several workers died of.
+"""
+
+# ruff: noqa: PLC0415  distributed is an extra, and takes half a second
+
+from __future__ import annotations
+
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager
+from itertools import count
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+from lidar_outlier_filter.archive.pieces import JudgedPiece, judge_piece
+from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from lidar_outlier_filter.archive.pieces import Piece
+
+RETRIES = 2  # of a piece that failed on a worker, as for want of a network
+AHEAD = 2  # pieces of each worker that are judged, or wait, while one is written
+PATIENCE = 30.0  # seconds for a scheduler to answer
+STEP = 0.5  # seconds between two looks at whether to go on waiting
+
+
+class SchedulerError(FilterError):
+    """A scheduler that does not answer."""
+
+
+class Workers:
+    """The workers of one scheduler."""
+
+    def __init__(self, client: Any, address: str) -> None:
+        """Take Dask's client of the scheduler at an address."""
+        self._client, self._address = client, address
+        self._run, self._numbers = uuid4().hex[:8], count()
+
+    @property
+    def ahead(self) -> int:
+        """How many pieces they shall have at once, with those that are done."""
+        threads: dict[str, int] = self._client.nthreads()
+        return AHEAD * sum(threads.values()) + 1
+
+    def submit(self, piece: Piece) -> Any:
+        """Send a piece to be judged; what comes first is judged first."""
+        key = f'judge_piece-{self._run}-{next(self._numbers)}'
+        return self._client.submit(judge_piece, piece, key=key, retries=RETRIES, pure=False)
+
+    def wait(self, future: Any, piece: Piece, tick: Callable[[], object]) -> JudgedPiece:
+        """Wait for a piece; ``tick`` is called now and then, and may leave by an exception.
+
+        Raises
+        ------
+        RecordingError
+            If several workers died of the piece, or it failed on each that tried.
+        SchedulerError
+            If the scheduler has gone.
+
+        """
+        from distributed.scheduler import KilledWorker
+
+        what = f'a piece of {piece.recording.path}'
+        while True:
+            tick()
+            self.check()
+            try:
+                judged = future.result(timeout=STEP)
+            except KilledWorker as err:
+                must_be = 'judged without a worker that dies'
+                got = f'{err.allowed_failures + 1} that died'
+                raise RecordingError(what, must_be, got) from err
+            except CancelledError as err:
+                raise SchedulerError(*self._gone()) from err
+            except FilterError:
+                raise
+            except Exception as err:  # whatever comes from another machine
+                if isinstance(err, TimeoutError) and not future.done():
+                    continue
+                raise RecordingError(what, 'judged by the workers', said_by(err)) from err
+            break
+        if not isinstance(judged, JudgedPiece):
+            raise RecordingError(what, 'judged by this version', type(judged).__name__)
+        return judged
+
+    def check(self) -> None:
+        """Refuse to go on without a scheduler.
+
+        Raises
+        ------
+        SchedulerError
+            If it has gone.
+
+        """
+        if self._client.status != 'running':
+            raise SchedulerError(*self._gone())
+
+    def give_up(self, future: Any) -> None:
+        """Forget a piece."""
+        if self._client.status == 'running':
+            self._client.cancel([future], force=True)
+
+    def _gone(self) -> tuple[str, str, str]:
+        return f'the scheduler {self._address}', 'there until the end', 'no answer any more'
+
+
+def are_available() -> bool:
+    """Return whether this machine can have several workers."""
+    from importlib.util import find_spec
+
+    return find_spec('distributed') is not None
+
+
+@contextmanager
+def local_workers(jobs: int) -> Iterator[Workers]:
+    """Start workers on this machine, each a process with one thread; end them at the end.
+
+    Raises
+    ------
+    FilterError
+        If Dask is not installed.
+
+    """
+    with ExitStack() as stack:
+        _require()
+        from distributed import Client, LocalCluster
+
+        cluster = LocalCluster(
+            n_workers=jobs,
+            threads_per_worker=1,
+            processes=True,
+            host='127.0.0.1',
+            dashboard_address=None,
+            silence_logs=50,
+        )
+        stack.callback(cluster.close, timeout=PATIENCE)
+        client = stack.enter_context(Client(cluster, set_as_default=False))
+        yield Workers(client, cluster.scheduler_address)
+
+
+@contextmanager
+def cluster_workers(address: str) -> Iterator[Workers]:
+    """Use the workers of a cluster that runs.
+
+    Raises
+    ------
+    FilterError
+        If Dask is not installed.
+    SchedulerError
+        If no scheduler answers at the address.
+
+    """
+    _require()
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as err:
+        must_be = f'that of a Dask scheduler that answers within {PATIENCE:g} s'
+        raise SchedulerError('--scheduler', must_be, address) from err
+    with client:
+        yield Workers(client, address)
+
+
+def _require() -> None:
+    if not are_available():
+        must_be = 'installed for several processes (pip install lidar_outlier_filter[archive])'
+        raise FilterError('the module distributed', must_be, 'none')

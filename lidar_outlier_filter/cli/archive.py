@@ -1,0 +1,303 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""``replay`` of many recordings, and of one with several processes."""
+
+# ruff: noqa: PLC0415  help is instant
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.archive_progress import progress_of_all
+from lidar_outlier_filter.cli.interrupts import stopping
+from lidar_outlier_filter.cli.terminal import (
+    DONE,
+    INCOMPLETE,
+    REFUSED,
+    beside,
+    progress_bar,
+    read_parameters,
+    say,
+)
+from lidar_outlier_filter.errors import FilterError, RecordingError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Sequence
+    from contextlib import AbstractContextManager
+
+    from rich.table import Table
+
+    from lidar_outlier_filter.archive.engine import Order, Task
+    from lidar_outlier_filter.archive.manifest import Entry
+    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.archive.workers import Workers
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+    from lidar_outlier_filter.recordings.replay import ReplayReport
+
+# Bytes: less is replayed before several processes would have started.
+SHORT = 300_000_000
+MEGABYTE = 1_000_000  # bytes
+PAGE = 'archive.html'
+
+
+@dataclass(frozen=True)
+class FoundRecordings:
+    """The recordings of a folder, which is searched, or those that fit a pattern, below a root."""
+
+    root: RecordingPath
+    is_searched: bool
+    places: Sequence[Place]
+
+    @property
+    def size(self) -> int:
+        """Count bytes."""
+        return sum(place.size for place in self.places)
+
+
+def is_archive(address: str) -> bool:
+    """Return whether an address is that of a folder of recordings, or a pattern."""
+    from lidar_outlier_filter.archive.places import METADATA, path_at
+
+    path = path_at(address)
+    if not path.exists():
+        return any(letter in address for letter in '*?[')
+    if not path.is_dir() or (path / METADATA).exists():
+        return False
+    # A recording that was not closed has no metadata, but files that are named after its folder.
+    return not any(
+        one.suffix in {'.mcap', '.db3'} and one.name.startswith(path.name) for one in path.iterdir()
+    )
+
+
+def find_all(address: str) -> FoundRecordings:
+    """Find the recordings of a folder, or those that a pattern fits.
+
+    Raises
+    ------
+    RecordingError
+        If there are none.
+
+    """
+    from lidar_outlier_filter.archive.places import find, path_at
+
+    path = path_at(address)
+    if isinstance(path, Path):
+        path = path.resolve()
+    places, is_searched = find([str(path)]), path.exists()
+    while not path.exists():
+        path = path.parent
+    return FoundRecordings(path, is_searched, places)
+
+
+def replay_archive(options: argparse.Namespace) -> int:
+    """Replay all recordings of a folder or a pattern into one folder."""
+    from lidar_outlier_filter.archive.engine import Engine
+    from lidar_outlier_filter.archive.manifest import opened_manifest
+    from lidar_outlier_filter.archive.run import pending, replay_all
+
+    if options.resume:
+        raise FilterError(
+            '--resume', 'that of one recording: an archive goes on anyway', 'a folder'
+        )
+    found = find_all(options.recording)
+    order, folder = _order(options), _folder(options, found)
+    tasks = _tasks(found, folder)
+    with opened_manifest(folder) as manifest:
+        todo = pending(tasks, order, manifest)
+        entries: list[Entry] = []
+        if todo:
+            with (
+                progress_of_all(found.root.name) as (show, leave_if_asked),
+                _workers(options, sum(task.place.size for task in todo)) as workers,
+            ):
+                engine = Engine(todo, order, workers, leave_if_asked, _once())
+                entries = replay_all(todo, engine, order, manifest, show)
+        kept = [manifest.entries[str(task.place.path)] for task in tasks]
+        _write_page(kept, folder)
+    _show(kept, entries, folder)
+    return _status(kept)
+
+
+def _write_page(entries: Sequence[Entry], folder: RecordingPath) -> None:
+    """Write the page of an archive beside its manifest."""
+    from dataclasses import asdict
+    from tempfile import TemporaryDirectory
+
+    from lidar_outlier_filter.archive.page import write_page
+
+    lines = [asdict(entry) for entry in entries]
+    if isinstance(folder, Path):
+        write_page(lines, folder / PAGE)
+        return
+    with TemporaryDirectory(prefix='.lidar_outlier_filter-') as scratch:
+        write_page(lines, Path(scratch, PAGE))
+        folder.system.put_file(str(Path(scratch, PAGE)), f'{folder.key}/{PAGE}')
+
+
+def replay_one(options: argparse.Namespace) -> ReplayReport:
+    """Replay one recording, with workers where they are worth it."""
+    from lidar_outlier_filter.archive.engine import Engine, Task
+    from lidar_outlier_filter.archive.places import path_at, place_of, published
+
+    path = path_at(options.recording)
+    output = _output(options, path)
+    place, order = place_of(path), _order(options)
+    with (
+        stopping() as leave_if_asked,
+        progress_bar(path.name) as progress,
+        _workers(options, place.size) as workers,
+    ):
+        task = Task(place, output)
+        engine = Engine([task], order, workers, leave_if_asked, say)
+        with published(output) as built:
+            report, _ = engine.replay(task, built, progress)
+    return replace(report, output=output)
+
+
+def _order(options: argparse.Namespace) -> Order:
+    from lidar_outlier_filter.archive.engine import Order
+
+    parameters = read_parameters(options.params, options.settings)
+    return Order(
+        tuple(options.topics),
+        parameters,
+        options.drop_input,
+        options.salvage,
+        options.resume,
+        options.largest_message * MEGABYTE,
+    )
+
+
+def jobs_of(options: argparse.Namespace, size: int) -> int:
+    """Return how many processes judge so many bytes, as far as the options leave it open."""
+    from lidar_outlier_filter.archive.workers import are_available
+    from lidar_outlier_filter.core.threads import cores
+
+    if options.jobs is not None:
+        if options.jobs < 1:
+            raise FilterError('--jobs', 'at least 1', options.jobs)
+        return int(options.jobs)
+    return cores() if are_available() and size >= SHORT else 1
+
+
+def _workers(options: argparse.Namespace, size: int) -> AbstractContextManager[Workers | None]:
+    """Start workers, or use those of a cluster; None: this process judges."""
+    from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
+
+    if options.scheduler is not None:
+        if options.jobs is not None:
+            must_be = 'left out with --scheduler, whose cluster has its own processes'
+            raise FilterError('--jobs', must_be, options.jobs)
+        return cluster_workers(options.scheduler)
+    jobs = jobs_of(options, size)
+    return local_workers(jobs) if jobs > 1 else nullcontext()
+
+
+def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:
+    """Return the output that is given, or name one beside what is replayed."""
+    from lidar_outlier_filter.archive.places import path_at
+
+    if options.output is not None:
+        return path_at(options.output)
+    if not isinstance(path, Path):
+        raise FilterError('--output', 'given for recordings of a store', 'none')
+    return beside(path, '_cleaned')
+
+
+def _folder(options: argparse.Namespace, found: FoundRecordings) -> RecordingPath:
+    """Name the folder of the outputs; refuse one that the next run would search."""
+    folder = _output(options, found.root)
+    inside = str(folder.resolve() if isinstance(folder, Path) else folder)
+    if found.is_searched and inside.startswith(f'{found.root}/'):
+        raise RecordingError('the output', f'outside of {found.root}, which is searched', folder)
+    return folder
+
+
+def _tasks(found: FoundRecordings, folder: RecordingPath) -> list[Task]:
+    """Name the output of each recording as it is named below the folder that was searched."""
+    from lidar_outlier_filter.archive.engine import Task
+
+    tasks: dict[RecordingPath, Task] = {}
+    for place in found.places:
+        inside = str(place.path)[len(str(found.root)) :].lstrip('/')
+        suffix = '' if place.path.is_dir() else place.path.suffix
+        output = folder / inside.removesuffix(suffix)
+        if output in tasks:
+            got = f'{tasks[output].place.path} and {place.path}'
+            raise RecordingError(f'the output {output}', 'that of one recording', got)
+        tasks[output] = Task(place, output)
+    return list(tasks.values())
+
+
+def _once() -> Callable[[str], object]:
+    """Say each sentence once: most recordings of an archive are read alike."""
+    said: set[str] = set()
+
+    def inform(sentence: str) -> None:
+        if sentence not in said:
+            said.add(sentence)
+            say(sentence)
+
+    return inform
+
+
+def _show(kept: Sequence[Entry], entries: Sequence[Entry], folder: object) -> None:
+    """Print the table of a run, and to stderr what failed."""
+    from rich.console import Console
+
+    from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
+
+    console = Console()
+    console.print(_table(kept))
+    console.print(f'written to {folder}', markup=False, highlight=False, soft_wrap=True)
+    for entry in entries:
+        if entry.error is not None:
+            say(entry.error)
+        elif entry.refused:
+            say(f'{entry.refused} clouds of {entry.source} were refused and have no answer')
+        if entry.unread:
+            say(f'{entry.unread} messages that {entry.source} counts were not found in it')
+        for reason in entry.lost:
+            say(f'lost of {entry.source}: {reason}')
+    failed = sum(entry.state != IS_DONE for entry in kept)
+    new = sum(entry.state == IS_DONE for entry in entries)
+    console.print(
+        f'{new} replayed, {len(kept) - len(entries)} done before, {failed} failed', highlight=False
+    )
+
+
+def _table(entries: Sequence[Entry]) -> Table:
+    """Make the table of an archive, a row for each recording."""
+    from rich.table import Table
+
+    columns = ('recording', 'clouds', 'refused', 'points', 'rejected', 'gaps', '× real time')
+    table = Table(*columns)
+    for column in table.columns[1:]:
+        column.justify = 'right'
+    for entry in entries:
+        name = Path(entry.output).name
+        if entry.error is not None:
+            table.add_row(name, 'failed', *[''] * (len(columns) - 2))
+            continue
+        counts = [
+            sum(int(topic[key]) for topic in entry.topics.values())
+            for key in ('messages', 'refused', 'points', 'rejected', 'gaps')
+        ]
+        share = f'{counts[3] / max(counts[2], 1):.2%}'
+        speed = f'{entry.duration / max(entry.seconds, 1e-9):.1f}'
+        numbers = [f'{count:,}' for count in counts]
+        table.add_row(name, *numbers[:3], share, numbers[4], speed)
+    return table
+
+
+def _status(entries: Sequence[Entry]) -> int:
+    """Choose the exit status: REFUSED where nothing is done, INCOMPLETE where something is not."""
+    from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
+
+    if all(entry.is_complete for entry in entries):
+        return DONE
+    return INCOMPLETE if any(entry.state == IS_DONE for entry in entries) else REFUSED
