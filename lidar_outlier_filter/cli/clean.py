@@ -119,6 +119,8 @@ def _say_how(path: Path, report: CleanReport, wanted: Wanted) -> None:
     if report.metres:
         sizes = ', '.join(f'{name} = {size:.10g} m' for name, size in report.metres.items())
         say(f'{path} is not in metres ({sizes}): it is judged in metres')
+    if report.coarse:
+        say(f'{path}: {report.coarse}')
     if report.lack:
         say(f'{path} has {report.lack}: chain {", ".join(report.chain)}')
     elif report.tile > 0 and 'chain' not in wanted.parameters:

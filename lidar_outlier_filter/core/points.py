@@ -22,6 +22,8 @@ SECOND = 1_000_000_000  # nanoseconds
 # is beyond was never measured: memory that nobody has set, the wrong order of bytes.
 FARTHEST = 1e9
 FINEST = 1e-9  # metres: the least standard deviation
+COARSEST = 0.01  # metres between two float32 that still carry what sensors measure
+SAMPLE = 64  # points that show how far a cloud is from the origin
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,35 @@ def check_sigma(sigma: NDArray[np.float64], valid: NDArray[np.bool_], what: str)
     wrong = valid & ~((sigma >= FINEST) & (sigma <= FARTHEST))
     if wrong.any():
         raise CloudError(what, f'from {FINEST:g} to {FARTHEST:g} m', f'{sigma[wrong][0]:g}')
+
+
+def too_coarse(
+    xyz: NDArray[np.float64], valid: NDArray[np.bool_], single: Sequence[bool], unit: float = 1.0
+) -> str:
+    """Say that coordinates came as float32 and are too far from the origin for it; empty: no.
+
+    The median of some points counts, so that a single far one says nothing of the cloud. From
+    131 072 m on neighbouring float32 are more than ``COARSEST`` apart.
+
+    Parameters
+    ----------
+    xyz, valid : positions, metres, and which of them are returns
+    single : of x, y and z, whether it came as float32
+    unit : metres of the unit that it came in
+
+    """
+    where = np.flatnonzero(valid)
+    if not len(where) or not any(single):
+        return ''
+    some = xyz[where[:: -(-len(where) // SAMPLE)]][:, np.array(single)]
+    far = float(np.median(np.abs(some), axis=0).max())
+    step = float(np.spacing(np.float32(far / unit))) * unit
+    if step <= COARSEST:
+        return ''
+    return (
+        f'float32 coordinates of {far:.0f} m come in steps of {step:.3g} m, and what is finer is '
+        'lost: float64, or a frame near the sensor, keeps it'
+    )
 
 
 @kernel

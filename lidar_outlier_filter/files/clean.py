@@ -82,9 +82,9 @@ class CleanReport:
 
     ``invalid`` points (NaN, Inf, all 0) are none, ``untested`` ones could be tested by no detector;
     both are kept. ``metres`` says of coordinates in other units how many metres one is, ``lines``
-    what the scan lines were found by; ``lack`` what the file lacks, so that another chain than the
-    default was taken; ``second_phase`` how many of the points that
-    ``hierarchical`` rejected its second phase did.
+    what the scan lines were found by; ``coarse``, that coordinates are too far away for float32;
+    ``lack`` what the file lacks, so that another chain than the default was taken;
+    ``second_phase`` how many of the points that ``hierarchical`` rejected its second phase did.
     """
 
     input: str
@@ -96,6 +96,7 @@ class CleanReport:
     metres: Mapping[str, float]
     lines: str
     lack: str
+    coarse: str
     chain: tuple[str, ...]
     points: int
     invalid: int
@@ -168,6 +169,7 @@ def clean(  # noqa: PLR0913  what a user may want, and two who want to know
             metres={one: file.metres[one] for one in coordinates if one in file.metres},
             lines=loaded.lines,
             lack=loaded.lack,
+            coarse=points.say_coarse(file, coordinates, loaded.points),
             chain=parameters.chain,
             **_counts(verdict, loaded.points.valid, parameters.chain),
             seconds=seconds,

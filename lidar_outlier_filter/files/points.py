@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import Points, check_sigma, returns
+from lidar_outlier_filter.core.points import Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file, scan
 from lidar_outlier_filter.messages.decoder import LINE_NAMES, TIME_NAMES, guess_unit, to_nanoseconds
@@ -68,6 +68,14 @@ def choose_coordinates(file: CloudFile, wanted: Sequence[str]) -> tuple[str, ...
     if len(names) not in DIMENSIONS or len(set(names)) < len(names):
         raise CloudError('the coordinates', 'two or three columns', ', '.join(names))
     return names
+
+
+def say_coarse(file: CloudFile, coordinates: Sequence[str], points: Points) -> str:
+    """Say that coordinates of a file are too far away for float32; empty: they are not."""
+    kinds = [file.columns[name] for name in coordinates]
+    single = [kind.kind == 'f' and kind.itemsize == 4 for kind in kinds]  # noqa: PLR2004  bytes
+    single += [False] * (3 - len(single))
+    return too_coarse(points.xyz, points.valid, single, file.metres.get(coordinates[0], 1.0))
 
 
 def load(  # noqa: PLR0913  which columns, and where to

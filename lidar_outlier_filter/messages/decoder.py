@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import SECOND, Points, check_sigma, returns
+from lidar_outlier_filter.core.points import SECOND, Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.core.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import AXES, SCORE_FIELDS, is_empty, structured
@@ -68,6 +68,7 @@ class Decoder:
         self._found: dict[np.dtype[np.void], Convention] = {}
         self._counter = LineCounter()
         self._before = self._counter
+        self._coarse = False  # whether it was said that coordinates are
 
     def compile(self) -> None:
         """Run every kernel once on nothing, so that it is ready for the first cloud."""
@@ -109,6 +110,8 @@ class Decoder:
         line = self._line(view, xyz, valid, convention)
         # By now nothing is refused any more.
         self._remember(view.dtype, convention)
+        if not self._coarse:
+            self._look_at_steps(view.dtype, xyz, valid)
         return Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
 
     def view(self, msg: Any) -> NDArray[np.void] | None:
@@ -166,6 +169,15 @@ class Decoder:
                 self._warn(
                     f'among the fields {", ".join(dtype.names or ())} there is {convention.missing}'
                 )
+
+    def _look_at_steps(
+        self, dtype: np.dtype[np.void], xyz: NDArray[np.float64], valid: NDArray[np.bool_]
+    ) -> None:
+        """Warn, once, of coordinates that are too far away for float32."""
+        single = [dtype[axis].base.itemsize == 4 and dtype[axis].kind == 'f' for axis in AXES]  # noqa: PLR2004  bytes
+        if warning := too_coarse(xyz, valid, single):
+            self._coarse = True
+            self._warn(warning)
 
     def _find_out(self, view: NDArray[np.void], valid: NDArray[np.bool_]) -> Convention:
         parameters = self.parameters
