@@ -36,6 +36,7 @@ FILES = {
     'default',
     'demo.yaml',
     'before_after.png',
+    'report.html',
     'snow',
     'snow_default',
     'snow_before_after.png',

@@ -20,7 +20,8 @@ def add_demo(commands: Commands) -> None:
     parser = commands.add_parser(
         'demo',
         help='simulate a drive, filter it, and compare with the truth',
-        description='Leave a simulated recording, what the filter made of it, and a picture.',
+        description='Leave simulated recordings, what the filter made of them, pictures, and a '
+        'page to look at.',
     )
     parser.add_argument(
         '--output',

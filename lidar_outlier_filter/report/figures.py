@@ -16,6 +16,7 @@ from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.evaluation.plots import FRAME, INK, draw_roc, dress, save
 from lidar_outlier_filter.report.frames import cut
+from lidar_outlier_filter.report.header import near_origin
 from lidar_outlier_filter.report.page import check_new
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES, SCORE_BINS
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 REJECTED, GROUND, OUTLIER = '#c8500a', '#9aa3ad', '#0072b2'
 MOST_DRAWN = 200_000  # points of a picture that are not rejected
 SIZE = (7.0, 4.2)  # inches
+TICKS = (0.35, 0.5, 0.7, 1, 1.5, 2, 3)
 
 
 def write_figures(gathered: Gathered, folder: Path) -> list[str]:
@@ -62,9 +64,10 @@ def _draw_all(gathered: Gathered, folder: Path) -> None:
         'map': _top,
         'side': _side,
         'scores': _scores,
-        'ranges': _ranges,
         'thresholds': _thresholds,
     }
+    if near_origin(gathered):
+        drawings['ranges'] = _ranges
     if gathered.has_frames:
         drawings['over_time'] = _over_time
     for name, draw in drawings.items():
@@ -96,7 +99,7 @@ def _plan(axes: Axes, gathered: Gathered, u: int, v: int, labels: tuple[str, str
     xyz, rejected = kept.xyz[few], kept.xyz[kept.rejected]
     axes.scatter(xyz[:, u], xyz[:, v], s=0.3, color=GROUND, **look)
     axes.scatter(rejected[:, u], rejected[:, v], s=3, color=REJECTED, label='rejected', **look)
-    axes.set_aspect('equal', adjustable='datalim')
+    axes.set_aspect('equal', adjustable='box')
     dress(axes, *labels)
     if len(xyz):
         for limit, column in ((axes.set_xlim, u), (axes.set_ylim, v)):
@@ -120,6 +123,8 @@ def _ranges(axes: Axes, gathered: Gathered) -> None:
     now = gathered.tally.at[0][gathered.sliders[0].given]
     _bars(axes, edges, gathered.tally.all.by_range, GROUND, 'all')
     _bars(axes, edges, now.by_range, REJECTED, 'rejected')
+    last = np.flatnonzero(gathered.tally.all.by_range)
+    axes.set_xlim(0, edges[last[-1] + 1] if len(last) else edges[-1])
     _counted(axes, 'range, m; the last bin holds what is farther, too')
 
 
@@ -130,7 +135,10 @@ def _thresholds(axes: Axes, gathered: Gathered) -> None:
         share = [100 * one.points / total for one in counts]
         axes.plot(slider.limits, share, 'o-', markersize=3.5, label=slider.name)
     axes.set_xscale('log')
+    axes.set_xticks(TICKS, [f'{tick:g}' for tick in TICKS])
+    axes.minorticks_off()
     axes.set_yscale('symlog', linthresh=max(100 / total, 1e-4))
+    axes.set_ylim(bottom=0)
     axes.axvline(1.0, color=REJECTED, linestyle='--', linewidth=1)
     dress(axes, 'critical value ÷ that of the given threshold', 'points rejected, %')
     axes.legend(fontsize=9, labelcolor=INK)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.frames import Frames
     from lidar_outlier_filter.report.keeping import Kept
 
-CELL = 0.5  # metres: points in cells that touch, also at a corner, are one group
+CELL = 0.25  # metres: points in cells that touch, also at a corner, are one group
 MOST_GROUPS = 200  # that are listed
 TOUCHING = 1.8  # cells apart, of the middles: √3 and a little
 

@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
-from lidar_outlier_filter.report.groups import find
+from lidar_outlier_filter.report.groups import CELL, find
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES
 from lidar_outlier_filter.tuning.output import as_yaml, ros_lines
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.tally import Counts
 
 MOST_ON_CURVE = 200
+FARTHEST_ORIGIN = 1000.0  # metres
 SECTION = 1 << 20  # points of a buffer, or one frame that has more
 
 
@@ -61,6 +62,7 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'all': _counts(tally.all),
         'ranges': list(RANGES),
         'largestScore': LARGEST_SCORE,
+        'hasRange': near_origin(gathered),
         'scores': tally.scores.tolist(),
         'hasTruth': tally.has_truth,
         'curve': _curve(gathered),
@@ -78,6 +80,7 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
             for group in groups
         ],
         'allGroups': total,
+        'cell': CELL,
         'features': list(gathered.names),
         'explained': len(packed.reasons),
         'detectors': [
@@ -86,6 +89,12 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         ],
         'intensity': list(packed.intensity),
     }
+
+
+def near_origin(gathered: Gathered) -> bool:
+    """Return whether a sensor may be at the origin: no range of a georeferenced cloud is one."""
+    ranges = gathered.kept.range
+    return bool(len(ranges)) and float(ranges.min()) < FARTHEST_ORIGIN
 
 
 def split(frames: Frames) -> list[tuple[int, int]]:

@@ -18,6 +18,9 @@ from lidar_outlier_filter.evaluation.report import evaluate, summary
 from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
 from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.report.gather import gather
+from lidar_outlier_filter.report.page import write_page
+from lidar_outlier_filter.report.sources import RecordedSource
 from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_filter.simulation.recording import record
 
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
 
 MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may replace
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
+PAGE, MOST_DRAWN = 'report.html', 3_000_000
 SNOW, SNOW_FILTERED, SNOW_PICTURE = 'snow', 'snow_default', 'snow_before_after.png'
 FORMS: dict[str, Mapping[str, object]] = {'paper': PAPER, 'default': {}}
 
@@ -80,7 +84,16 @@ def _scan(folder: Path, drive: Drive, progress: Progress) -> tuple[Truth, dict[s
     picture.draw(*read_points(folder / form), folder / PICTURE, form)
     progress.update(task, total=1.0, completed=1.0)
     (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
+    _write_page(folder, progress)
     return truth, results
+
+
+def _write_page(folder: Path, progress: Progress) -> None:
+    """Make the page on the drive of the profile scanner."""
+    task = progress.add_task('making the page', total=None)
+    source = RecordedSource(folder / DRIVE, FilterParameters().changed(SENSOR))
+    write_page(gather(source, CAUSES, MOST_DRAWN), folder / PAGE)
+    progress.update(task, total=1.0, completed=1.0)
 
 
 def _turn(folder: Path, drive: Drive, progress: Progress) -> tuple[Truth, Evaluation]:
@@ -180,6 +193,7 @@ def _report_snow(console: Console, drive: Drive, truth: Truth, result: Evaluatio
 def _list(console: Console, output: Path) -> None:
     """Say what is left, and how to go on."""
     left = {
+        PAGE: 'the page to look at: open it in a browser',
         PICTURE: 'before and after',
         SNOW_PICTURE: 'before and after, in snow',
         DRIVE: 'the recording; its fields label and surface are the truth',

@@ -7,7 +7,7 @@ from __future__ import annotations
 from itertools import product
 from math import floor
 
-CELL = 0.5  # metres
+CELL = 0.25  # metres
 
 
 def connect(xyz: list[list[float]]) -> list[set[int]]:

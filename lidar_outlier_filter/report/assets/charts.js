@@ -8,7 +8,7 @@ import { isRejected, place } from 'data';
 const SVG = 'http://www.w3.org/2000/svg';
 const WIDTH = 420;
 const HEIGHT = 200;
-const BOX = { left: 46, right: 10, top: 8, bottom: 30 };
+const BOX = { left: 46, right: 10, top: 8, bottom: 36 };
 
 export function element(name, attributes = {}, text = '') {
   const made = document.createElementNS(SVG, name);
@@ -55,7 +55,7 @@ function axes(svg, xTicks, yTicks, label) {
   for (const [part, text] of xTicks) {
     svg.append(element('text', { x: across(part), y: HEIGHT - BOX.bottom + 14, 'text-anchor': 'middle' }, text));
   }
-  svg.append(element('text', { x: across(0.5), y: HEIGHT - 3, 'text-anchor': 'middle' }, label));
+  svg.append(element('text', { x: across(0.5), y: HEIGHT - 5, 'text-anchor': 'middle' }, label));
 }
 
 const short = (value) => (value >= 1e6 ? `${value / 1e6} M` : value >= 1e3 ? `${value / 1e3} k` : `${value}`);
@@ -81,7 +81,9 @@ export class Charts {
     const header = this.header;
     this.scores = chart(parent, 'Score', header.hasTruth
       ? 'Points by score. Blue: outliers in truth. Dashed: the threshold.' : 'Points by score. Dashed: the threshold.');
-    this.ranges = chart(parent, 'Range', 'Points by distance from the sensor; rejected ones in front.');
+    if (header.hasRange) {
+      this.ranges = chart(parent, 'Range', 'Points by distance from the origin of the clouds; rejected ones in front.');
+    }
     if (header.hasFrames && data.frames.length > 1) {
       this.time = chart(parent, 'Over time', 'Share of the points that is rejected.');
     }
@@ -101,7 +103,7 @@ export class Charts {
     const slider = this.header.sliders[state.slider];
     const counts = slider.counts[state.step];
     this.drawScores(slider, state);
-    this.drawRanges(counts);
+    if (this.ranges) this.drawRanges(counts);
     if (this.time) this.drawTime(slider, state);
     if (this.roc) this.drawRoc(slider, state);
     this.drawMap(state);
@@ -154,7 +156,9 @@ export class Charts {
     const top = nice(Math.max(...shares, 1e-4));
     const first = frames[0].start;
     const length = Math.max(frames[frames.length - 1].start - first, 1e-9);
-    const ticks = [0, 0.25, 0.5, 0.75, 1].map((part) => [part, `${Number((part * length).toPrecision(3))}`]);
+    const each = nice(length / 6);
+    const ticks = [];
+    for (let at = 0; at <= length; at += each) ticks.push([at / length, `${Number(at.toPrecision(3))}`]);
     axes(svg, ticks, [0, 0.5, 1].map((part) => [part, `${Number((part * top).toPrecision(2))} %`]), 's');
     const line = shares.map((share, i) => `${across((frames[i].start - first) / length).toFixed(1)},${up(share / top).toFixed(1)}`);
     svg.append(element('polyline', { class: 'over', points: line.join(' ') }));
@@ -211,7 +215,7 @@ export class Charts {
     const each = Math.max(60, Math.ceil(60000 / this.data.frames.length));
     for (const frame of this.data.frames) {
       const last = Math.min(frame.count, frame.marked + each);
-      for (let i = frame.marked; i < last; i += 1) draw(frame, i, ratio);
+      for (let i = 0; i < last; i += 1) draw(frame, i, ratio);
     }
     context.fillStyle = style.getPropertyValue('--rejected');
     for (const frame of this.data.frames) {

@@ -71,7 +71,7 @@ const detectorColour = (one) => (one.colour === '#000000' ? style('--rejected') 
 function colours() {
   const named = { low: '--low', high: '--high', rejectedColour: '--rejected', nearColour: '--near', missedColour: '--missed', lostColour: '--lost' };
   const found = Object.fromEntries(Object.entries(named).map(([name, variable]) => [name, rgb(style(variable))]));
-  return { ...found, ground: style('--ground'), palette: palette(), marks: [rgb(style('--mark')), rgb(style('--near'))] };
+  return { ...found, ground: style('--ground'), palette: palette(), marks: [rgb(style('--mark')), rgb(style('--soft'))] };
 }
 
 function legend() {
@@ -96,7 +96,7 @@ function legend() {
   } else if (state.show !== 3) {
     dot(style('--rejected'), 'rejected');
   }
-  if (state.show === 1 && state.mode !== TRUTH) dot(style('--near'), `kept, but ${NEAR_STEPS} steps from the threshold`);
+  if (state.show === 1 && state.mode !== TRUTH && state.mode !== REASON) dot(style('--near'), `kept, rejected ${NEAR_STEPS} steps stricter`);
   at('legend').replaceChildren(...dots);
 }
 
@@ -129,7 +129,7 @@ function makeSliders() {
   });
   at('slider-list').append(node('p', { id: 'count', 'aria-live': 'polite' }));
   if (data.header.sliders.length > 1) {
-    at('slider-list').append(node('p', { class: 'quiet' }, 'One slider at a time is off its given value: what others would do then was not judged.'));
+    at('slider-list').append(node('p', { class: 'quiet' }, 'Moving one sets the others back: combinations were not judged.'));
   }
 }
 
@@ -392,7 +392,7 @@ async function start() {
   state.reasons = reasonColours();
   openView();
   times.opened = performance.now();
-  state.box = view ? { centre: view.centre, extent: view.extent } : boxOf(data.frames);
+  state.box = view ? { centre: view.middle, extent: view.whole } : boxOf(data.frames);
   charts = new Charts(at('charts'), data);
   makeSliders();
   listen();

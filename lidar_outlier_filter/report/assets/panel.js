@@ -53,12 +53,12 @@ export function showGroups(parent, about, data, choose) {
   const { groups, allGroups } = data.header;
   const listed = groups.length < allGroups ? `The largest ${groups.length} of ${count(allGroups)}` : `${count(allGroups)}`;
   about.textContent = groups.length
-    ? `${listed}, at the given settings: rejected points in touching cells of 0.5 m${data.header.together ? '' : ', frame by frame'}.` : 'No point is rejected at the given settings.';
+    ? `${listed}, at the given settings: rejected points in touching cells of ${data.header.cell} m${data.header.together ? '' : ', frame by frame'}.` : 'No point is rejected at the given settings.';
   groups.forEach((group, i) => {
     const size = Math.max(...group.size);
     const button = node('button', { type: 'button' },
       node('b', {}, `${count(group.count)} ${group.count === 1 ? 'point' : 'points'}`),
-      node('span', {}, `${size >= 0.005 ? `${size.toFixed(2)} m wide, ` : ''}${group.range.toFixed(1)} m away`));
+      node('span', {}, `${size >= 0.005 ? `${size.toFixed(2)} m wide` : ''}${size >= 0.005 && data.header.hasRange ? ', ' : ''}${data.header.hasRange ? `${group.range.toFixed(1)} m away` : ''}`));
     button.addEventListener('click', () => choose(i));
     parent.append(node('li', {}, button));
   });

@@ -117,7 +117,7 @@ export class View {
     this.measure();
     this.shared = this.uniforms();
     this.objects = data.frames.map((frame) => this.object(frame));
-    this.marks = [this.mark(9), this.mark(5)];
+    this.marks = [this.mark(9), this.mark(4)];
     this.perspective = new PerspectiveCamera(50, 1, this.radius / 5000, this.radius * 20);
     this.flat = new OrthographicCamera(-1, 1, 1, -1, -this.radius * 10, this.radius * 20);
     for (const camera of [this.perspective, this.flat]) camera.up.set(0, 0, 1);
@@ -138,16 +138,19 @@ export class View {
     const there = [0, 0, 0];
     for (const frame of this.data.frames) {
       const step = Math.max(1, Math.floor(frame.count / 200));
-      for (let i = frame.marked; i < frame.count; i += step) {
+      for (let i = 0; i < frame.count; i += step) {
         place(frame, i, there);
         for (let a = 0; a < 3; a += 1) sample[a].push(there[a]);
       }
     }
     for (const axis of sample) axis.sort((a, b) => a - b);
     const at = (axis, part) => axis[Math.floor(part * (axis.length - 1))] ?? 0;
-    this.centre = sample.map((axis) => at(axis, 0.5));
+    this.centre = sample.map((axis) => (at(axis, 0.02) + at(axis, 0.98)) / 2);
     this.extent = sample.map((axis) => Math.max(at(axis, 0.98) - at(axis, 0.02), 0.5));
     this.heights = [at(sample[2], 0.02) - this.centre[2], at(sample[2], 0.98) - this.centre[2]];
+    // What a map shows.
+    this.middle = sample.map((axis) => (at(axis, 0.001) + at(axis, 0.999)) / 2);
+    this.whole = sample.map((axis) => Math.max(at(axis, 0.999) - at(axis, 0.001), 0.5));
     this.radius = Math.max(Math.hypot(...this.extent) / 2, 1);
   }
 
@@ -261,7 +264,7 @@ export class View {
       const away = this.radius * 1.1;
       this.camera.position.set(-0.62 * away, -0.62 * away, 0.48 * away);
     } else {
-      this.flat.top = half * 1.06;
+      this.flat.top = half * 1.14;
       this.flat.bottom = -this.flat.top;
       this.camera.position.set(0, view === 'top' ? -1e-3 : -this.radius * 2, view === 'top' ? this.radius * 2 : 0);
       this.resize();
@@ -275,7 +278,7 @@ export class View {
 
   flyTo(where, size) {
     const target = new Vector3(...where.map((value, a) => value - this.centre[a]));
-    const away = Math.max(3 * size, 4);
+    const away = Math.min(Math.max(2.2 * size, 5), 1.1 * this.radius);
     const back = this.camera.position.clone().sub(this.controls.target).normalize();
     if (this.camera === this.flat) {
       this.flat.zoom = this.flat.top / (away / 2);
