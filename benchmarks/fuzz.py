@@ -3,6 +3,10 @@
 """Hard inputs in large numbers: clouds, files and recordings damaged at random, and killed runs.
 
     scripts/environment python benchmarks/fuzz.py --clouds 10000 --files 200 --cuts 50 --kills 50
+    scripts/environment python benchmarks/fuzz.py --coverage 600 [--target las] [--found FOLDER]
+
+The second way is guided by coverage: so many seconds for each reader, by ``test/covering.py``.
+What has been reached is kept in the folder, and the next run goes on from there.
 
 The strategies are those of the tests, in ``test/hostile.py`` and ``test/damaged.py``. What breaks a
 promise is printed with the number that draws it again. At the end a table counts what was tried, as
@@ -14,6 +18,7 @@ promise is printed with the number that draws it again. At the end a table count
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
 import subprocess
 import sys
@@ -56,10 +61,11 @@ from lidar_outlier_filter.recordings.bags import Recording  # noqa: E402
 from lidar_outlier_filter.recordings.replay import replay  # noqa: E402
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
 DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
 BAGS = ('vlp16_mrpt_mcap/vlp16_mrpt_mcap.mcap', 'vlp16_mrpt_db3/vlp16_mrpt_db3.db3', 'os0_32.bag')
+TARGETS = ('decoder', 'cdr', 'las', 'laz', 'pcd', 'ply', 'csv', 'parquet', 'sqlite', 'mcap')
 
 
 class Table:
@@ -201,6 +207,27 @@ def kills(table: Table, counts: dict[str, int], folder: Path) -> None:
         table.seconds[name] += perf_counter() - begin
 
 
+def cover(targets: Sequence[str], seconds: int, folder: Path) -> int:
+    """Let coverage guide a run of each target; print a table, and return the exit status."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rows, status = [], 0
+    for name in targets:
+        command = [sys.executable, str(TESTS / 'covering.py'), name, str(seconds), str(folder)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  ours
+        executed = re.findall(r'number_of_executed_units: (\d+)', done.stderr)
+        covered = re.findall(r'cov: (\d+) ft: (\d+) corp: (\d+)', done.stderr)
+        if done.returncode or not executed or not covered:
+            status = 1
+            print(f'{name}:', done.stderr[-4000:])
+        numbers = (*executed[-1:], *(covered[-1] if covered else ()))
+        rows.append([name, *(f'{int(number):,}' for number in numbers), str(done.returncode)])
+    print('| reader | inputs | places reached | features | corpus | exit status |')
+    print('| --- | ---: | ---: | ---: | ---: | ---: |')
+    for row in rows:
+        print('|', ' | '.join(row), '|')
+    return status
+
+
 def main() -> int:
     """Try it all, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0] if __doc__ else '')
@@ -211,7 +238,14 @@ def main() -> int:
     parser.add_argument('--kills', type=int, default=50, help='of each command')
     parser.add_argument('--resumes', type=int, default=10, help='killed replays that go on')
     parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--coverage', type=int, metavar='SECONDS', help='for each reader')
+    parser.add_argument('--target', action='append', choices=TARGETS, help='default: all')
+    parser.add_argument('--found', type=Path, metavar='FOLDER', help='what coverage finds')
     options = parser.parse_args()
+    if options.coverage:
+        with TemporaryDirectory() as name:
+            folder = options.found or Path(name)
+            return cover(options.target or TARGETS, options.coverage, folder)
     table = Table()
     with TemporaryDirectory() as name:
         if options.clouds:
