@@ -116,6 +116,7 @@ setup(
         # Peers that `lidar-outlier-filter bench` and `results` compare with.
         'bench': ['open3d>=0.18', 'scikit-learn>=1.4'],
         'test': [
+            'atheris>=2.3',
             'catkin-pkg>=1.0',
             'colcon-core>=0.17',
             'colcon-ros>=0.5',

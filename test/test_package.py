@@ -66,6 +66,7 @@ EXTRAS = {
 WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}
 # Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
 PIP_ONLY = {
+    'atheris',
     'boto3',
     'filterpy',
     'fsspec',
