@@ -148,7 +148,9 @@ def left_for(output: Path, head: Mapping[str, Any]) -> Iterator[Left | None]:
                 bag = folder / output.name / f'{output.name}.mcap'
                 lefts.append(Left(folder, bag, lines))
             elif first:
-                others.append((folder, next(key for key in head if first.get(key) != head[key])))
+                others.append(
+                    (folder, next((key for key in head if first.get(key) != head[key]), 'version'))
+                )
         if others and not lefts:
             refuse_other(*others[0])
         yield max(lefts, key=lambda left: left.answers, default=None)

@@ -153,10 +153,10 @@ def _head(
     }
 
 
-def _size(file: RecordingPath) -> list[str | int]:
+def _size(file: RecordingPath) -> tuple[str, int, int]:
     """Name a file with its size and, where the store knows it, the time of its last change."""
     state = file.stat()
-    return [file.name, state.st_size, getattr(state, 'st_mtime_ns', 0)]
+    return file.name, state.st_size, getattr(state, 'st_mtime_ns', 0)
 
 
 def _left(
