@@ -15,6 +15,7 @@ from lidar_outlier_filter.cli.clean import add_clean
 from lidar_outlier_filter.cli.compile import add_compile
 from lidar_outlier_filter.cli.demo import add_demo
 from lidar_outlier_filter.cli.evaluate import add_evaluate
+from lidar_outlier_filter.cli.info import add_info
 from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
 from lidar_outlier_filter.cli.replay import add_replay
 from lidar_outlier_filter.cli.report import add_report
@@ -72,6 +73,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_replay,
     add_clean,
     add_report,
+    add_info,
     add_simulate,
     add_evaluate,
     add_tune,

@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``info``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, say, say_unread, stoppable_bar
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from lidar_outlier_filter.cli.terminal import Commands
+    from lidar_outlier_filter.recordings.info import CloudInfo, RecordingInfo
+    from lidar_outlier_filter.recordings.scan_geometry import ScanGeometry
+
+RECORDINGS = ('.mcap', '.db3', '.bag')
+
+
+def add_info(commands: Commands) -> None:
+    """Add the command ``info``."""
+    parser = commands.add_parser(
+        'info',
+        help='say what is in a recording or a file, and what the defaults would do',
+        description='Print the topics of a recording, their rates, gaps and time jumps, how its '
+        'clouds are read, how their scan lines lie, and what the defaults reject of the first '
+        'seconds, how fast. Of a file of points: its columns and extent. Exit status: 0 all done; '
+        '1 refused; 3 done, but messages that the recording counts were not found in it.',
+    )
+    parser.add_argument(
+        'path', type=Path, metavar='PATH', help='recording, or a file of points such as .las'
+    )
+    parser.add_argument(
+        '--sample',
+        type=float,
+        default=3.0,
+        metavar='SECONDS',
+        help='how much of a recording the defaults judge; default: 3',
+    )
+    parser.set_defaults(run=_info)
+
+
+def _info(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from lidar_outlier_filter.errors import ParameterError
+
+    if not 0 <= options.sample < math.inf:
+        raise ParameterError('--sample', 'at least 0 and finite', options.sample)
+    console = Console()
+    path = options.path
+    if not path.is_dir() and path.suffix.lower() not in RECORDINGS:
+        _show_file(console, path)
+        return DONE
+    from lidar_outlier_filter.recordings.info import look
+
+    with stoppable_bar(path.name) as progress:
+        info = look(path, options.sample, progress, say)
+    _show(console, info)
+    say_unread(info.unread)
+    return INCOMPLETE if info.unread else DONE
+
+
+def _show(console: Console, info: RecordingInfo) -> None:
+    """Print what is known of a recording: a table of all topics, one for each of clouds."""
+    begin = ''
+    if info.messages:
+        begin = f', from {datetime.fromtimestamp(info.start * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC'
+    text = f'{info.path}: {info.duration:,.1f} s{begin}, {info.messages:,} messages'
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    console.print(_topics(info))
+    for topic, cloud in info.clouds.items():
+        console.print(_clouds(topic.name, cloud, info.sample))
+    if not info.clouds:
+        console.print('No topic has clouds.')
+
+
+def _topics(info: RecordingInfo) -> Table:
+    from rich.table import Table
+
+    table = Table('topic', 'type', 'count', 'Hz', 'gaps', 'longest', 'jumps')
+    for column in table.columns[:2]:
+        column.overflow = 'fold'
+    for column in table.columns[2:]:
+        column.justify = 'right'
+    for topic, times in sorted(info.topics.items(), key=lambda item: item[0].name):
+        table.add_row(
+            topic.name,
+            topic.msgtype,
+            f'{times.count:,}',
+            _number(times.rate),
+            f'{times.gaps:,}',
+            f'{times.longest * 1e-9:.3g} s',
+            f'{times.jumps:,}',
+        )
+    return table
+
+
+def _number(value: float, unit: str = '') -> str:
+    """Write three digits that count; nothing of what is not known."""
+    return '' if math.isnan(value) else f'{value:.3g}{unit}'
+
+
+def _clouds(name: str, cloud: CloudInfo, sample: float) -> Table:
+    from rich.table import Table
+
+    table = Table(name, '', show_lines=False)
+    table.columns[1].overflow = 'fold'
+    for row in (*_form(cloud), *_lines(cloud.geometry), *_verdict(cloud, sample)):
+        table.add_row(*row)
+    return table
+
+
+def _form(cloud: CloudInfo) -> Iterator[tuple[str, str]]:
+    height, width = cloud.shape
+    yield 'frame', cloud.frame
+    yield 'fields', ', '.join(cloud.fields)
+    yield 'points', f'{height} × {width}, {cloud.step} bytes each'
+    for text in cloud.found:
+        yield 'found', text
+    yield 'header stamps', f'{_number(cloud.stamps.rate)} Hz, {cloud.stamps.gaps:,} gaps'
+    if cloud.stamps.jumps:
+        yield '', f'{cloud.stamps.jumps:,} jumps back'
+    yield '', f'{cloud.behind:+.3g} s from the first stamp to its bag time'
+
+
+def _lines(found: ScanGeometry | None) -> Iterator[tuple[str, str]]:
+    if found is None:
+        yield 'scan lines', 'no point is valid in the sample'
+        return
+    kind = 'rings' if found.is_spinning else 'lines'
+    per_line = f'{found.per_line:,.0f} points each'
+    yield 'scan lines', f'{found.lines:,} {kind} in {found.seconds:.3g} s, {per_line}'
+    if found.is_spinning:
+        steps = 'even' if found.even else 'uneven'
+        text = f'{found.low:.1f}° to {found.high:.1f}°'
+        if not math.isnan(found.step):
+            text += f', {steps} steps of {found.step:.2g}°'
+        yield 'elevation', text
+        yield 'azimuth', f'{found.azimuth:.3g}° between two points'
+    yield 'range', f'98 % from {found.near:.3g} m to {found.far:.3g} m'
+    yield 'no return', f'{100 * found.invalid:.3g} %'
+
+
+def _verdict(cloud: CloudInfo, sample: float) -> Iterator[tuple[str, str]]:
+    """Say what the defaults make of the sample."""
+    report = cloud.report
+    if report is None or not report.messages:
+        yield 'defaults', 'no cloud in the sample'
+        return
+    if report.refused:
+        reasons = ', '.join(f'{what} ({count})' for what, count in report.refusals.items())
+        yield 'refused', f'{report.refused} of {report.messages} clouds, for: {reasons}'
+    if report.points:
+        share = 100 * report.rejected / report.points
+        untested = 100 * report.untested / report.points
+        by = ', '.join(f'{name} {count:,}' for name, count in report.rejected_by.items())
+        first = f'the first {sample:.3g} s, {report.points:,} points'
+        yield 'defaults reject', f'{share:.3g} % of {first} ({by}); {untested:.3g} % untested'
+        speed = report.points / cloud.seconds
+        yield 'speed here', f'{speed / 1e6:.3g} million points/s, {_times(sample, cloud.seconds)}'
+
+
+def _times(sample: float, seconds: float) -> str:
+    return f'{sample / seconds:.3g} × real time'
+
+
+def _show_file(console: Console, path: Path) -> None:
+    """Print what is known of a file of points."""
+    from rich.table import Table
+
+    from lidar_outlier_filter.files.info import look_at_file
+
+    info = look_at_file(path)
+    text = f'{path}: {info.points:,} points, {path.stat().st_size:,} bytes'
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    table = Table('column', 'type', 'least', 'largest')
+    for column in table.columns[2:]:
+        column.justify = 'right'
+    for name, kind in info.columns.items():
+        least, largest = info.extent.get(name, (math.nan, math.nan))
+        table.add_row(name, kind, _plain(least), _plain(largest))
+    console.print(table)
+
+
+def _plain(value: float) -> str:
+    return '' if math.isnan(value) else f'{value:,.10g}'

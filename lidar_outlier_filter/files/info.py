@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is in a file of points: its columns, and from where to where they reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.files.cloud_file import open_cloud
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+
+@dataclass(frozen=True)
+class FileInfo:
+    """Points, the types of the columns by name, and the least and largest number of each."""
+
+    points: int
+    columns: Mapping[str, str]
+    extent: Mapping[str, tuple[float, float]]
+
+
+def look_at_file(path: Path) -> FileInfo:
+    """Read a file once, chunk by chunk.
+
+    Raises
+    ------
+    CloudError
+        If it cannot be read.
+
+    """
+    file = open_cloud(path)
+    names = [name for name, kind in file.columns.items() if kind.kind in 'iuf']
+    extent: dict[str, tuple[float, float]] = {}
+    for chunk in file.read(names):
+        for name, values in zip(names, chunk, strict=True):
+            known = np.ma.compressed(values)
+            known = known[np.isfinite(known)]
+            if len(known):
+                low, high = extent.get(name, (np.inf, -np.inf))
+                extent[name] = min(low, float(known.min())), max(high, float(known.max()))
+    return FileInfo(len(file), {name: str(kind) for name, kind in file.columns.items()}, extent)

@@ -1,0 +1,174 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is in a recording, and what the filter would make of it, by its defaults."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
+from lidar_outlier_filter.recordings.message_times import MessageTimes
+from lidar_outlier_filter.recordings.scan_geometry import scan_geometry
+from lidar_outlier_filter.stream.compiling import load, make_ready, seconds
+from lidar_outlier_filter.stream.topics import CLOUD
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from lidar_outlier_filter.recordings.bags import Topic
+    from lidar_outlier_filter.recordings.cloud_topic import TopicReport
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+    from lidar_outlier_filter.recordings.scan_geometry import ScanGeometry
+
+SAMPLE = 3.0  # seconds of bag time that the filter judges
+KINDS = ('int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'float32', 'float64')
+
+
+@dataclass
+class CloudInfo:
+    """What the first clouds of a topic show.
+
+    Attributes
+    ----------
+    frame, fields, shape, step : of the first cloud that can be read: its frame, its fields as
+        ``NAME TYPE``, height and width, and the bytes of a point
+    found : sentences on how the clouds are read
+    geometry : of the first cloud with points
+    report, seconds : what the defaults make of the sample, and how long it took
+    stamps : the header stamps of all clouds
+    behind : bag time of the first cloud less its stamp, s
+
+    """
+
+    frame: str = ''
+    fields: tuple[str, ...] = ()
+    shape: tuple[int, int] = (0, 0)
+    step: int = 0
+    found: list[str] = field(default_factory=list)
+    geometry: ScanGeometry | None = None
+    report: TopicReport | None = None
+    seconds: float = 0.0
+    stamps: MessageTimes = field(default_factory=MessageTimes)
+    behind: float = 0.0
+
+
+@dataclass
+class RecordingInfo:
+    """What is in a recording; ``topics`` have the bag times of their messages.
+
+    ``unread`` messages are counted in the recording, but were not found in it.
+    """
+
+    path: RecordingPath
+    start: int
+    duration: float
+    messages: int
+    sample: float
+    topics: dict[Topic, MessageTimes]
+    clouds: dict[Topic, CloudInfo]
+    unread: int = 0
+
+
+def look(
+    path: RecordingPath,
+    sample: float = SAMPLE,
+    progress: Callable[[int, int], object] = lambda _done, _total: None,
+    inform: Callable[[str], object] = str,
+) -> RecordingInfo:
+    """Read a recording once for its times, and the first seconds of its clouds for all else.
+
+    Parameters
+    ----------
+    path : ROS 2 bag folder, ``.mcap``, ``.db3``, or ROS 1 ``.bag``
+    sample : seconds of bag time that are judged by the defaults
+    progress : is called after each message: how many of how many have been read
+    inform : is called with a sentence if kernels have to be compiled first
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read.
+
+    """
+    with Recording(path) as source:
+        info = RecordingInfo(
+            path,
+            source.start,
+            source.duration / SECOND,
+            source.message_count,
+            min(sample, source.duration / SECOND),
+            {topic: MessageTimes() for topic in source.topics},
+            {topic: CloudInfo() for topic in source.topics if topic.msgtype == CLOUD},
+        )
+        parameters = FilterParameters()
+        if info.clouds and not load(parameters):
+            inform(f'kernels are compiled, this once: about {seconds(parameters)} s')
+            make_ready(parameters)
+        for topic, cloud in info.clouds.items():
+            _judge(source, topic, cloud, source.start + round(sample * SECOND))
+        done = 0
+        for topic, time, data in source.messages():
+            info.topics[topic].add(time)
+            if topic in info.clouds:
+                _note_stamp(info.clouds[topic], time, data)
+            done += 1
+            progress(done, source.message_count)
+        info.unread = max(0, source.message_count - done)
+    return info
+
+
+def _judge(source: Recording, topic: Topic, cloud: CloudInfo, stop: int) -> None:
+    """Look at the first clouds of a topic, and let the defaults judge them."""
+    types = get_typestore(Stores.ROS2_JAZZY)
+    parameters = FilterParameters()
+    prefix = f'{topic.name}: '
+    stream = CloudTopic(topic, parameters, cloud.found.append)
+    decoder = Decoder(parameters)
+    for _, time, data in source.messages([topic], None, stop):
+        if cloud.geometry is None:
+            try:
+                _describe(cloud, types.deserialize_cdr(data, CLOUD), decoder)
+            except (SerdeError, CloudError):  # the filter counts it
+                decoder.undo()
+        began = perf_counter()
+        stream.feed(time, data)
+        cloud.seconds += perf_counter() - began
+    began = perf_counter()
+    stream.finish()
+    cloud.seconds += perf_counter() - began
+    cloud.report = stream.report()
+    cloud.found = [text.removeprefix(prefix) for text in cloud.found]
+
+
+def _describe(cloud: CloudInfo, msg: Any, decoder: Decoder) -> None:
+    if not cloud.fields:
+        cloud.frame = str(msg.header.frame_id)
+        cloud.shape, cloud.step = (msg.height, msg.width), msg.point_step
+        cloud.fields = tuple(f'{one.name} {_kind(one.datatype)}' for one in msg.fields)
+    cloud.geometry = scan_geometry(decoder.decode(msg))
+
+
+def _kind(number: int) -> str:
+    return KINDS[number - 1] if 1 <= number <= len(KINDS) else f'type {number}'
+
+
+def _note_stamp(cloud: CloudInfo, time: int, data: bytes) -> None:
+    """Take the stamp out of the bytes of a cloud; those of one that is cut short have none."""
+    if len(data) < 12:  # noqa: PLR2004  the head of CDR, and a stamp
+        return
+    seconds, nanoseconds = struct.unpack_from('<iI' if data[1] & 1 else '>iI', data, 4)
+    stamp = seconds * SECOND + nanoseconds
+    if not cloud.stamps.count:
+        cloud.behind = (time - stamp) / SECOND
+    cloud.stamps.add(stamp)

@@ -1,0 +1,217 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What ``info`` says: that of the sensor's maker, and of a replay; or one sentence."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.files.info import look_at_file
+from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.info import look
+from lidar_outlier_filter.recordings.message_times import MessageTimes
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.recordings.scan_geometry import scan_geometry
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    Capture = pytest.CaptureFixture[str]
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STRING = 'std_msgs/msg/String'
+
+
+@given(st.lists(st.integers(0, 10**12), max_size=40))
+def test_times_as_loops_see_them(times: list[int]) -> None:
+    """The median is exact to 0.03 %; jumps and the longest distance are, too."""
+    found = MessageTimes()
+    for time in times:
+        found.add(time)
+    distances = [after - before for before, after in pairwise(times)]
+    assert found.count == len(times)
+    assert found.jumps == sum(distance < 0 for distance in distances)
+    assert found.longest == max([0, *distances])
+    if not distances:
+        assert math.isnan(found.usual)
+        return
+    usual = sorted(max(0, distance) for distance in distances)[(len(distances) - 1) // 2]
+    assert found.usual == pytest.approx(usual * 1e-9, rel=0.0003)
+
+
+def test_gaps_and_rate() -> None:
+    """Messages at 10 Hz of which some are missing; messages at one time have no rate."""
+    found = MessageTimes()
+    for number in (*range(50), *range(52, 70), *range(75, 90)):
+        found.add(number * 100_000_000)
+    assert (found.gaps, found.jumps, found.longest) == (2, 0, 600_000_000)
+    assert found.rate == pytest.approx(10, rel=0.0003)
+    at_once = MessageTimes()
+    for _ in range(5):
+        at_once.add(7)
+    assert (at_once.gaps, math.isnan(at_once.rate)) == (0, True)
+
+
+def rings(elevations: list[float], columns: int = 360) -> Points:
+    """Make a turn of 0.1 s around a sensor in a round room of 10 m; its last column is missing."""
+    up, around = np.meshgrid(np.radians(elevations), 2 * np.pi * np.arange(columns) / columns)
+    xyz = 10 * np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1)
+    t = np.repeat(np.arange(columns) * 10**8 // columns, len(elevations))
+    line = np.tile(np.arange(len(elevations)), columns)
+    valid = np.repeat(np.arange(columns) < columns - 1, len(elevations))
+    return Points(xyz.reshape(-1, 3), t, line, valid)
+
+
+def test_rings_are_seen() -> None:
+    """Elevation, steps and azimuth of a sensor are those that it was made with."""
+    found = scan_geometry(rings([-15.0, -5.0, 5.0, 15.0]))
+    assert found is not None
+    assert (found.lines, found.per_line, found.even) == (4, 359, True)
+    angles = (found.low, found.high, found.step, found.azimuth)
+    assert angles == pytest.approx((-15, 15, 10, 1))
+    assert (found.near, found.far) == pytest.approx((10, 10))
+    assert found.invalid == pytest.approx(1 / 360)
+    assert found.seconds == pytest.approx(0.1 * 358 / 360, abs=1e-6)
+    uneven = scan_geometry(rings([-15.0, -5.0, -4.0, -3.0]))
+    assert uneven is not None
+    assert not uneven.even
+    assert uneven.step == pytest.approx(1)
+
+
+def test_lines_across_a_road_are_no_rings() -> None:
+    """Profiles have no elevation; a cloud without a valid point has nothing."""
+    xyz = np.zeros((3000, 3))
+    xyz[:, 0] = np.repeat(np.arange(3) * 0.05, 1000)
+    xyz[:, 1] = np.tile(np.linspace(-5, 5, 1000), 3)
+    xyz[:, 2] = -2.5
+    time, line = np.arange(3000), np.repeat(np.arange(3), 1000)
+    found = scan_geometry(Points(xyz, time, line, np.ones(3000, np.bool_)))
+    assert found is not None
+    assert (found.lines, found.per_line, found.is_spinning) == (3, 1000, False)
+    assert scan_geometry(Points(xyz, time, line, np.zeros(3000, np.bool_))) is None
+
+
+@pytest.mark.parametrize(
+    ('name', 'lines', 'low', 'high', 'even'),
+    [
+        ('vlp16_mrpt.bag', 16, -15, 15, True),
+        ('vlp16_mrpt_db3', 16, -15, 15, True),
+        ('vlp32_nebula.bag', 32, -25, 15, False),
+    ],
+)
+def test_real_sensors(  # noqa: PLR0913  a row of the table
+    recordings: Path, name: str, lines: int, low: float, high: float, *, even: bool
+) -> None:
+    """Rings are as many, and as high, as the maker says."""
+    info = look(recordings / 'bags' / name)
+    (cloud,) = info.clouds.values()
+    found = cloud.geometry
+    assert found is not None
+    assert (found.lines, found.even) == (lines, even)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=1.5)
+    assert cloud.stamps.rate == pytest.approx(10, rel=0.02)
+    assert any("scan lines by field 'ring'" in text for text in cloud.found)
+
+
+def test_the_defaults_reject_what_a_replay_rejects(recordings: Path, tmp_path: Path) -> None:
+    """Where the sample is the recording, its counts are those of a replay."""
+    path = recordings / 'bags' / 'vlp16_mrpt_mcap'
+    (cloud,) = look(path, sample=60).clouds.values()
+    assert (cloud.report,) == replay(path, tmp_path / 'out').topics
+    (short,) = look(path, sample=0.15).clouds.values()
+    assert short.report is not None
+    assert short.report.messages == 2
+    with Recording(path) as source:
+        assert sum(times.count for times in look(path, 0).topics.values()) == source.message_count
+
+
+@pytest.fixture
+def wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the terminal so wide that no cell is folded."""
+    monkeypatch.setenv('COLUMNS', '200')
+
+
+@pytest.mark.usefixtures('wide')
+def test_command_on_a_recording(recordings: Path, capsys: Capture) -> None:
+    """The tables have the topic, how it is read, its lines and what the defaults do."""
+    assert main(['info', str(recordings / 'bags' / 'vlp16_mrpt_mcap')]) == 0
+    text = capsys.readouterr().out
+    for part in (
+        '/velodyne_points',
+        'ring uint16',
+        '16 rings',
+        'even steps of 1.9°',
+        'defaults reject',
+        '× real time',
+    ):
+        assert part in text
+
+
+@pytest.mark.usefixtures('wide')
+def test_command_without_clouds(tmp_path: Path, capsys: Capture) -> None:
+    """A recording of other topics is described; it has no clouds."""
+    definition = STORE.generate_msgdef(STRING, ros_version=2)[0]
+    topic = Topic('/text', STRING, definition, STORE.hash_rihs01(STRING))
+    with NewBag(tmp_path / 'texts') as bag:
+        bag.add(topic)
+        for time in (10**9, 2 * 10**9, 5 * 10**9):
+            data = STORE.serialize_cdr(STORE.types[STRING]('x'), STRING)
+            bag.write(topic, time, data.tobytes())
+    assert main(['info', str(tmp_path / 'texts')]) == 0
+    text = capsys.readouterr().out
+    assert 'No topic has clouds.' in text
+    (row,) = [line for line in text.splitlines() if '/text' in line and '│' in line]
+    cells = [cell.strip() for cell in row.split('│')[1:-1]]
+    assert cells == ['/text', STRING, '3', '1', '1', '3 s', '0']
+
+
+def test_command_on_a_file(recordings: Path, capsys: Capture) -> None:
+    """A file of points has its columns and their extents."""
+    path = recordings / 'clouds' / 'autzen-point-format-3.las'
+    assert main(['info', str(path)]) == 0
+    text = capsys.readouterr().out
+    assert '106 points' in text
+    assert 'gps_time' in text
+    info = look_at_file(path)
+    assert set(info.extent) <= set(info.columns)
+    low, high = info.extent['z']
+    assert low < high
+
+
+def test_extent_of_a_file(tmp_path: Path) -> None:
+    """Missing numbers have no extent; those of a column come from all chunks."""
+    path = tmp_path / 'a.csv'
+    path.write_text('x,y,note\n1,nan,a\n-2.5,7,b\n')
+    info = look_at_file(path)
+    assert info.points == 2
+    assert info.extent['x'] == (-2.5, 1.0)
+    assert info.extent['y'] == (7.0, 7.0)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['none.mcap'], 'the recording none.mcap must be readable, got '),
+        (['none.las'], 'none.las'),
+        (['none'], 'none'),
+        (['x.mcap', '--sample', '-1'], '--sample must be at least 0 and finite, got -1'),
+        (['x.mcap', '--sample', 'nan'], '--sample must be at least 0 and finite, got nan'),
+    ],
+)
+def test_refused_in_one_sentence(arguments: list[str], sentence: str, capsys: Capture) -> None:
+    """What is not there, or makes no sense, costs one line and status 1."""
+    assert main(['info', *arguments]) == 1
+    shown = capsys.readouterr()
+    assert shown.out == ''
+    assert sentence in shown.err
+    assert len(shown.err.splitlines()) == 1
