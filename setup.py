@@ -108,7 +108,7 @@ setup(
         'audit': ['filterpy>=1.4.5'],  # `engine: filterpy`
         # `lidar-outlier-filter clean`: LAS, LAZ and PCD (1 MB); Parquet (170 MB). Others need none.
         'files': ['laspy[lazrs]>=2.5', 'python-neo-lzf>=0.3.5'],
-        'parquet': ['pyarrow>=14'],
+        'parquet': ['pyarrow>=14.0.1'],
         # `lidar-outlier-filter replay` with several processes or a cluster, and recordings at other
         # places; s3fs for `s3://`.
         'archive': ['distributed>=2024.5', 'fsspec>=2024.3'],
@@ -130,7 +130,7 @@ setup(
             'moto[s3]>=5.0',
             'playwright>=1.45',
             'psutil>=5.9',
-            'pyarrow>=14',
+            'pyarrow>=14.0.1',
             'pytest>=7.4',
             'pytest-timeout>=2.2',
             'pytest-xdist>=3.4',
