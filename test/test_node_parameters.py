@@ -192,13 +192,19 @@ def test_a_whole_number_serves_for_a_float(ros: Ros) -> None:
 def test_ranges_have_no_steps(ros: Ros) -> None:
     """From 1e-15 to 0.5: both ends are allowed, and what is between."""
     ros.filter()
+    asked: list[Parameter] = []
     for item in describe():
         if item.fixed or item.high is None or item.name.startswith(('max_delay', 'health.')):
             continue  # others than its range limit the delay, and the limits each other
         if isinstance(item.default, float):
             middle = float(np.sqrt(max(item.low or 0, 1e-9) * item.high))
-            for value in (item.low, item.high, middle, item.default):
-                assert ros.set(**{item.name: value}) == [''], item.name
+            tried = (item.low, item.high, middle, item.default)
+            asked += [Parameter(item.name, value=value) for value in tried]
+    # One request, of which the node sets one after the other.
+    results = ros.wait(ros.parameters().set_parameters(asked)).results
+    refused = [(one.name, result.reason) for one, result in zip(asked, results, strict=True)]
+    assert asked
+    assert [one for one in refused if one[1]] == []
 
 
 # Parameter files

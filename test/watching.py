@@ -50,10 +50,14 @@ def sweep(number: int) -> PointCloud2:
     return cloud(rows, STAMP + round(number * PERIOD * 1e9))
 
 
-def fresh_copy(folder: Path) -> dict[str, str]:
-    """Copy the package without what is compiled; return the environment that uses the copy."""
+def fresh_copy(folder: Path, without: str = '__pycache__') -> dict[str, str]:
+    """Copy the package without what is compiled; return the environment that uses the copy.
+
+    ``without`` may leave out less: a pattern of the names of kernels, as ``sor.*``. What is left
+    out must be compiled; all others are, where an earlier use of the package has done that.
+    """
     name = 'lidar_outlier_filter'
-    shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns('__pycache__'))
+    shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns(without))
     paths = [str(folder), *filter(None, [os.environ.get('PYTHONPATH')])]
     return {'PYTHONPATH': os.pathsep.join(paths)}
 
