@@ -13,6 +13,7 @@ import pytest
 from naive import groups as naive
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
@@ -25,7 +26,7 @@ from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.groups import connect
 from lidar_outlier_filter.report.header import header, parameter_file, split
-from lidar_outlier_filter.report.pack import SCORE_UNIT, STEPS, UNTESTED, pack
+from lidar_outlier_filter.report.pack import REASONS, SCORE_UNIT, STEPS, UNTESTED, pack
 from lidar_outlier_filter.report.reasons import MOST_IN_BLOCK
 from lidar_outlier_filter.report.sliders import BITS, sliders
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
@@ -134,6 +135,10 @@ def test_points_are_unpacked_as_they_were(found: Gathered) -> None:
     assert np.array_equal(score == UNTESTED, np.isnan(kept.score))
     known = score < UNTESTED - 1
     assert kept.score[known] == pytest.approx(score[known] / SCORE_UNIT, abs=0.51 / SCORE_UNIT)
+    names = [REASON_NAMES.get(one, '') for one in kept.strongest.tolist()]
+    assert ['', *REASONS][int(((word >> 17) & 0x7F)[0])] == names[0] != ''
+    assert ((word >> 17) & 0x7F)[kept.rejected].all()
+    assert not ((word >> 17) & 0x7F)[~kept.rejected].any()
     assert np.array_equal(last & ((1 << BITS) - 1), kept.bits)
     assert np.array_equal(
         (word >> 28) & 3, np.where(found.codes.bad(kept.code.astype(np.int64)), 2, 1)

@@ -15,6 +15,7 @@ from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.report.groups import CELL, find
+from lidar_outlier_filter.report.pack import REASONS
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES
 from lidar_outlier_filter.tuning.output import as_yaml, ros_lines
 
@@ -82,6 +83,7 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'allGroups': total,
         'cell': CELL,
         'features': list(gathered.names),
+        'reasons': list(REASONS),
         'explained': len(packed.reasons),
         'detectors': [
             {'name': one.name, 'number': one.bit.bit_length(), 'colour': one.colour}

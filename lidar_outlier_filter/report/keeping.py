@@ -43,6 +43,8 @@ class Kept:
     code : (N,) int32, the truth; ``UNKNOWN`` without
     bits : (N,) uint32
         The steps of all sliders that reject the point.
+    strongest : (N,) uint8
+        Number of the strongest reason of a rejected point, see ``REASON_NAMES``; 0 without.
     reason : (N,) int32, row of the reasons; ``UNKNOWN`` without
     order : (N,) uint32
         Random: any first part of the points in this order is an even sample.
@@ -61,6 +63,7 @@ class Kept:
     rejected: NDArray[np.bool_]
     code: NDArray[np.int32]
     bits: NDArray[np.uint32]
+    strongest: NDArray[np.uint8]
     reason: NDArray[np.int32]
     order: NDArray[np.uint32]
 
@@ -124,6 +127,7 @@ class Keeper:
                 if cloud.code is None
                 else cloud.code.astype(np.int32),
                 bits,
+                cloud.verdict.reason,
                 row,
                 self._rng.integers(0, 2**32, count, np.uint32),
             )
@@ -175,6 +179,7 @@ def _nothing() -> Kept:
         np.empty(0, np.bool_),
         ints,
         words,
+        np.empty(0, np.uint8),
         ints,
         words,
     )

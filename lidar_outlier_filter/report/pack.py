@@ -3,9 +3,10 @@
 """Sixteen bytes a point: four words that the page hands to the GPU as they are.
 
 Words 0 and 1: x, y and z in steps of the frame's box, 21 bits each. Word 2, from the lowest bit:
-score × 256 (10 bits, ``UNTESTED`` without), intensity (7), strongest reason (7, ``NO_REASON``
-without), number of the first detector that rejects it (4, 0: none), truth (2). Word 3: the steps
-of the sliders that reject it (21 bits), then the rank of its scan line in the frame (11, modulo).
+score × 256 (10 bits, ``UNTESTED`` without), intensity (7), strongest reason (7, its place in
+``REASONS``, from 1; 0 without), number of the first detector that rejects it (4, 0: none), truth
+(2). Word 3: the steps of the sliders that reject it (21 bits), then the rank of its scan line in
+the frame (11, modulo).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
 from lidar_outlier_filter.messages.cloud import first_numbers
 from lidar_outlier_filter.report.keeping import table
 from lidar_outlier_filter.report.sliders import BITS
@@ -31,12 +33,14 @@ WORDS = 4
 STEPS = (1 << 21) - 1  # of a box, on each axis
 SCORE_UNIT = 256
 UNTESTED = 1023
-NO_REASON = 127
 INTENSITIES = 127
 NO_TRUTH, GOOD, BAD = range(3)
 LINES = 1 << 11
 DARKEST, BRIGHTEST = 2, 98  # percentiles of the intensity that the colours span
 ROW = 20  # numbers of a point with reasons: see `reasons`
+REASONS = tuple(REASON_NAMES.values())
+_PLACES = np.zeros(256, np.uint32)
+_PLACES[list(REASON_NAMES)] = np.arange(1, len(REASONS) + 1)
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ def pack(gathered: Gathered, frames: Frames) -> Packed:
     brightness, span = _brightness(kept.intensity)
     words[:, 2] = _scores(kept.score)
     words[:, 2] |= brightness << np.uint32(10)
-    words[:, 2] |= _strongest(gathered, kept.reason) << np.uint32(17)
+    words[:, 2] |= _PLACES[kept.strongest] << np.uint32(17)
     words[:, 2] |= np.minimum(first_numbers(kept.detectors), 15).astype(np.uint32) << np.uint32(24)
     words[:, 2] |= _truth(gathered, kept.code) << np.uint32(28)
     words[:, 3] = kept.bits | (_ranks(kept.line, frames) << np.uint32(BITS))
@@ -102,15 +106,6 @@ def _scores(score: NDArray[np.float32]) -> Words:
     known = np.nan_to_num(score.astype(np.float64), nan=0.0, posinf=1e9)
     steps = np.minimum(np.rint(known * SCORE_UNIT), UNTESTED - 1).astype(np.uint32)
     return np.where(np.isnan(score), np.uint32(UNTESTED), steps)
-
-
-def _strongest(gathered: Gathered, row: NDArray[np.int32]) -> Words:
-    """Find the feature that adds most to the score of each point."""
-    features, added = table(gathered.reasons)
-    if len(features) == 0:
-        return np.full(len(row), NO_REASON, np.uint32)
-    most = np.take_along_axis(features, added.argmax(axis=1)[:, None], axis=1)[:, 0]
-    return np.where(row >= 0, most[row], NO_REASON).astype(np.uint32)
 
 
 def _truth(gathered: Gathered, code: NDArray[np.int32]) -> Words:

@@ -111,7 +111,8 @@ class ExplainingChain(Chain):
 
     def __init__(self, parameters: FilterParameters) -> None:
         """Note reasons where the default judges alone: those of trees."""
-        super().__init__(parameters)
+        # Under `scores` detectors give the strongest reason, too; no verdict depends on it.
+        super().__init__(parameters.changed({'scores': True}))
         self.reasons = NotedReasons()
         self._explains = tuple(parameters.chain) == ('evidence',)
 

@@ -7,7 +7,6 @@
 export const BITS = 21; // of a point's last word, for the steps of the sliders
 export const UNTESTED = 1023;
 export const SCORE_UNIT = 256;
-export const NO_REASON = 127;
 export const BAD = 2;
 export const ROW = 20; // numbers of a point with reasons
 
@@ -97,6 +96,7 @@ export function describe(data, number, i) {
     score: score === UNTESTED ? NaN : score / SCORE_UNIT,
     exact: false,
     intensity: intensityOf(data.header, (word >>> 10) & 0x7f),
+    reason: data.header.reasons[((word >>> 17) & 0x7f) - 1] ?? '',
     detector: (word >>> 24) & 0xf,
     truth: (word >>> 28) & 3,
     line: lineOf(frame, i),

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 
-import { PageSource, ServedSource, NO_REASON, ROW, describe, isRejected, load, neighbours, samePointLine, stepBit } from 'data';
+import { PageSource, ServedSource, describe, isRejected, load, neighbours, samePointLine, stepBit } from 'data';
 import { View } from 'scene';
 import { drawFlat } from 'flat';
 import { Charts, count, percent } from 'charts';
@@ -40,14 +40,15 @@ function bytes(text) {
 // Colours by reason: those that are the strongest most often have one of their own.
 function reasonColours() {
   const often = new Map();
-  for (let r = 0; r < data.header.explained; r += 1) {
-    const row = data.reasons.subarray(ROW * r, ROW * (r + 1));
-    let best = 0;
-    for (let f = 1; f < 8; f += 1) if (row[12 + f] > row[12 + best]) best = f;
-    often.set(row[4 + best], (often.get(row[4 + best]) ?? 0) + 1);
+  for (const frame of data.frames) {
+    for (let i = 0; i < frame.marked; i += 1) {
+      const reason = (frame.words[4 * i + 2] >>> 17) & 0x7f;
+      if (reason) often.set(reason, (often.get(reason) ?? 0) + 1);
+    }
   }
-  const order = [...often].sort((a, b) => b[1] - a[1]).slice(0, REASON_COLOURS.length);
-  return order.map(([feature], i) => [feature, REASON_COLOURS[i]]);
+  const order = [...often].sort((a, b) => b[1] - a[1]);
+  state.others = order.length > REASON_COLOURS.length;
+  return order.slice(0, REASON_COLOURS.length).map(([reason], i) => [reason, REASON_COLOURS[i]]);
 }
 
 function palette() {
@@ -60,8 +61,8 @@ function palette() {
   const eight = (text) => rgb(text).map((value) => Math.round(255 * value));
   for (let i = 0; i < 16; i += 1) put(2, i, eight(style('--rejected')));
   for (const one of data.header.detectors) put(2, one.number, eight(detectorColour(one)));
-  for (let i = 0; i < 128; i += 1) put(3, i, eight(i === NO_REASON ? style('--soft') : style('--bar')));
-  for (const [feature, colour] of state.reasons) put(3, feature, eight(colour));
+  for (let i = 0; i < 128; i += 1) put(3, i, eight(style('--bar')));
+  for (const [reason, colour] of state.reasons) put(3, reason, eight(colour));
   return table;
 }
 
@@ -87,8 +88,8 @@ function legend() {
   if (state.mode === DETECTOR) {
     for (const one of data.header.detectors) if (data.header.chain.includes(one.name)) dot(detectorColour(one), one.name);
   } else if (state.mode === REASON) {
-    for (const [feature, colour] of state.reasons) dot(colour, data.header.features[feature]);
-    if (state.reasons.length === REASON_COLOURS.length) dot(style('--bar'), 'others');
+    for (const [reason, colour] of state.reasons) dot(colour, data.header.reasons[reason - 1]);
+    dot(style('--bar'), state.others ? 'others, or kept at the given settings' : 'kept at the given settings');
   } else if (state.mode === TRUTH) {
     dot(style('--near'), 'found');
     dot(style('--missed'), 'missed');
@@ -289,7 +290,7 @@ function toggleKeys() {
 function listen() {
   const { header } = data;
   for (const [i, name] of MODES.entries()) {
-    if (i === REASON && !header.explained) continue;
+    if (i === REASON && !state.reasons.length) continue;
     if (i === TRUTH && !header.hasTruth) continue;
     at('mode').append(node('option', { value: i }, name));
   }
