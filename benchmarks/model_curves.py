@@ -99,7 +99,7 @@ def draw(values: Singles, outlier: NDArray[np.bool_], path: Path) -> None:
             middle = float(np.clip(np.median(some), grid[0], grid[-1]))
             axes.axvline(middle, color=colour, linewidth=1.2, linestyle='--')
         axes.set_title(f'{name}  ({weight[number]:.2f})', color=INK, fontsize=10)
-        axes.axhline(load().threshold, color=FRAME, linewidth=0.8, linestyle=':')
+        axes.axhline(load().threshold_bright, color=FRAME, linewidth=0.8, linestyle=':')
         axes.grid(color=GRID, linewidth=0.6)
         axes.tick_params(colors=INK, labelsize=8)
         for spine in axes.spines.values():
