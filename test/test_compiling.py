@@ -33,6 +33,32 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.compiling import load
 print(load(FilterParameters().changed({'chain': sys.argv[1].split(',')})))
 """
+# Names the kernels that a stream calls first when it runs, though the chain was made ready.
+LATER = """
+import gc, itertools
+from numba.core.dispatcher import Dispatcher
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.simulation.presets import make
+from lidar_outlier_filter.simulation.recording import to_message
+from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_filter.stream.compiling import make_ready
+
+def called():
+    every = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    mine = [one for one in every if one.py_func.__module__.startswith('lidar_outlier_filter.core')]
+    return {(one.py_func.__name__, str(how)) for one in mine for how in one.signatures}
+
+parameters = FilterParameters().changed({'scores': True})
+make_ready(parameters)
+before = called()
+for preset in ('street-16', 'leslar-a'):
+    stream = CloudFilter(parameters, str, str)
+    for cloud in itertools.islice(make(preset, 1, None, lambda _share: None), 12):
+        stream.push(to_message(cloud.stamp, cloud.points), 0)
+    stream.flush()
+    assert stream.statistics.points > stream.statistics.untested
+print(sorted({name for name, _ in called() - before}))
+"""
 
 
 def fresh(tmp_path: Path, *missing: str) -> dict[str, str]:
@@ -69,6 +95,22 @@ def test_compile_fills_the_cache(tmp_path: Path) -> None:
     assert run(env, '-c', LOADING, 'sor').stdout == 'True\n'
     assert run(env, '-c', LOADING, 'sor,hierarchical').stdout == 'False\n'
     assert run(env, *command).stderr == 'all kernels are compiled\n'
+
+
+@pytest.mark.slow
+def test_a_ready_chain_calls_no_other_kernels() -> None:
+    """Of both kinds of sensors, with scores and reasons: else a stream would wait for them."""
+    done = run({**os.environ}, '-c', LATER)
+    assert done.stdout == '[]\n', done.stderr
+
+
+def test_scores_have_kernels_of_their_own() -> None:
+    """Reasons come with them: who is ready without is not ready with them."""
+    work = shares(parameters('evidence', scores=True))
+    assert all(('scores', True) in share.values for share in work)
+    compiling.make_ready(parameters('alpha_beta_gamma'))
+    assert is_ready(parameters('alpha_beta_gamma'))
+    assert not is_ready(parameters('alpha_beta_gamma', scores=True))
 
 
 def test_an_unknown_detector_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

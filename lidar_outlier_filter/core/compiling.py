@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from dataclasses import replace
 from threading import get_ident
 from typing import TYPE_CHECKING
 
@@ -57,10 +58,18 @@ def sample(sensor: str) -> Iterator[Points]:
         points = Points(xyz, t, np.zeros(COUNT, np.int64), np.ones(COUNT, np.bool_))
         for order in (np.arange(COUNT), np.arange(COUNT)[::-1]):
             yield points.take(order)
+        # In whole turns, around a scanner that moves on: these have a scan pattern.
+        yield replace(_turns(), t=t)
     else:
-        each = COUNT // RINGS
-        turned, ring = np.linspace(0.0, 6.0, each), np.repeat(np.arange(RINGS), each)
-        level = np.column_stack([np.cos(turned), np.sin(turned), np.zeros(each)])
-        xyz = np.tile(level, (RINGS, 1))
-        xyz[:, 2] = 0.1 * ring
-        yield Points(xyz, np.tile(t[:each], RINGS), ring, np.ones(COUNT, np.bool_))
+        bright = np.ones(COUNT, np.float32)
+        yield replace(_turns(), t=np.tile(t[: COUNT // RINGS], RINGS), intensity=bright)
+
+
+def _turns() -> Points:
+    """Return lines of one turn each, one above the other, without times."""
+    each = COUNT // RINGS
+    turned, line = np.linspace(0.0, 6.0, each), np.repeat(np.arange(RINGS), each)
+    level = np.column_stack([np.cos(turned), np.sin(turned), np.zeros(each)])
+    xyz = np.tile(level, (RINGS, 1))
+    xyz[:, 2] = 0.1 * line
+    return Points(xyz, np.zeros(COUNT, np.int64), line, np.ones(COUNT, np.bool_))

@@ -38,6 +38,7 @@ SECONDS: Mapping[str, int] = {
 }
 SHARED_SECONDS = 10
 APART = 'evidence'  # has other kernels for each kind of sensor
+SCORES = 'scores'  # which come with reasons, that have kernels of their own
 PATIENT = 10  # niceness beside a filter that runs
 
 _ready: set[tuple[object, ...]] = set()  # what chooses kernels, of chains ready in this process
@@ -94,7 +95,9 @@ def shares(parameters: FilterParameters) -> list[KernelShare]:
     found = []
     flat, default = parameters.flat(), FilterParameters().flat()
     for name in parameters.chain:
-        values = {key: value for key, value in flat.items() if key.startswith(f'{name}.')}
+        values = {
+            key: value for key, value in flat.items() if key == SCORES or key.startswith(f'{name}.')
+        }
         changed = {key: value for key, value in values.items() if value != default[key]}
         given = tuple(sorted(changed.items()))
         parts = [(sensor,) for sensor in SENSORS] if name == APART else [SENSORS]
@@ -169,7 +172,7 @@ def _kind(parameters: FilterParameters) -> tuple[object, ...]:
         for name, value in parameters.flat().items()
         if name.partition('.')[0] in parameters.chain and isinstance(value, str | bool)
     ]
-    return (parameters.chain, parameters.vote > 0, *chosen)
+    return (parameters.chain, parameters.vote > 0, parameters.scores, *chosen)
 
 
 def _main() -> None:
