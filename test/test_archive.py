@@ -48,8 +48,8 @@ def lines(folder: Path) -> list[dict[str, Any]]:
 
 
 def times(folder: Path) -> dict[str, int]:
-    """Find when the files below a folder were written."""
-    return {str(path): path.stat().st_mtime_ns for path in folder.rglob('*') if path.name != NAME}
+    """Find when the files of the recordings below a folder were written."""
+    return {str(path): path.stat().st_mtime_ns for path in folder.rglob('*/*') if path.is_file()}
 
 
 def test_every_recording_is_replayed(

@@ -10,12 +10,14 @@ and gives up on a piece that several workers died of.
 
 from __future__ import annotations
 
+import logging
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
+from lidar_outlier_filter.archive import worker_start
 from lidar_outlier_filter.archive.pieces import JudgedPiece, judge_piece
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 
@@ -45,13 +47,15 @@ class Workers:
     @property
     def ahead(self) -> int:
         """How many pieces they shall have at once, with those that are done."""
-        threads: dict[str, int] = self._client.nthreads()
+        with self._answering():
+            threads: dict[str, int] = self._client.nthreads()
         return AHEAD * sum(threads.values()) + 1
 
     def submit(self, piece: Piece) -> Any:
         """Send a piece to be judged; what comes first is judged first."""
         key = f'judge_piece-{self._run}-{next(self._numbers)}'
-        return self._client.submit(judge_piece, piece, key=key, retries=RETRIES, pure=False)
+        with self._answering():
+            return self._client.submit(judge_piece, piece, key=key, retries=RETRIES, pure=False)
 
     def wait(self, future: Any, piece: Piece, tick: Callable[[], object]) -> JudgedPiece:
         """Wait for a piece; ``tick`` is called now and then, and may leave by an exception.
@@ -66,25 +70,24 @@ class Workers:
         """
         from distributed.scheduler import KilledWorker
 
-        what = f'a piece of {piece.recording.path}'
-        while True:
+        while not future.done():
             tick()
             self.check()
-            try:
-                judged = future.result(timeout=STEP)
-            except KilledWorker as err:
-                must_be = 'judged without a worker that dies'
-                got = f'{err.allowed_failures + 1} that died'
-                raise RecordingError(what, must_be, got) from err
-            except CancelledError as err:
-                raise SchedulerError(*self._gone()) from err
-            except FilterError:
-                raise
-            except Exception as err:  # whatever comes from another machine
-                if isinstance(err, TimeoutError) and not future.done():
-                    continue
-                raise RecordingError(what, 'judged by the workers', said_by(err)) from err
-            break
+            with suppress(TimeoutError, CancelledError):
+                future.exception(timeout=STEP)
+        what = f'a piece of {piece.recording.path}'
+        try:
+            judged = future.result()
+        except KilledWorker as err:
+            must_be = 'judged without a worker that dies'
+            got = f'{err.allowed_failures + 1} that died'
+            raise RecordingError(what, must_be, got) from err
+        except CancelledError as err:
+            raise SchedulerError(*self._gone()) from err
+        except FilterError:
+            raise
+        except Exception as err:  # whatever comes from another machine
+            raise RecordingError(what, 'judged by the workers', said_by(err)) from err
         if not isinstance(judged, JudgedPiece):
             raise RecordingError(what, 'judged by this version', type(judged).__name__)
         return judged
@@ -102,9 +105,18 @@ class Workers:
             raise SchedulerError(*self._gone())
 
     def give_up(self, future: Any) -> None:
-        """Forget a piece."""
-        if self._client.status == 'running':
+        """Forget a piece; where nobody answers, there is nothing to forget."""
+        with suppress(SchedulerError), self._answering():
             self._client.cancel([future], force=True)
+
+    @contextmanager
+    def _answering(self) -> Iterator[None]:
+        """Refuse to go on without a scheduler."""
+        self.check()
+        try:
+            yield
+        except (OSError, TimeoutError, CancelledError) as err:
+            raise SchedulerError(*self._gone()) from err
 
     def _gone(self) -> tuple[str, str, str]:
         return f'the scheduler {self._address}', 'there until the end', 'no answer any more'
@@ -136,8 +148,9 @@ def local_workers(jobs: int) -> Iterator[Workers]:
             threads_per_worker=1,
             processes=True,
             host='127.0.0.1',
-            dashboard_address=None,
-            silence_logs=50,
+            dashboard_address=':0',  # any port: others may use the usual one
+            silence_logs=logging.CRITICAL,
+            preload=[worker_start.__name__],
         )
         stack.callback(cluster.close, timeout=PATIENCE)
         client = stack.enter_context(Client(cluster, set_as_default=False))
@@ -164,8 +177,23 @@ def cluster_workers(address: str) -> Iterator[Workers]:
     except (OSError, ValueError, TimeoutError) as err:
         must_be = f'that of a Dask scheduler that answers within {PATIENCE:g} s'
         raise SchedulerError('--scheduler', must_be, address) from err
-    with client:
+    with _silent(), client:
         yield Workers(client, address)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep Dask from writing of lost connections, of which :class:`SchedulerError` says all."""
+    names = [name for name in logging.root.manager.loggerDict if name.startswith('distributed')]
+    loggers = [logging.getLogger(name) for name in names]  # each has a level of its own
+    before = [logger.level for logger in loggers]
+    try:
+        for logger in loggers:
+            logger.setLevel(logging.CRITICAL + 1)
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 def _require() -> None:

@@ -1,0 +1,101 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Replay in pieces: how much faster several processes are, and what they cost.
+
+    scripts/environment python benchmarks/archive.py RECORDING FOLDER [--jobs 2] [--set NAME=VALUE]
+
+Replays a recording in this process with kernels on one thread, then through Dask with one worker,
+then with ``--jobs``. Every output must have the same bytes. Starting the workers, and loading the
+kernels in them, is not counted: an archive pays it once. ``FOLDER`` is made, and removed.
+"""
+# ruff: noqa: INP001, T201  a script, no package
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import shutil
+from pathlib import Path
+from time import perf_counter
+
+import psutil
+
+from lidar_outlier_filter.archive.engine import Engine, Order, Task
+from lidar_outlier_filter.archive.pieces import Piece, cut, judge_piece
+from lidar_outlier_filter.archive.places import place_of
+from lidar_outlier_filter.archive.workers import Workers, local_workers
+from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
+from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.stream.compiling import make_ready
+
+MEGABYTE = 1e6
+
+
+def timed(task: Task, order: Order, workers: Workers | None) -> tuple[float, str]:
+    """Replay; return the seconds, and the hash of the output, which is removed."""
+    engine = Engine([task], order, workers)
+    began = perf_counter()
+    output = Path(str(task.output))
+    engine.replay(task, output, lambda _done, _all: None)
+    elapsed = perf_counter() - began
+    found = hashlib.sha256((output / f'{output.name}.mcap').read_bytes()).hexdigest()
+    shutil.rmtree(output)
+    if workers is not None:
+        print(f'  blocks judged by who writes: {engine.judged_here} of {engine.judged}')
+    return elapsed, found
+
+
+def memory() -> float:
+    """Return the most memory that a worker of this process has taken so far, MB."""
+    found = psutil.Process().children(recursive=True)
+    peaks = [
+        int(line.split()[1]) / 1e3
+        for one in found
+        for line in Path(f'/proc/{one.pid}/status').read_text('ascii').splitlines()
+        if line.startswith('VmHWM')
+    ]
+    return max(peaks)
+
+
+def main() -> None:
+    """Measure."""
+    parser = argparse.ArgumentParser(description=(__doc__ or '').partition('\n')[0])
+    parser.add_argument('recording', type=Path)
+    parser.add_argument('folder', type=Path)
+    parser.add_argument('--jobs', type=int, default=2)
+    add_parameter_options(parser)
+    options = parser.parse_args()
+    values = {**read_parameters(options.params, options.settings), 'threads': 1}
+    order = Order(parameters=values)
+    make_ready(order.filter)
+    options.folder.mkdir()
+    task = Task(place_of(options.recording.resolve()), options.folder.resolve() / 'bag')
+    print(f'load average {os.getloadavg()[0]:.1f} before')
+    alone, expected = timed(task, order, None)
+    print(f'in this process: {alone:.1f} s')
+    for jobs in (1, options.jobs):
+        with local_workers(jobs) as workers:
+            for future in [workers.submit(piece) for piece in _short(task, order)[:jobs]]:
+                future.result()  # has the kernels loaded
+            elapsed, found = timed(task, order, workers)
+            same = 'the same bytes' if found == expected else 'OTHER BYTES'
+            factor = f'{alone / elapsed:.2f} × as fast'
+            print(f'{jobs} workers: {elapsed:.1f} s, {factor}, {same}, {memory():.0f} MB at most')
+    judged = [judge_piece(piece) for piece in cut(task.place, (), values)[:3]]
+    sent = sum(len(packed) for one in judged for packed in one.verdicts.values())
+    print(f'{sum(one.seconds for one in judged) / len(judged):.2f} s per piece of 5 s')
+    with Recording(options.recording) as source:
+        share = sent / len(judged) / (task.place.size * 5e9 / source.duration)
+    print(f'{sent / len(judged) / MEGABYTE:.3f} MB of verdicts per piece, {share:.3%} of its bytes')
+    print(f'load average {os.getloadavg()[0]:.1f} after')
+    options.folder.rmdir()
+
+
+def _short(task: Task, order: Order) -> list[Piece]:
+    """Cut short pieces, one for each worker to begin with."""
+    return cut(task.place, (), order.parameters, 1.0)
+
+
+if __name__ == '__main__':
+    main()

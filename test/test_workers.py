@@ -1,0 +1,249 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Workers: real processes of Dask, killed, poisoned and interrupted, never cost a byte."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import psutil
+import pytest
+from drives import FAST, die_of, hashes, replayed, write_drive
+
+from lidar_outlier_filter.archive import workers as module
+from lidar_outlier_filter.archive.engine import Engine, Order, Task
+from lidar_outlier_filter.archive.manifest import opened_manifest
+from lidar_outlier_filter.archive.places import place_of
+from lidar_outlier_filter.archive.run import pending, replay_all
+from lidar_outlier_filter.archive.workers import SchedulerError, cluster_workers, local_workers
+from lidar_outlier_filter.cli.main import main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from lidar_outlier_filter.archive.manifest import Entry
+    from lidar_outlier_filter.archive.run import Step
+    from lidar_outlier_filter.archive.workers import Workers
+
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings('ignore:.*:ResourceWarning')]
+SET = f'--set=chain={json.dumps(FAST["chain"])}'
+LENGTH = 0.5  # seconds of a piece
+
+
+@pytest.fixture(scope='module')
+def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write three recordings of 4 s."""
+    folder = tmp_path_factory.mktemp('archive') / 'drives'
+    folder.mkdir()
+    for number in range(3):
+        write_drive(folder / f'drive{number}', 40, seed=100 * number)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def expected(drives: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+    """Replay them in this process, each by itself."""
+    made = {}
+    for path in sorted(drives.iterdir()):
+        output = tmp_path_factory.mktemp('alone') / path.name
+        assert main(['replay', str(path), '--output', str(output), '--jobs', '1', SET]) == 0
+        made[path.name] = hashes(output)
+    return made
+
+
+@pytest.fixture(scope='module')
+def two() -> Iterator[Workers]:
+    """Start two workers."""
+    with local_workers(2) as workers:
+        yield workers
+
+
+def ignore(_step: Step) -> None:
+    """Show nothing."""
+
+
+def run(
+    drives: Path, output: Path, workers: Workers, show: Callable[[Step], object] = ignore
+) -> list[Entry]:
+    """Replay what is pending of an archive."""
+    order = Order(parameters=FAST, length=LENGTH)
+    tasks = [Task(place_of(path), output / path.name) for path in sorted(drives.iterdir())]
+    with opened_manifest(output) as manifest:
+        todo = pending(tasks, order, manifest)
+        engine = Engine(todo, order, workers)
+        entries = replay_all(todo, engine, order, manifest, show)
+        assert engine.judged_here == 0
+    return entries
+
+
+def made(output: Path) -> dict[str, dict[str, str]]:
+    """Hash all outputs."""
+    return {path.name: hashes(path) for path in sorted(output.iterdir()) if path.is_dir()}
+
+
+def children() -> list[psutil.Process]:
+    """List the workers that this process has started."""
+    found = psutil.Process().children(recursive=True)
+    return [one for one in found if any('spawn_main' in word for word in one.cmdline())]
+
+
+def test_two_workers_give_the_same_bytes(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, two: Workers
+) -> None:
+    """Both judge, nothing is judged by who writes, and a second run has nothing to do."""
+    entries = run(drives, tmp_path, two)
+    assert made(tmp_path) == expected
+    judges = {name for entry in entries for name in entry.worker.split(', ')}
+    assert len(judges) == 2
+    assert run(drives, tmp_path, two) == []
+
+
+def test_killed_workers_cost_their_pieces(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, two: Workers
+) -> None:
+    """SIGKILL, again and again: every recording is there once, byte for byte."""
+    killed = []
+
+    def kill(step: Step) -> None:
+        if step.done % 50 == 25:
+            process = children()[step.done % 2]
+            killed.append(process.pid)
+            process.kill()
+
+    entries = run(drives, tmp_path, two, kill)
+    assert len(set(killed)) >= 4
+    assert [entry.state for entry in entries] == ['done'] * 3
+    assert made(tmp_path) == expected
+
+
+def test_a_piece_that_kills_its_workers(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, two: Workers, monkeypatch: Any
+) -> None:
+    """Its recording fails alone, with a sentence."""
+    monkeypatch.setattr(module, 'judge_piece', die_of)
+    entries = run(drives, tmp_path, two)
+    assert [entry.state for entry in entries] == ['done', 'failed', 'done']
+    assert 'must be judged without a worker that dies, got 4 that died' in str(entries[1].error)
+    assert made(tmp_path) == {name: expected[name] for name in ('drive0', 'drive2')}
+
+
+@pytest.mark.parametrize('jobs', [1, 3])
+def test_other_numbers_of_workers(drives: Path, tmp_path: Path, jobs: int) -> None:
+    """One and three give the same bytes, too, by message and moving."""
+    given = {**FAST, 'motion.source': 'odometry', 'blocks': 'auto'}
+    order = Order(parameters=given, length=1.0)
+    task = Task(place_of(drives / 'drive2'), tmp_path / 'bag')
+    with local_workers(jobs) as workers:
+        Engine([task], order, workers).replay(task, tmp_path / 'bag', lambda _done, _all: None)
+    assert hashes(tmp_path / 'bag') == replayed(drives / 'drive2', tmp_path / 'alone', given)[0]
+
+
+class Program:
+    """A process whose lines on stderr can be awaited."""
+
+    def __init__(self, *words: str) -> None:
+        """Start it, in a session of its own."""
+        self.process = subprocess.Popen(
+            [sys.executable, '-P', '-m', *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self.said = ''
+
+    def until(self, text: str) -> str:
+        """Read up to the line that holds a text."""
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.said += line
+            if text in line:
+                return line
+        pytest.fail(f'{text} never came: {self.said}')
+
+    def rest(self) -> tuple[int, str]:
+        """Wait for the end; return the exit status, and all that was said."""
+        out, err = self.process.communicate(timeout=200)
+        return self.process.returncode, self.said + err + out
+
+    def interrupt(self) -> None:
+        """Press Ctrl-C: every process of the terminal gets the signal."""
+        os.killpg(self.process.pid, signal.SIGINT)
+
+
+@contextmanager
+def program(*words: str) -> Iterator[Program]:
+    """Start a program, and end it with all that it has started."""
+    one = Program(*words)
+    try:
+        yield one
+    finally:
+        if one.process.poll() is None:
+            os.killpg(one.process.pid, signal.SIGKILL)
+        one.process.communicate()
+
+
+@contextmanager
+def cluster() -> Iterator[tuple[str, Program]]:
+    """Start a scheduler and a worker, as users do."""
+    plain = ('--no-dashboard', '--host', '127.0.0.1')
+    with program('distributed.cli.dask_scheduler', *plain, '--port', '0') as scheduler:
+        address = scheduler.until('Scheduler at:').split()[-1]
+        words = (address, '--nthreads', '1', '--no-nanny', '--no-dashboard')
+        with program('distributed.cli.dask_worker', *words) as worker:
+            worker.until('Registered to:')
+            yield address, scheduler
+
+
+COMMAND = 'lidar_outlier_filter.cli.main'
+
+
+def test_a_cluster_that_runs(drives: Path, expected: dict[str, Any], tmp_path: Path) -> None:
+    """Its workers give the same bytes; when its scheduler goes, what is done stays done."""
+    words = (COMMAND, 'replay', str(drives), '--output', str(tmp_path / 'out'), SET)
+    with cluster() as (address, scheduler), program(*words, '--scheduler', address) as one:
+        one.until(': 3 of 3')
+        os.killpg(scheduler.process.pid, signal.SIGKILL)
+        status, said = one.rest()
+    assert status == 1
+    assert f'the scheduler {address} must be there until the end, got no answer any more' in said
+    assert 'Traceback' not in said
+    done = made(tmp_path / 'out')
+    assert {name: done[name] for name in ('drive0', 'drive1')} == {
+        name: expected[name] for name in ('drive0', 'drive1')
+    }
+    with cluster() as (address, _):
+        assert main([*words[1:], '--scheduler', address]) == 0
+    assert made(tmp_path / 'out') == expected
+
+
+def test_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An address where nobody answers is refused."""
+    monkeypatch.setattr(module, 'PATIENCE', 0.5)
+    with pytest.raises(SchedulerError, match='--scheduler must be that of a Dask scheduler'):
+        cluster_workers('tcp://127.0.0.1:9').__enter__()
+
+
+def test_ctrl_c_stops_and_goes_on(drives: Path, expected: dict[str, Any], tmp_path: Path) -> None:
+    """No process and no torn output is left; the next run does the rest."""
+    words = (COMMAND, 'replay', str(drives), '--output', str(tmp_path), '--jobs', '2', SET)
+    with program(*words) as one:
+        one.until(': 2 of 3')
+        processes = psutil.Process(one.process.pid).children(recursive=True)
+        one.interrupt()
+        status, said = one.rest()
+        assert (status, 'Traceback' in said) == (130, False), said
+        _, alive = psutil.wait_procs(processes, timeout=20)
+    assert not alive
+    left = made(tmp_path)
+    assert 0 < len(left) < 3
+    assert all(hashed == expected[name] for name, hashed in left.items())
+    assert main(list(words[1:])) == 0
+    assert made(tmp_path) == expected
