@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import logging
 import re
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from http.client import HTTPConnection
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
@@ -45,13 +46,20 @@ class Requests(logging.Handler):
 
 
 class Store:
-    """A running store: its address, a client that is not fsspec's, and what was asked of it."""
+    """A running store: a client that is not fsspec's, and what was asked of it."""
 
     def __init__(self, port: int, requests: Requests) -> None:
         """Connect to it."""
-        self.address = f'http://127.0.0.1:{port}'
-        self.client: Any = boto3.client('s3', endpoint_url=self.address)
+        self._port = port
+        self.client: Any = boto3.client('s3', endpoint_url=f'http://127.0.0.1:{port}')
         self.requests = requests
+
+    def forget(self) -> None:
+        """Forget all buckets: those of an earlier store of this process are still there."""
+        connection = HTTPConnection('127.0.0.1', self._port)
+        with closing(connection):
+            connection.request('POST', '/moto-api/reset')
+            assert connection.getresponse().status == 200
 
     def new_bucket(self, name: str) -> str:
         """Make an empty bucket; return its address."""
@@ -90,7 +98,9 @@ def running_store() -> Iterator[Store]:
         _, port = server.get_host_and_port()
         patch.setenv('AWS_ENDPOINT_URL_S3', f'http://127.0.0.1:{port}')
         fsspec.get_filesystem_class('s3').clear_instance_cache()
-        yield Store(port, requests)
+        store = Store(port, requests)
+        store.forget()
+        yield store
         fsspec.get_filesystem_class('s3').clear_instance_cache()
     server.stop()
     log.removeHandler(requests)

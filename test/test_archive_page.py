@@ -125,6 +125,11 @@ def test_many_recordings_share_bars(tmp_path: Path) -> None:
     assert 'the largest of 3 recordings each' in text
     assert text.count('<tr id=') == 3 * BARS
     assert [path.name for path in tmp_path.iterdir()] == ['archive.html']
+    before = (tmp_path / 'archive.html').stat().st_ino
+    write_page(lines, tmp_path / 'archive.html')
+    assert (tmp_path / 'archive.html').stat().st_ino == before
+    write_page(lines[1:], tmp_path / 'archive.html')
+    assert (tmp_path / 'archive.html').read_text() != text
 
 
 def test_units() -> None:

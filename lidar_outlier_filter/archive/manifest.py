@@ -145,7 +145,7 @@ def opened_manifest(folder: RecordingPath) -> Iterator[Manifest]:
         there, here = folder / NAME, Path(scratch, NAME)
         if there.exists():
             here.write_text(there.read_text('utf-8'), 'utf-8')
-        with _opened(here, lambda: folder.system.put_file(str(here), there.key)) as manifest:
+        with _opened(here, lambda: there.write_from(here)) as manifest:
             yield manifest
 
 

@@ -44,7 +44,7 @@ COLUMNS = (
 
 
 def write_page(entries: Iterable[Mapping[str, Any]], path: Path) -> None:
-    """Write the page for the lines of a manifest; one that is there is replaced at the end.
+    """Write the page for the lines of a manifest; another one is replaced at the end.
 
     Raises
     ------
@@ -52,8 +52,11 @@ def write_page(entries: Iterable[Mapping[str, Any]], path: Path) -> None:
         If it cannot be written.
 
     """
+    text = page(entries)
+    if path.is_file() and path.read_bytes() == text.encode():
+        return
     beside = path.with_name(f'.{path.name}.partial')
-    beside.write_text(page(entries), encoding='utf-8')
+    beside.write_bytes(text.encode())
     beside.replace(path)
 
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
-from lidar_outlier_filter.recordings.remote_path import RemotePath
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.recordings.remote_path import RemotePath, reached, written
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -86,7 +86,7 @@ def path_at(address: str) -> RecordingPath:
     except ModuleNotFoundError as err:
         must_be = 'installed for such addresses (pip install lidar_outlier_filter[archive,s3])'
         raise RecordingError('the module fsspec', must_be, address) from err
-    with _reached(address):
+    with reached(address):
         system, key = url_to_fs(address, use_listings_cache=False)
     if 'file' in system.protocol:
         return Path(key)
@@ -107,7 +107,7 @@ def find(addresses: Iterable[str]) -> list[Place]:
     found: dict[str, Place] = {}
     for address in addresses:
         path = path_at(address)
-        with _reached(address):
+        with reached(address):
             places = [place for one in _matching(path) for place in _recordings(one)]
         if not places:
             must_be = 'a recording, a folder of recordings, or a pattern for some'
@@ -125,7 +125,7 @@ def place_of(path: RecordingPath) -> Place:
         If it cannot be reached.
 
     """
-    with _reached(path):
+    with reached(path):
         return _place(path, _files(path))
 
 
@@ -155,7 +155,7 @@ def staged(
         raise RecordingError(f'the recording {place.path}', must_be, place.size)
     with TemporaryDirectory(prefix='.lidar_outlier_filter-', dir=scratch) as folder:
         target = Path(folder, place.path.name)
-        with _reached(place.path):
+        with reached(place.path):
             _copy(place.path, target)
         place.check_unchanged()
         yield target
@@ -178,13 +178,12 @@ def published(path: RecordingPath, scratch: Path | None = None) -> Iterator[Path
     if isinstance(path, Path):
         yield path
         return
-    with _reached(path):
-        if path.exists():
-            raise RecordingError('the output', 'a new folder', f'{path}, which exists')
+    if path.exists():
+        raise RecordingError('the output', 'a new folder', f'{path}, which exists')
     with TemporaryDirectory(prefix='.lidar_outlier_filter-', dir=scratch) as folder:
         built = Path(folder, path.name)
         yield built
-        with _written(path):
+        with written(path):
             for file in sorted(built.iterdir(), key=lambda file: file.name == METADATA):
                 _upload(file, path / file.name)
 
@@ -275,22 +274,3 @@ def _upload(file: Path, target: RemotePath) -> None:
             stream.discard()
             raise
     stream.commit()
-
-
-@contextmanager
-def _reached(address: object) -> Iterator[None]:
-    """Refuse, in one sentence, a place that is not there, not ours or not reached."""
-    try:
-        yield
-    except FilterError:
-        raise
-    except Exception as err:  # each store has errors of its own
-        raise RecordingError(f'the place {address}', 'reached', said_by(err)) from err
-
-
-@contextmanager
-def _written(address: object) -> Iterator[None]:
-    try:
-        yield
-    except Exception as err:  # as above
-        raise RecordingError(f'the output {address}', 'written in full', said_by(err)) from err

@@ -135,7 +135,7 @@ def _write_page(entries: Sequence[Entry], folder: RecordingPath) -> None:
         return
     with TemporaryDirectory(prefix='.lidar_outlier_filter-') as scratch:
         write_page(lines, Path(scratch, PAGE))
-        folder.system.put_file(str(Path(scratch, PAGE)), f'{folder.key}/{PAGE}')
+        (folder / PAGE).write_from(Path(scratch, PAGE))
 
 
 def replay_one(options: argparse.Namespace) -> ReplayReport:

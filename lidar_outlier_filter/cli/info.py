@@ -38,7 +38,9 @@ def add_info(commands: Commands) -> None:
         '1 refused; 3 done, but messages that the recording counts were not found in it.',
     )
     parser.add_argument(
-        'path', type=Path, metavar='PATH', help='recording, or a file of points such as .las'
+        'path',
+        metavar='PATH',
+        help='recording, here or at s3://…, or a file of points such as .las',
     )
     parser.add_argument(
         '--sample',
@@ -53,19 +55,20 @@ def add_info(commands: Commands) -> None:
 def _info(options: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from lidar_outlier_filter.archive.places import path_at, place_of, staged
     from lidar_outlier_filter.errors import ParameterError
 
     if not 0 <= options.sample < math.inf:
         raise ParameterError('--sample', 'at least 0 and finite', options.sample)
     console = Console()
-    path = options.path
-    if not path.is_dir() and path.suffix.lower() not in RECORDINGS:
+    path = path_at(options.path)
+    if isinstance(path, Path) and not path.is_dir() and path.suffix not in RECORDINGS:
         _show_file(console, path)
         return DONE
     from lidar_outlier_filter.recordings.info import look
 
-    with stoppable_bar(path.name) as progress:
-        info = look(path, options.sample, progress, say)
+    with staged(place_of(path)) as readable, stoppable_bar(path.name) as progress:
+        info = look(readable, options.sample, progress, say)
     _show(console, info)
     say_unread(info.unread)
     return INCOMPLETE if info.unread else DONE

@@ -8,15 +8,38 @@ answers it. The file system is given: this module imports none.
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
+
+from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 BLOCK = 4 * 2**20  # bytes of a range
 BLOCKS = 8  # ranges that an open file keeps
+
+
+@contextmanager
+def reached(address: object) -> Iterator[None]:
+    """Refuse, in one sentence, a place that is not there, not ours or not reached."""
+    try:
+        yield
+    except FilterError:
+        raise
+    except Exception as err:  # each store has errors of its own
+        raise RecordingError(f'the place {address}', 'reached', said_by(err)) from err
+
+
+@contextmanager
+def written(address: object) -> Iterator[None]:
+    """Refuse, in one sentence, what could not be written to a place."""
+    try:
+        yield
+    except Exception as err:  # as above
+        raise RecordingError(f'the output {address}', 'written in full', said_by(err)) from err
 
 
 @dataclass(frozen=True)
@@ -28,7 +51,10 @@ class Size:
 
 @dataclass(frozen=True)
 class RemotePath:
-    """A file or folder of ``system``, a file system of fsspec, under its ``key``."""
+    """A file or folder of ``system``, a file system of fsspec, under its ``key``.
+
+    What goes wrong on the way to it is a :class:`RecordingError`.
+    """
 
     system: Any
     key: str
@@ -67,20 +93,24 @@ class RemotePath:
 
     def exists(self) -> bool:
         """Return whether it is there."""
-        return bool(self.system.exists(self.key))
+        with reached(self):
+            return bool(self.system.exists(self.key))
 
     def is_dir(self) -> bool:
         """Return whether it is a folder."""
-        return bool(self.system.isdir(self.key))
+        with reached(self):
+            return bool(self.system.isdir(self.key))
 
     def is_file(self) -> bool:
         """Return whether it is a file."""
-        return bool(self.system.isfile(self.key))
+        with reached(self):
+            return bool(self.system.isfile(self.key))
 
     def iterdir(self) -> Iterator[RemotePath]:
         """Give what is in the folder."""
-        for key in self.system.ls(self.key, detail=False):
-            yield RemotePath(self.system, key)
+        with reached(self):
+            keys = self.system.ls(self.key, detail=False)
+        return (RemotePath(self.system, key) for key in keys)
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
         """Give what is in the folder and fits a pattern."""
@@ -88,24 +118,30 @@ class RemotePath:
 
     def stat(self, *, follow_symlinks: bool = True) -> Size:  # noqa: ARG002  rosbags names it
         """Return its size."""
-        return Size(int(self.system.info(self.key)['size']))
+        with reached(self):
+            return Size(int(self.system.info(self.key)['size']))
 
     def open(self, mode: str = 'rb') -> BinaryIO:
         """Open it to be read by ranges, of which the last ones are kept."""
-        return cast(
-            'BinaryIO',
-            self.system.open(
+        with reached(self):
+            opened = self.system.open(
                 self.key,
                 mode,
                 block_size=BLOCK,
                 cache_type='blockcache',
                 cache_options={'maxblocks': BLOCKS},
-            ),
-        )
+            )
+        return cast('BinaryIO', opened)
 
     def read_text(self, encoding: str | None = None) -> str:
         """Read it whole."""
-        return bytes(self.system.cat_file(self.key)).decode(encoding or 'utf-8')
+        with reached(self):
+            return bytes(self.system.cat_file(self.key)).decode(encoding or 'utf-8')
+
+    def write_from(self, file: Path) -> None:
+        """Write a small file there, in place of what is there."""
+        with written(self):
+            self.system.put_file(str(file), self.key)
 
 
 RecordingPath = Path | RemotePath
