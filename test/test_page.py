@@ -9,8 +9,11 @@ import re
 import shutil
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from io import BytesIO
 from itertools import pairwise
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +26,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.gather import gather
-from lidar_outlier_filter.report.page import write_page
+from lidar_outlier_filter.report.page import MODULES, START, asset, buffers, shell, write_page
 from lidar_outlier_filter.report.sources import RecordedSource
 from lidar_outlier_filter.simulation.demo_street import snow_drive
 from lidar_outlier_filter.simulation.recording import record
@@ -293,6 +296,33 @@ def test_dark_and_narrow(browser: Browser, written: Path) -> None:
             assert box is not None
             assert box['x'] >= 0
             assert box['x'] + box['width'] <= PHONE[0]
+
+
+def test_served(browser: Browser, found: Gathered, tmp_path: Path) -> None:
+    """A page without data of its own fetches modules and buffers from where it is served."""
+    known, parts = buffers(found)
+    (tmp_path / 'header.json').write_text(known, encoding='utf-8')
+    for name, content in parts.items():
+        (tmp_path / f'{name}.bin').write_bytes(content)
+    for path in (*MODULES.values(), START):
+        (tmp_path / path).write_text(asset(path), encoding='utf-8')
+    modules = {name: f'/{path}' for name, path in MODULES.items()}
+    (tmp_path / 'index.html').write_text(shell('live', modules, f'/{START}', base='/'))
+    handler = partial(QuietHandler, directory=str(tmp_path))
+    with ThreadingHTTPServer(('127.0.0.1', 0), handler) as server, browser.new_context() as context:
+        Thread(target=server.serve_forever, daemon=True).start()
+        page = context.new_page()
+        page.goto(f'http://127.0.0.1:{server.server_port}/index.html')
+        page.wait_for_selector(READY, timeout=LIMIT)
+        assert counted(page) == found.tally.at[0][found.sliders[0].given].points
+        server.shutdown()
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Serves files, and says nothing of it."""
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
 
 
 def test_without_webgl(browser: Browser, written: Path) -> None:

@@ -238,6 +238,14 @@ def test_sliders_share_the_bits(count: int) -> None:
         assert slider.limits[slider.given] == 1
 
 
+def test_slider_of_a_threshold_of_0() -> None:
+    """No factor leads away from 0: other values are there all the same."""
+    parameters = FilterParameters().changed({'chain': ['sor'], 'sor.multiplier': 0.0})
+    (slider,) = sliders(parameters)
+    assert slider.values[0] == 0
+    assert len(slider.values) > 5
+
+
 def test_a_file(tmp_path: Path) -> None:
     """A file without times: sor judges it, in one piece; what is nowhere is no point."""
     rng = np.random.default_rng(2)

@@ -45,7 +45,6 @@ class Gathered:
     tally : counts of all points
     kept : the points that can be drawn
     reasons, names : reasons of some, and the names of their features
-    threshold : log-odds above which a point is rejected at a strictness of 1
     codes : what the truth means
     has_frames : whether clouds follow each other in time
 
@@ -59,7 +58,6 @@ class Gathered:
     kept: Kept
     reasons: list[Reason]
     names: tuple[str, ...]
-    threshold: float
     codes: Codes
     has_frames: bool
 
@@ -104,7 +102,6 @@ def gather(
         kept,
         keeper.reasons,
         chain.reasons.names,
-        chain.reasons.threshold,
         codes,
         source.has_frames,
     )

@@ -21,6 +21,8 @@ from lidar_outlier_filter.report.header import header, split
 from lidar_outlier_filter.report.pack import pack
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from lidar_outlier_filter.report.gather import Gathered
 
 # The modules of the page by the names that they import each other by. A served page maps the same
@@ -57,15 +59,32 @@ def page(gathered: Gathered) -> str:
         text = base64.b64encode(content).decode('ascii')
         data.append(f'<script type="text/plain" id="data-{name}">{text}</script>')
     modules = {name: _inline(asset(path)) for name, path in MODULES.items()}
-    imports = json.dumps({'imports': modules})
+    return shell(gathered.name, modules, _inline(asset(START)), '\n'.join(data))
+
+
+def shell(
+    title: str, modules: Mapping[str, str], start: str, data: str = '', base: str = ''
+) -> str:
+    """Make the page around its data.
+
+    Parameters
+    ----------
+    title : of the page
+    modules : addresses of ``MODULES``, by their names
+    start : address of the module that starts the page
+    data : elements with the header and the buffers
+    base : address that they are fetched from, where the page does not hold them
+
+    """
     whole = asset('page.html')
     for mark, text in (
-        ('<!--title-->', html.escape(gathered.name)),
+        ('<!--title-->', html.escape(title)),
+        ('<!--base-->', f' data-base="{html.escape(base)}"' if base else ''),
         ('<!--style-->', f'<style>{asset("style.css")}</style>'),
         ('<!--licence-->', f'<!--\n{asset("three.LICENSE")}\n-->'),
-        ('<!--imports-->', f'<script type="importmap">{imports}</script>'),
-        ('<!--start-->', f'<script type="module" src="{_inline(asset(START))}"></script>'),
-        ('<!--data-->', '\n'.join(data)),
+        ('<!--imports-->', f'<script type="importmap">{json.dumps({"imports": modules})}</script>'),
+        ('<!--start-->', f'<script type="module" src="{html.escape(start)}"></script>'),
+        ('<!--data-->', data),
     ):
         whole = whole.replace(mark, text)
     return whole

@@ -33,14 +33,12 @@ class Reason:
     Attributes
     ----------
     score : that of the chain, float32
-    average : log-odds that the trees give on average
     features : numbers of those that add most or take away most, the largest first
     added : what each adds to the log-odds
 
     """
 
     score: float
-    average: float
     features: NDArray[np.uint8]
     added: NDArray[np.float32]
 
@@ -52,12 +50,10 @@ class NotedReasons:
     Attributes
     ----------
     names : of the features; empty: nothing was explained
-    threshold : log-odds above which a point is rejected at a strictness of 1
 
     """
 
     names: tuple[str, ...] = ()
-    threshold: float = 0.0
     _noted: dict[bytes, tuple[int, list[Reason]]] = field(default_factory=dict)
 
     def note(self, points: Points, verdict: Verdict, parameters: FilterParameters) -> None:
@@ -70,7 +66,7 @@ class NotedReasons:
             found = explain(points, threads, sensor=sensor, wanted=wanted)
         except FilterError:  # they have no scan pattern: a weighted sum judged them
             return
-        self.names, self.threshold = found.names, found.threshold
+        self.names = found.names
         where = np.flatnonzero(wanted)
         added = found.added[:, where]
         order = np.argsort(-np.abs(added), axis=0, kind='stable')[:STRONGEST]
@@ -78,7 +74,6 @@ class NotedReasons:
         for i, key in enumerate(_keys(points, where)):
             reason = Reason(
                 float(verdict.score[where[i]]),
-                float(found.average[where[i]]),
                 order[:, i].astype(np.uint8),
                 largest[:, i],
             )

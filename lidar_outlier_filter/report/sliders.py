@@ -65,9 +65,10 @@ def _slider(detector: str, parameters: FilterParameters, half: int, first: int) 
     middle = threshold.critical(given)
     possible = [value for value in threshold.values if _fits(parameters, threshold.name, value)]
     criticals = np.array([threshold.critical(value) for value in possible])
-    goals = middle * WIDEST ** (np.arange(1, half + 1) / max(half, 1))
-    looser = _nearest(criticals, goals, criticals > middle)
-    stricter = _nearest(criticals, middle**2 / goals if middle > 0 else goals, criticals < middle)
+    factors = WIDEST ** (np.arange(1, half + 1) / max(half, 1))
+    # No factor leads away from 0: its neighbours are those from 1 on.
+    looser = _nearest(criticals, (middle or 1.0) * factors, criticals > middle)
+    stricter = _nearest(criticals, (middle or 1.0) / factors, criticals < middle)
     values = [*(possible[i] for i in stricter), given, *(possible[i] for i in looser)]
     limits = np.array([threshold.critical(value) for value in values])
     with np.errstate(divide='ignore', invalid='ignore'):

@@ -84,6 +84,33 @@ export const stepBit = (slider, step) => (1 << (slider.first + step)) >>> 0;
 export const lineOf = (frame, i) => frame.words[4 * i + 3] >>> BITS;
 export const isRejected = (frame, i, bit) => (frame.words[4 * i + 3] & bit) !== 0;
 
+// Where the points are, metres, from an even sample: middle and size of 96 % of them, for a view, and
+// of nearly all, for a map; the heights that colours span; half the view's diagonal.
+export function measure(data) {
+  const sample = [[], [], []];
+  const there = [0, 0, 0];
+  for (const frame of data.frames) {
+    const step = Math.max(1, Math.floor(frame.count / 200));
+    for (let i = 0; i < frame.count; i += step) {
+      place(frame, i, there);
+      for (let a = 0; a < 3; a += 1) sample[a].push(there[a]);
+    }
+  }
+  for (const axis of sample) axis.sort((a, b) => a - b);
+  const at = (axis, part) => axis[Math.round(part * (axis.length - 1))];
+  const middle = (part) => sample.map((axis) => (at(axis, part) + at(axis, 1 - part)) / 2);
+  const size = (part) => sample.map((axis) => Math.max(at(axis, 1 - part) - at(axis, part), 0.5));
+  const [centre, extent] = [middle(0.02), size(0.02)];
+  return {
+    centre,
+    extent,
+    middle: middle(0.001),
+    whole: size(0.001),
+    heights: [0.02, 0.98].map((part) => at(sample[2], part) - centre[2]),
+    radius: Math.max(Math.hypot(...extent) / 2, 1),
+  };
+}
+
 // What is known of a point, for people.
 export function describe(data, number, i) {
   const frame = data.frames[number];

@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 
-import { PageSource, ServedSource, describe, isRejected, load, neighbours, samePointLine, stepBit } from 'data';
+import { PageSource, ServedSource, describe, isRejected, load, measure, neighbours, samePointLine, stepBit } from 'data';
 import { View } from 'scene';
 import { drawFlat } from 'flat';
 import { Charts, count, percent } from 'charts';
@@ -222,7 +222,8 @@ function choose(number, index) {
   });
   if (view) {
     view.setMarks(0, frame, near.map(([i]) => i));
-    view.setMarks(1, frame, line.length > 3000 ? line.filter((_, i) => i % Math.ceil(line.length / 3000) === 0) : line);
+    const each = Math.ceil(line.length / 3000);
+    view.setMarks(1, frame, line.filter((i, k) => k % each === 0 && !isRejected(frame, i, state.bit)));
   }
   placeRing();
 }
@@ -242,7 +243,7 @@ function chooseGroup(number) {
   at('groups').querySelectorAll('button').forEach((button, i) => {
     if (i === state.group) {
       button.setAttribute('aria-current', 'true');
-      button.scrollIntoView({ block: 'nearest' });
+      at('groups').scrollTop = button.offsetTop - at('groups').offsetTop - 60;
     } else button.removeAttribute('aria-current');
   });
   if (state.single) setFrames(true, group.frame);
@@ -365,19 +366,6 @@ function openView() {
   });
 }
 
-// The middle and the size of the points, where no view knows them.
-function boxOf(frames) {
-  const low = [Infinity, Infinity, Infinity];
-  const high = [-Infinity, -Infinity, -Infinity];
-  for (const frame of frames) {
-    for (let a = 0; a < 3; a += 1) {
-      low[a] = Math.min(low[a], frame.origin[a]);
-      high[a] = Math.max(high[a], frame.origin[a] + frame.step[a] * 0x1fffff);
-    }
-  }
-  return { centre: low.map((value, a) => (value + high[a]) / 2), extent: low.map((value, a) => Math.max(high[a] - value, 0.5)) };
-}
-
 async function start() {
   const served = document.documentElement.dataset.base;
   data = await load(served ? new ServedSource(served, location.search) : new PageSource());
@@ -393,11 +381,16 @@ async function start() {
   state.reasons = reasonColours();
   openView();
   times.opened = performance.now();
-  state.box = view ? { centre: view.middle, extent: view.whole } : boxOf(data.frames);
+  const { middle, whole } = view ?? measure(data);
+  state.box = { centre: middle, extent: whole };
   charts = new Charts(at('charts'), data);
   makeSliders();
   listen();
-  showGroups(at('groups'), at('groups-about'), data, chooseGroup);
+  showGroups(at('groups'), at('groups-about'), data, (number) => {
+    chooseGroup(number);
+    // In one column the list is far below the points that it flies to.
+    if (matchMedia('(max-width: 1000px)').matches) at('stage').scrollIntoView();
+  });
   showFound(document.querySelector('#found dl'), data.header);
   at('footer').textContent = `lidar-outlier-filter ${data.header.version}. Everything is in this file.`;
   setView('orbit');

@@ -5,11 +5,10 @@
 // uniform, and no point is touched.
 
 import {
-  BufferAttribute, BufferGeometry, DataTexture, GLSL3, NearestFilter, OrthographicCamera,
+  BufferAttribute, BufferGeometry, DataTexture, GLSL3, NearestFilter, OrbitControls, OrthographicCamera,
   PerspectiveCamera, Points, RawShaderMaterial, RGBAFormat, Scene, Sphere, Vector3, WebGLRenderer,
 } from 'three';
-import { OrbitControls } from 'three';
-import { place, isRejected } from 'data';
+import { isRejected, measure, place } from 'data';
 
 const VERTEX = `
 precision highp float;
@@ -111,10 +110,11 @@ export class View {
     const info = gl.getExtension('WEBGL_debug_renderer_info');
     const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : '';
     this.software = SOFTWARE.test(name);
+    this.ratio = this.software ? 1 : Math.min(devicePixelRatio, 2); // pixels of the canvas ÷ those of CSS
     this.budget = this.software ? 250000 : 4000000; // points while it moves
     this.scene = new Scene();
     this.frames = { first: 0, last: data.frames.length - 1 };
-    this.measure();
+    Object.assign(this, measure(data));
     this.shared = this.uniforms();
     this.objects = data.frames.map((frame) => this.object(frame));
     this.marks = [this.mark(9), this.mark(4)];
@@ -132,31 +132,9 @@ export class View {
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
   }
 
-  // The middle and the size of what is seen: of the middle 98 % of the frames' points.
-  measure() {
-    const sample = [[], [], []];
-    const there = [0, 0, 0];
-    for (const frame of this.data.frames) {
-      const step = Math.max(1, Math.floor(frame.count / 200));
-      for (let i = 0; i < frame.count; i += step) {
-        place(frame, i, there);
-        for (let a = 0; a < 3; a += 1) sample[a].push(there[a]);
-      }
-    }
-    for (const axis of sample) axis.sort((a, b) => a - b);
-    const at = (axis, part) => axis[Math.floor(part * (axis.length - 1))] ?? 0;
-    this.centre = sample.map((axis) => (at(axis, 0.02) + at(axis, 0.98)) / 2);
-    this.extent = sample.map((axis) => Math.max(at(axis, 0.98) - at(axis, 0.02), 0.5));
-    this.heights = [at(sample[2], 0.02) - this.centre[2], at(sample[2], 0.98) - this.centre[2]];
-    // What a map shows.
-    this.middle = sample.map((axis) => (at(axis, 0.001) + at(axis, 0.999)) / 2);
-    this.whole = sample.map((axis) => Math.max(at(axis, 0.999) - at(axis, 0.001), 0.5));
-    this.radius = Math.max(Math.hypot(...this.extent) / 2, 1);
-  }
-
   uniforms() {
     const values = {
-      bit: 1, nearBits: 0, mode: 0, show: 0, size: 2 * devicePixelRatio, heights: this.heights,
+      bit: 1, nearBits: 0, mode: 0, show: 0, size: 2 * this.ratio, heights: this.heights,
       low: new Vector3(), high: new Vector3(), rejectedColour: new Vector3(),
       nearColour: new Vector3(), missedColour: new Vector3(), lostColour: new Vector3(),
       palette: null,
@@ -188,7 +166,7 @@ export class View {
   mark(size) {
     const material = new RawShaderMaterial({
       glslVersion: GLSL3, vertexShader: MARK_VERTEX, fragmentShader: MARK_FRAGMENT,
-      uniforms: { colour: { value: new Vector3() }, size: { value: size * devicePixelRatio } },
+      uniforms: { colour: { value: new Vector3() }, size: { value: size * this.ratio } },
     });
     const points = new Points(new BufferGeometry(), material);
     points.frustumCulled = false;
@@ -243,7 +221,7 @@ export class View {
   resize() {
     const box = this.canvas.parentElement.getBoundingClientRect();
     if (!box.width || !box.height) return;
-    this.renderer.setPixelRatio(this.software ? 1 : Math.min(devicePixelRatio, 2));
+    this.renderer.setPixelRatio(this.ratio);
     this.renderer.setSize(box.width, box.height, false);
     this.perspective.aspect = box.width / box.height;
     this.perspective.updateProjectionMatrix();
