@@ -14,7 +14,8 @@ import pytest
 from cloud_files import columns, copied
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.clean import Wanted, clean
+from lidar_outlier_filter.files.clean import clean
+from lidar_outlier_filter.files.clean_log import Wanted
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 from lidar_outlier_filter.files.room import check_points
 

@@ -19,7 +19,8 @@ from lidar_outlier_filter import (
     Verdict,
     detect_outliers,
 )
-from lidar_outlier_filter.files.clean import Wanted, clean
+from lidar_outlier_filter.files.clean import clean
+from lidar_outlier_filter.files.clean_log import Wanted
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -119,10 +120,13 @@ def test_permutation(name: str) -> None:
 def test_types_of_numbers(kind: str, order: Any) -> None:
     """Numbers of any type and layout are judged by their values."""
     xyz = np.rint(10 * np.nan_to_num(floor(), posinf=3.0)) + 200
-    expected = detect_outliers(xyz)
+    expected = detect_outliers(xyz, chain=['sor'])
     assert expected.outlier.any()
-    assert_same(detect_outliers(np.asarray(xyz.astype(kind), order=order)), expected)
-    assert_same(detect_outliers(xyz.astype(kind)[::-1]).take(np.s_[::-1]), expected)
+    given = np.asarray(xyz.astype(kind), order=order)
+    assert_same(detect_outliers(given, chain=['sor']), expected)
+    backwards = detect_outliers(xyz.astype(kind)[::-1], chain=['sor'])
+    assert_same(backwards.take(np.s_[::-1]), expected)
+    assert_same(detect_outliers(given), detect_outliers(xyz))
 
 
 def test_lists() -> None:
@@ -132,7 +136,7 @@ def test_lists() -> None:
 
 
 @pytest.mark.parametrize('name', [None, *WITHOUT_LINES])
-@pytest.mark.parametrize('count', [0, 1, 2, 12])
+@pytest.mark.parametrize('count', [0, 1, 2, 8])
 def test_few_points(count: int, name: str | None) -> None:
     """No points, one, and few: an answer of that length, without an outlier but of small groups."""
     verdict = detect_outliers(floor(12)[:count], chain=None if name is None else [name])
@@ -179,10 +183,10 @@ def test_real_sweeps(sweeps: list[PointCloud2]) -> None:
 
 
 def test_default_chains() -> None:
-    """With times and lines the filter's own, else sor, for arrays of either kind."""
+    """The default has scan lines only with times and lines, for arrays of either kind."""
     rows = drive(4)
     xyz, t, ring = drive_of(rows)
-    unlined = detect_outliers(xyz, chain=['sor'])
+    unlined = detect_outliers(xyz, parameters={'evidence.sensor': 'survey'})
     usual = detect_outliers(xyz, t=t, line=ring, chain=['evidence'])
     assert set(usual.detectors.tolist()) == {0, BITS['evidence']}
     assert_same(detect_outliers(xyz), unlined)
@@ -196,7 +200,7 @@ def test_default_chains() -> None:
     assert set(detect_outliers(both).detectors.tolist()) == {0, BITS['evidence']}
     by_message = {'line_source': 'message'}
     single = detect_outliers(rows[['x', 'y', 'z', 'timestamp']], parameters=by_message)
-    assert BITS['sor'] not in single.detectors.tolist()
+    assert set(single.detectors.tolist()) <= {0, BITS['evidence']}
     assert not detect_outliers(rows[:0]).outlier.any()
 
 
@@ -246,7 +250,8 @@ def test_chain_and_parameters() -> None:
         assert_same(detect_outliers(xyz, parameters=values), expected)
     whole = FilterParameters().changed({'lof.threshold': 1.5, 'chain': ['lof']})
     assert_same(detect_outliers(xyz, parameters=whole), expected)
-    assert_same(detect_outliers(xyz, parameters=whole, chain=['sor']), detect_outliers(xyz))
+    other = detect_outliers(xyz, parameters=whole, chain=['sor'])
+    assert_same(other, detect_outliers(xyz, chain=['sor']))
     assert CloudFilter(whole).parameters == whole
     assert CloudFilter({'lof.threshold': 1.5}, chain=['lof']).parameters == whole
     assert CloudFilter().parameters == FilterParameters()
@@ -265,6 +270,7 @@ def test_as_the_command(tmp_path: Path) -> None:
     """A file without scan lines has the verdict of its points."""
     xyz = floor(400)
     xyz = xyz[np.isfinite(xyz).all(axis=1)]
+    xyz[5, 2] = 60.0
     path, output = tmp_path / 'cloud.csv', tmp_path / 'out.csv'
     lines = ['x,y,z', *(','.join(map(repr, row)) for row in xyz.tolist())]
     path.write_text('\n'.join(lines) + '\n')
@@ -353,8 +359,8 @@ REFUSALS: list[tuple[type[FilterError], tuple[Any, dict[str, Any]], str]] = [
     ),
     (
         ParameterError,
-        (XYZ, {'chain': ['evidence', 'lof']}),
-        'chain must be without evidence, as the cloud has no time of each point, got evidence, lof',
+        (XYZ, {'chain': ['alpha_beta_gamma', 'lof']}),
+        'chain must be without alpha_beta_gamma, as the cloud has no time of each point, got ',
     ),
     (
         ParameterError,
@@ -381,6 +387,6 @@ def test_cloud_with_fields_but_no_lines() -> None:
     """A chain that needs lines is refused for a structured array that has none."""
     rows = drive(1)[['x', 'y', 'z', 'timestamp']]
     with pytest.raises(ParameterError, match='as the cloud has no scan line of each point'):
-        detect_outliers(rows, chain=['evidence'])
+        detect_outliers(rows, chain=['alpha_beta_gamma'])
     with pytest.raises(ParameterError, match='as the cloud has no time of each point'):
-        detect_outliers(rows[['x', 'y', 'z']], chain=['evidence'])
+        detect_outliers(rows[['x', 'y', 'z']], chain=['alpha_beta_gamma'])

@@ -247,7 +247,7 @@ def test_slider_of_a_threshold_of_0() -> None:
 
 
 def test_a_file(tmp_path: Path) -> None:
-    """A file without times: sor judges it, in one piece; what is nowhere is no point."""
+    """A file without times: it is judged in one piece; what is nowhere is no point."""
     rng = np.random.default_rng(2)
     xyz = rng.uniform((-20, -20, 0), (20, 20, 0.02), (3000, 3))
     xyz[7] = 1, 2, 6
@@ -256,12 +256,13 @@ def test_a_file(tmp_path: Path) -> None:
     text = '\n'.join(' '.join(f'{value:.4f}' for value in row) for row in xyz)
     path.write_text(f'x y z\n{text}\n', encoding='utf-8')
     given = FilterParameters()
-    found = gather(FileSource(path, given, chosen=False, truth=(path, '')), ALL_BUT_0, MOST)
-    assert found.parameters.chain == ('sor',)
+    found = gather(FileSource(path, given, truth=(path, '')), ALL_BUT_0, MOST)
+    assert found.parameters.chain == ('evidence',)
     assert found.found.invalid == 1
     assert found.kept.rejected[found.kept.place == 7].all()
-    with pytest.raises(FilterError, match='without evidence'):
-        FileSource(path, given, chosen=True, truth=(path, ''))
+    smoother = given.changed({'chain': ['alpha_beta_gamma']})
+    with pytest.raises(FilterError, match='without alpha_beta_gamma'):
+        FileSource(path, smoother, truth=(path, ''))
 
 
 def test_command(snow: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

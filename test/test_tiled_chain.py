@@ -239,7 +239,7 @@ def test_too_many_points_in_a_tile() -> None:
     TiledChain(points('surface'), parameters, 10.0).judge()
 
 
-@pytest.mark.parametrize('name', ['hierarchical', 'elevation', 'evidence'])
+@pytest.mark.parametrize('name', ['hierarchical', 'elevation'])
 def test_what_needs_all_points_at_once_is_refused(name: str) -> None:
     """A detector that cannot be cut into tiles says so, before anything is done."""
     parameters = FilterParameters().changed({'chain': ['sor', name]})

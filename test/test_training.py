@@ -291,5 +291,6 @@ def test_a_table_and_labels_beside_it(tmp_path: Path) -> None:
     np.save(tmp_path / 'short.npy', code[1:])
     with pytest.raises(FilterError, match='must be for 500 points, got 499'):
         from_file(path, parameters, CAUSES, labels=tmp_path / 'short.npy')
-    with pytest.raises(FilterError, match='chain must be without evidence, as'):
-        from_file(path, DEFAULTS, CAUSES)
+    smoother = DEFAULTS.changed({'chain': ['alpha_beta_gamma']})
+    with pytest.raises(FilterError, match='chain must be without alpha_beta_gamma, as'):
+        from_file(path, smoother, CAUSES)

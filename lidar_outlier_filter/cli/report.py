@@ -122,10 +122,7 @@ def _source(options: argparse.Namespace) -> tuple[Source, Codes]:
         raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
     truth = (files[0] if files else options.data, options.label)
     named = bool(files) or bool(options.label)
-    source = FileSource(
-        options.data, parameters, chosen='chain' in values, truth=truth, named=named
-    )
-    return source, codes
+    return FileSource(options.data, parameters, truth=truth, named=named), codes
 
 
 def _say(found: Gathered, output: Path | None, figures: Path | None) -> int:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 DATA = Path('../shared/data')
 OUTPUT, PROFILE_OUTPUT = Path('pattern_model.json'), Path('profile_model.json')
+SURVEY_OUTPUT = Path('survey_model.json')
 BOTH = ('recordings', 'streets')
 
 
@@ -43,11 +44,17 @@ def add_train(commands: Commands) -> None:
         description='Put weather into clean recordings of spinning sensors, simulate streets, '
         'train the trees of `evidence` on both, and write their file. Each sensor is left out '
         'once; the figures printed are of the sensors left out. With --profile, train those for '
-        'profile scanners, on simulated streets alone. Either takes about ten minutes. '
+        'profile scanners, on simulated streets alone. With --survey, train those for clouds '
+        'without scan lines. Each takes about ten minutes. '
         'Needs the extra "train".',
     )
     parser.add_argument(
         '--profile', action='store_true', help='for profile scanners, on simulated streets alone'
+    )
+    parser.add_argument(
+        '--survey',
+        action='store_true',
+        help='for clouds without scan lines, on simulated surveys alone',
     )
     parser.add_argument(
         '--data',
@@ -85,7 +92,8 @@ def add_train(commands: Commands) -> None:
         '--output',
         type=Path,
         metavar='FILE',
-        help=f'new; default: {OUTPUT}, {PROFILE_OUTPUT} with --profile',
+        help=f'new; default: {OUTPUT}, {PROFILE_OUTPUT} with --profile, {SURVEY_OUTPUT} with '
+        '--survey',
     )
     parser.add_argument(
         '--seed', type=int, default=1, metavar='N', help='of all chances, from 0; default: 1'
@@ -99,12 +107,18 @@ def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.tuning.learner import check_learner
 
     check_learner()
-    output = options.output or (PROFILE_OUTPUT if options.profile else OUTPUT)
+    if options.profile and options.survey:
+        raise FilterError('--profile', 'without --survey', 'both')
+    train, usual = _train_spinning, OUTPUT
+    if options.profile:
+        train, usual = _train_profile, PROFILE_OUTPUT
+    if options.survey:
+        train, usual = _train_survey, SURVEY_OUTPUT
+    output = options.output or usual
     if options.seed < 0:
         raise FilterError('--seed', 'at least 0', options.seed)
     if output.exists():
         raise FilterError('--output', 'a new file', output)
-    train = _train_profile if options.profile else _train_spinning
     with stoppable_bar('training') as progress:
         text, threshold, tables = train(options, progress)
     output.write_text(text, encoding='utf-8')
@@ -134,6 +148,33 @@ def _train_profile(options: argparse.Namespace, progress: Progress) -> _Trained:
     from lidar_outlier_filter import __version__
     from lidar_outlier_filter.tuning.train_profile import STREETS, make_streets, train_profile
 
+    _check_alone(options, '--profile')
+    about = {
+        'about': 'Two ensembles of trees for profile scanners, by lidar-outlier-filter train',
+        'package': __version__,
+        'trained_on': {'streets': STREETS, 'street_seeds': [0, STREETS - 1]},
+    }
+    streets = make_streets(STREETS, progress)
+    result = train_profile(streets, about, options.seed, progress=progress)
+    return result.text, result.threshold, [_profile_table(result.held_out)]
+
+
+def _train_survey(options: argparse.Namespace, progress: Progress) -> _Trained:
+    from lidar_outlier_filter import __version__
+    from lidar_outlier_filter.tuning.train_survey import SCENES, make_scenes, train_survey
+
+    _check_alone(options, '--survey')
+    about = {
+        'about': 'Two ensembles of trees for clouds without scan lines, by lidar-outlier-filter',
+        'package': __version__,
+        'trained_on': {'scenes': SCENES, 'scene_seeds': [0, SCENES - 1]},
+    }
+    result = train_survey(make_scenes(SCENES, progress), about, options.seed, progress=progress)
+    return result.text, result.threshold, [_survey_table(result.held_out)]
+
+
+def _check_alone(options: argparse.Namespace, name: str) -> None:
+    """Refuse options that only training on spinning sensors has."""
     given = {
         '--data': options.data,
         '--onto': options.onto,
@@ -143,17 +184,22 @@ def _train_profile(options: argparse.Namespace, progress: Progress) -> _Trained:
         '--params': options.params,
         '--set': options.settings,
     }
-    for name, value in given.items():
+    for other, value in given.items():
         if value:
-            raise FilterError('--profile', f'without {name}', f'--profile with {name}')
-    about = {
-        'about': 'Two ensembles of trees for profile scanners, by lidar-outlier-filter train',
-        'package': __version__,
-        'trained_on': {'streets': STREETS, 'street_seeds': [0, STREETS - 1]},
-    }
-    streets = make_streets(STREETS, progress)
-    result = train_profile(streets, about, options.seed, progress=progress)
-    return result.text, result.threshold, [_profile_table(result.held_out)]
+            raise FilterError(name, f'without {other}', f'{name} with {other}')
+
+
+def _survey_table(held_out: Mapping[str, Any]) -> Table:
+    """Lay out the figures of the scenes left out."""
+    from rich.table import Table
+
+    table = Table('kind of scene, left out', 'F1', 'good points lost', box=None)
+    for kind, one in held_out['kinds'].items():
+        table.add_row(kind, f'{one["f1"]:.3f}', f'{one["lost"]:.4%}')
+    table.add_row('all', f'{held_out["f1"]:.3f}', f'{held_out["lost"]:.4%}')
+    for column in table.columns[1:]:
+        column.justify = 'right'
+    return table
 
 
 def _profile_table(held_out: Mapping[str, Any]) -> Table:

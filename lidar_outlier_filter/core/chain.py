@@ -27,12 +27,21 @@ def along_lines(chain: Sequence[str]) -> str:
     return ', '.join(name for name in chain if DETECTORS[name].needs_lines)
 
 
+def uses_lines(chain: Sequence[str]) -> bool:
+    """Return whether any detector of a chain works along scan lines where there are some."""
+    return any(DETECTORS[name].uses_lines or DETECTORS[name].needs_lines for name in chain)
+
+
 class Chain:
     """The detectors of one set of parameters."""
 
-    def __init__(self, parameters: FilterParameters) -> None:
-        """Choose the detectors that ``parameters.chain`` names."""
+    def __init__(self, parameters: FilterParameters, *, whole: bool = False) -> None:
+        """Choose the detectors that ``parameters.chain`` names.
+
+        ``whole`` says that what is judged is a whole cloud, no part of a stream.
+        """
         self.parameters = parameters
+        self.whole = whole
         self.passes = 0  # the most that a detector has needed
         self.slow: SaySlow | None = None  # is called while a detector takes too long
         self.scaled = True  # whether all scores so far were statistics ÷ critical value, no more
@@ -45,7 +54,7 @@ class Chain:
         parameters = self.parameters
         verdict = Verdict.untested(len(points))
         where = np.arange(len(points))
-        seen = Seen(points, parameters, self._neighbours)
+        seen = Seen(points, parameters, self._neighbours, whole=self.whole)
         for detector in self._detectors:
             with watched(detector.name, parameters.max_delay, seen.points, self.slow):
                 found = detector.detect(seen, parameters)

@@ -103,6 +103,17 @@ def is_interleaved(t: NDArray[np.int64], first: NDArray[np.int64]) -> bool:
     return bool((ends - begins).sum() > INTERLEAVED * (ends.max() - begins.min()))
 
 
+def has_lines(points: Points) -> bool:
+    """Return whether points have scan lines: several of them, or one along which time passes."""
+    return bool(np.ptp(points.line) > 0 or np.ptp(points.t) > 0) if len(points) else False
+
+
+def spins(points: Points) -> bool:
+    """Return whether valid points are those of a spinning sensor."""
+    order = order_by_line(points)
+    return is_interleaved(points.t[order], line_starts(points.line[order]))
+
+
 @kernel
 def _count_lines(line: NDArray[np.int64], low: int, count: int) -> NDArray[np.int64]:
     """Sort stably by line with a counting sort."""

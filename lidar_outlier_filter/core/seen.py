@@ -33,6 +33,7 @@ class Seen:
     points : N valid points
     threads : at most so many at once; 0: as many as there are cores
     gap_factor : where line segments end, see :func:`~.scan_lines.find_lines`
+    whole : whether they are all of a cloud, no part of a stream
 
     """
 
@@ -42,6 +43,8 @@ class Seen:
         parameters: FilterParameters,
         neighbours: int = 1,
         neighbourhood: Neighbourhood | None = None,
+        *,
+        whole: bool = False,
     ) -> None:
         """Take points.
 
@@ -51,11 +54,13 @@ class Seen:
         parameters : threads and gap_factor
         neighbours : the most that a detector will ask for, at least 1
         neighbourhood : of these points, where it is known already
+        whole : whether they are all of a cloud
 
         """
         self.points = points
         self.threads = parameters.threads
         self.gap_factor = parameters.gap_factor
+        self.whole = whole
         self._parameters, self._neighbours = parameters, neighbours
         self._neighbourhood = neighbourhood
 
@@ -71,7 +76,7 @@ class Seen:
         known = self._neighbourhood
         known = None if known is None else known.without(rejected)
         left = self.points.take(np.flatnonzero(~rejected))
-        return Seen(left, self._parameters, self._neighbours, known)
+        return Seen(left, self._parameters, self._neighbours, known, whole=self.whole)
 
     def along_lines(self, detect: Callable[[Points, Lines], Scores]) -> Scores:
         """Give scan lines, some at a time, to a detector that judges each line by itself.

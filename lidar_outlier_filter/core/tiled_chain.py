@@ -12,11 +12,13 @@ that it declares:
     right if no point beyond the halo could be one of them, or one of theirs; the few others, far
     from everything, are measured among just those neighbours, wherever they are. What is compared
     with all points (mean, median) is computed once all are measured.
+``Reaching``
+    The same, but it says itself how far away what the measure of each point depends on may be.
 ``Tiled.WITH_HALO``
     It is given a tile with its halo. Here, and only here, the verdict depends on the tiles: on
     their side alone, as tiles are aligned absolutely.
 
-So for the first two the scores are those of one piece, bit for bit, whatever the side.
+So for all but the last the scores are those of one piece, bit for bit, whatever the side.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ import numpy as np
 
 from lidar_outlier_filter.core import scan_lines
 from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.detectors.declaration import Measured, Tiled
+from lidar_outlier_filter.core.detectors.declaration import Measured, Reaching, Tiled
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -113,8 +115,10 @@ class TiledChain:
 
     def _detect(self, detector: Detector, left: Bools) -> Scores:
         """Run a detector over what is left of the whole cloud."""
-        if isinstance(detector.tiled, Measured):
-            return self._by_measure(_Measure(detector, detector.tiled, self._parameters), left)
+        if isinstance(detector.tiled, Measured | Reaching):
+            measure = _Measure(detector, detector.tiled, self._parameters)
+            measure.prepare(self._cloud.xyz, self._tiles.order[left])
+            return self._by_measure(measure, left)
         if detector.tiled is Tiled.BY_LINE:
             return self._by_line(detector.name, left)
         return self._by_tile(detector.name, left)
@@ -200,9 +204,8 @@ class TiledChain:
         places, box = self._around(tile, halo, left)
         while True:
             own = (places >= part.start) & (places < part.stop)
-            hood, values = measure.take(tiles.xyz[places])
-            seen = measure.radius(hood)
-            reach, inwards = seen * (2**measure.steps - 1), _to_edges(tiles.xyz[places], box)
+            values, reach, seen = measure.take(tiles.xyz[places])
+            inwards = _to_edges(tiles.xyz[places], box)
             fine = reach < inwards
             # As far as most points reach, on either side.
             most = float(np.quantile(reach[own], MOST, method='lower'))
@@ -225,7 +228,7 @@ class TiledChain:
         for begin in range(0, len(far), FAR_AT_ONCE):
             some = far[begin : begin + FAR_AT_ONCE]
             closed = self._tiles.closure(some, measure.k, measure.steps, left, radius)
-            _, values = measure.take(self._tiles.xyz[closed])
+            values, _, _ = measure.take(self._tiles.xyz[closed])
             own = np.isin(closed, some)
             measured[self._tiles.order[closed[own]]] = values[own]
 
@@ -250,19 +253,38 @@ class TiledChain:
 class _Measure:
     """How a detector measures points by their nearest neighbours, and how far away these may be."""
 
-    def __init__(self, detector: Detector, way: Measured, parameters: FilterParameters) -> None:
-        self.k = detector.neighbours(parameters)
+    def __init__(
+        self, detector: Detector, way: Measured | Reaching, parameters: FilterParameters
+    ) -> None:
+        if isinstance(way, Reaching):
+            self.k = way.neighbours
+        else:
+            self.k = detector.neighbours(parameters)
         self.steps = way.steps
         self._way, self._parameters = way, parameters
+        self._prepared = 0.0
 
-    def take(self, xyz: Floats) -> tuple[Neighbourhood, Floats]:
-        hood = Neighbourhood(xyz, self.k, self._parameters.threads)
-        return hood, self._way.measure(hood, self._parameters)
+    def prepare(self, xyz: Floats, where: Ints) -> None:
+        """Look at all points that there are, where the measure depends on them."""
+        if isinstance(self._way, Reaching):
+            self._prepared = self._way.prepare(xyz, where, self._parameters)
+
+    def take(self, xyz: Floats) -> tuple[Floats, Floats, Floats]:
+        """Measure points; say how far each depends on others, and its k-th is; NaN: not known."""
+        way, parameters = self._way, self._parameters
+        if isinstance(way, Reaching):
+            values, reach = way.measure(xyz, self._prepared, parameters)
+            return values, reach * ROUNDING, np.full(len(xyz), np.nan)
+        hood = Neighbourhood(xyz, self.k, parameters.threads)
+        values, radius = way.measure(hood, parameters), self._radius(hood, way)
+        return values, radius * (2**way.steps - 1), radius
 
     def score(self, measured: Floats, range_m: Callable[[], Floats]) -> Scores:
+        if isinstance(self._way, Reaching):
+            return self._way.score(measured, self._parameters)
         return self._way.score(measured, range_m, self._parameters)
 
-    def radius(self, hood: Neighbourhood) -> Floats:
+    def _radius(self, hood: Neighbourhood, way: Measured) -> Floats:
         """Return the distance D of each point to its k-th nearest other, or a little more.
 
         The measure of p depends on nothing farther away than (2**steps - 1) D(p): around a
@@ -273,7 +295,7 @@ class _Measure:
             return np.full(len(hood), np.inf)
         distance = np.empty(len(hood))
         distance[hood.order] = np.sqrt(squared_k_distances(hood, self.k))
-        if self._way.by_place and not distance.all():
+        if way.by_place and not distance.all():
             # Coincident points are measured by the next places with points.
             points = np.empty((len(hood), 3))
             points[hood.order] = hood.xyz

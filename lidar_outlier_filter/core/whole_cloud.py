@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A cloud that is judged as a whole, in one piece, and the chain for one without scan lines."""
+"""A cloud that is judged as a whole, in one piece, and what its chain must not need."""
 
 from __future__ import annotations
 
@@ -13,37 +13,30 @@ from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.core.slow import SaySlow
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-WITHOUT_LINES = ('sor',)  # the chain where nobody asks for one, and there are no scan lines
 
-
-def chain_without_lines(
-    parameters: FilterParameters, *, chosen: bool, what: str, lack: str
-) -> FilterParameters:
-    """Return the parameters for a cloud that has no scan lines.
+def check_chain(chain: Sequence[str], what: str, lack: str) -> None:
+    """Refuse a chain that needs scan lines, of which a cloud lacks something.
 
     Parameters
     ----------
-    parameters : as they are for a cloud that has
-    chosen : whether somebody chose the chain; otherwise it is replaced where it needs lines
+    chain : names of detectors
     what, lack : the cloud, and what it lacks, for people
 
     Raises
     ------
     ParameterError
-        If the chain that was chosen needs scan lines.
+        If a detector needs scan lines.
 
     """
-    along = along_lines(parameters.chain)
-    if not along:
-        return parameters
-    if chosen:
-        must_be = f'without {along}, as {what} has {lack}'
-        raise ParameterError('chain', must_be, ', '.join(parameters.chain))
-    return parameters.changed({'chain': WITHOUT_LINES})
+    along = along_lines(chain)
+    if along:
+        raise ParameterError('chain', f'without {along}, as {what} has {lack}', ', '.join(chain))
 
 
 def judge_whole(
@@ -70,6 +63,6 @@ def judge_whole(
     verdict = Verdict.untested(len(cloud))
     if len(where):
         chain = chain or Chain(parameters)
-        chain.slow = slow
+        chain.slow, chain.whole = slow, True
         verdict.put(where, chain.judge(cloud.take(where)))
     return verdict

@@ -5,26 +5,35 @@
 from __future__ import annotations
 
 import json
-import platform
-import sys
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
-from importlib.metadata import version
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.chain import along_lines
+from lidar_outlier_filter.core.chain import uses_lines
 from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.core.heights import is_high
 from lidar_outlier_filter.core.tiled_chain import TiledChain
-from lidar_outlier_filter.core.verdict import SECOND_PHASE
-from lidar_outlier_filter.core.whole_cloud import chain_without_lines, judge_whole
+from lidar_outlier_filter.core.verdict import SECOND_PHASE, Verdict
+from lidar_outlier_filter.core.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.errors import CloudError, said_by
-from lidar_outlier_filter.files import cloud_file, points
+from lidar_outlier_filter.files import classes, cloud_file, points
+from lidar_outlier_filter.files.clean_log import (
+    CLASS,
+    MARK,
+    REMOVE,
+    SEPARATE,
+    WITHHELD,
+    CleanReport,
+    Wanted,
+    as_text,
+    settings,
+    versions,
+)
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 from lidar_outlier_filter.files.new_files import new_files
 from lidar_outlier_filter.files.scratch import scratch
@@ -40,74 +49,11 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.core.slow import SaySlow
     from lidar_outlier_filter.core.tiles import Allocate
-    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.files.cloud_file import CloudFile
 
     Progress = Callable[[str, int, int], object]
 
-OUTLIER = 'outlier'
-MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'
-IN_TILES = ('alpha_beta_gamma',)  # the chain where nobody asks for one, and there are tiles
-_LIBRARIES = {
-    **{name: name for name in ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow')},
-    'python-neo-lzf': 'lzf',
-}
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What a user wants done with a file.
-
-    Attributes
-    ----------
-    rejected : 'mark': a copy that says which points are rejected; 'remove': a copy without them;
-        'separate': the same, and one of them alone
-    coordinates : two or three columns; empty: x, y and z
-    table : the table of a database; None: the only one
-    tile : side of the square tiles that the cloud is judged in, metres; 0: in one piece
-    parameters : of the filter, by flat name
-
-    """
-
-    rejected: str = MARK
-    coordinates: Sequence[str] = ()
-    table: str | None = None
-    tile: float = 0.0
-    parameters: Mapping[str, object] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class CleanReport:
-    """What became of a file; its log.
-
-    ``invalid`` points (NaN, Inf, all 0) are none, ``untested`` ones could be tested by no detector;
-    both are kept. ``metres`` says of coordinates in other units how many metres one is, ``lines``
-    what the scan lines were found by; ``coarse``, that coordinates are too far away for float32;
-    ``lack`` what the file lacks, so that another chain than the default was taken;
-    ``second_phase`` how many of the points that ``hierarchical`` rejected its second phase did.
-    """
-
-    input: str
-    outputs: tuple[str, ...]
-    started: str
-    rejected_points: str
-    coordinates: tuple[str, ...]
-    tile: float
-    metres: Mapping[str, float]
-    lines: str
-    lack: str
-    coarse: str
-    chain: tuple[str, ...]
-    points: int
-    invalid: int
-    untested: int
-    rejected: int
-    rejected_by: Mapping[str, int]
-    second_phase: int
-    undecided_by: Mapping[str, int]
-    seconds: Mapping[str, float]
-    versions: Mapping[str, str]
-    parameters: Mapping[str, Any]
+OUTLIER, STRIP = 'outlier', 'point_source_id'
 
 
 def clean(  # noqa: PLR0913  what a user may want, and two who want to know
@@ -143,6 +89,8 @@ def clean(  # noqa: PLR0913  what a user may want, and two who want to know
     file = open_cloud(path, wanted.table)
     clouds = _clouds(file, output, outliers, wanted)
     logs = [output.with_name(output.name + suffix) for suffix in ('.log', '.json')]
+    if wanted.dry:
+        clouds, logs = [], []
     with (
         _enough_memory(file),
         new_files([*clouds, *logs]) as built,
@@ -151,11 +99,13 @@ def clean(  # noqa: PLR0913  what a user may want, and two who want to know
         seconds: dict[str, float] = {}
         with _timed(seconds, 'read'):
             coordinates = points.choose_coordinates(file, wanted.coordinates)
-            loaded, parameters = _load(file, coordinates, parameters, wanted, allocate, progress)
+            loaded = _load(file, coordinates, parameters, allocate, progress)
         with _timed(seconds, 'judge'):
-            verdict = judge(loaded.points, parameters, wanted.tile, allocate, progress, slow)
+            judged = partial(judge, allocate=allocate, progress=progress, slow=slow)
+            verdict = _judge_strips(file, loaded.points, parameters, wanted, judged)
+            found = _find(file, loaded.points, verdict, wanted)
         with _timed(seconds, 'write'):
-            changes = _changes(file, verdict, wanted, parameters)
+            changes = [] if wanted.dry else _changes(file, found, wanted, parameters)
             for change, target in zip(changes, built, strict=False):
                 for done in cloud_file.copy(file, target, change):
                     progress('writing', min(done, len(file)), len(file))
@@ -163,6 +113,7 @@ def clean(  # noqa: PLR0913  what a user may want, and two who want to know
             input=str(path),
             outputs=tuple(str(cloud) for cloud in clouds),
             started=started.isoformat(timespec='seconds'),
+            settings=settings(path, wanted)['settings'],
             rejected_points=wanted.rejected,
             coordinates=coordinates,
             tile=wanted.tile,
@@ -171,19 +122,48 @@ def clean(  # noqa: PLR0913  what a user may want, and two who want to know
             lack=loaded.lack,
             coarse=points.say_coarse(file, coordinates, loaded.points),
             chain=parameters.chain,
-            **_counts(verdict, loaded.points.valid, parameters.chain),
+            **_counts(found.verdict, loaded.points.valid, parameters.chain),
+            spared=int(np.count_nonzero(verdict.rejected & ~found.verdict.rejected)),
+            by_class=found.by_class,
+            low=int(np.count_nonzero(~found.high)),
+            high=int(np.count_nonzero(found.high)),
             seconds=seconds,
-            versions=_versions(),
+            versions=versions(),
             parameters=parameters.flat(),
         )
         texts = (as_text(report), json.dumps(asdict(report), indent=2) + '\n')
-        for text, target, log in zip(texts, built[-2:], logs, strict=True):
+        for text, target, log in zip(texts, built[len(clouds) :], logs, strict=False):
             try:
                 target.write_text(text, encoding='utf-8', errors='surrogateescape')
             except OSError as err:
                 must_be = 'written in full'
                 raise CloudError(f'the output {log}', must_be, said_by(err)) from err
     return report
+
+
+@dataclass(frozen=True)
+class _Gone:
+    """What becomes of the points of a file.
+
+    ``high`` says of each rejected point whether it is above what is kept around.
+    """
+
+    verdict: Verdict
+    by_class: Mapping[int, tuple[int, int]]
+    high: NDArray[np.bool_]
+
+
+def _find(file: CloudFile, cloud: Points, verdict: Verdict, wanted: Wanted) -> _Gone:
+    """Leave the classes alone that are to stay, and count what goes."""
+    counted: dict[int, tuple[int, int]] = {}
+    if file.classes or wanted.only or wanted.keep:
+        codes = classes.read_classes(file)
+        if wanted.only or wanted.keep:
+            kept = classes.untouched(codes, wanted.only, wanted.keep)
+            verdict = classes.spare(verdict, kept)
+        counted = classes.by_class(codes, verdict.rejected)
+    kept = cloud.valid & ~verdict.rejected
+    return _Gone(verdict, counted, is_high(cloud.xyz, kept, verdict.rejected))
 
 
 def judge(  # noqa: PLR0913  where to, and two who want to know
@@ -202,11 +182,33 @@ def judge(  # noqa: PLR0913  where to, and two who want to know
     return judge_whole(cloud, parameters, slow=slow)
 
 
+def _judge_strips(
+    file: CloudFile,
+    cloud: Points,
+    parameters: FilterParameters,
+    wanted: Wanted,
+    judged: Callable[[Points, FilterParameters, float], Verdict],
+) -> Verdict:
+    """Judge a cloud, or each of its strips, which flights over the same ground measured."""
+    if not wanted.strips:
+        return judged(cloud, parameters, wanted.tile)
+    parts = [cloud_file.filled(chunk[0]) for chunk in cloud_file.read_exact(file, [STRIP])]
+    strip = np.concatenate(parts)
+    verdict = Verdict.untested(len(cloud))
+    for number in np.unique(strip):
+        where = np.flatnonzero(strip == number)
+        verdict.put(where, judged(cloud.take(where), parameters, wanted.tile))
+    return verdict
+
+
 def _clouds(file: CloudFile, output: Path, outliers: Path | None, wanted: Wanted) -> list[Path]:
     """List the clouds to be written; refuse what cannot be."""
     if wanted.rejected != MARK and file.whole:
         must_be = f'{MARK!r} for {file.path}: {file.whole}'
         raise CloudError('what becomes of rejected points', must_be, repr(wanted.rejected))
+    if wanted.mark != CLASS and not (file.classes and wanted.rejected == MARK):
+        must_be = f'{CLASS!r}, unless points of LAS and LAZ are marked'
+        raise CloudError('how rejected points are marked', must_be, repr(wanted.mark))
     if wanted.rejected == SEPARATE and outliers is None:
         raise CloudError('the file for the outliers', 'given, to separate them', 'none')
     if wanted.rejected != SEPARATE and outliers is not None:
@@ -214,55 +216,64 @@ def _clouds(file: CloudFile, output: Path, outliers: Path | None, wanted: Wanted
         raise CloudError('what becomes of rejected points', must_be, repr(wanted.rejected))
     clouds = [output] if outliers is None else [output, outliers]
     for cloud in clouds:
+        if cloud.name.lower().endswith('.copc.laz'):
+            must_be = 'LAZ in the order of the file: no COPC is written'
+            raise CloudError('the output', must_be, cloud)
         if not cloud_file.is_same_format(file.path, cloud):
             raise CloudError('the output', f'in the format of {file.path.name}', cloud)
     return clouds
 
 
-def _load(  # noqa: PLR0913  all that a run knows by then
+def _load(
     file: CloudFile,
     coordinates: Sequence[str],
     parameters: FilterParameters,
-    wanted: Wanted,
     allocate: Allocate,
     progress: Progress,
-) -> tuple[points.Loaded, FilterParameters]:
-    """Read the points, and choose the chain: without scan lines, or in tiles, there is another."""
-    chosen = 'chain' in wanted.parameters
-    along = along_lines(parameters.chain)
+) -> points.Loaded:
+    """Read the points; refuse a chain that needs scan lines where there are none."""
     loaded = points.load(
         file,
         coordinates,
         parameters,
-        timed=bool(along) or not chosen,
+        timed=uses_lines(parameters.chain),
         allocate=allocate,
         progress=lambda done: progress('reading', done, len(file)),
     )
-    if along and not loaded.lines:
-        parameters = chain_without_lines(
-            parameters, chosen=chosen, what=str(file.path), lack=loaded.lack
-        )
-    elif wanted.tile > 0 and not chosen:
-        parameters = parameters.changed({'chain': IN_TILES})
-    return loaded, parameters
+    if loaded.lack:
+        check_chain(parameters.chain, str(file.path), loaded.lack)
+    return loaded
 
 
 def _changes(
-    file: CloudFile, verdict: Verdict, wanted: Wanted, parameters: FilterParameters
+    file: CloudFile, found: _Gone, wanted: Wanted, parameters: FilterParameters
 ) -> list[Change]:
     """Say in what each of the clouds to be written differs from the file."""
+    verdict = found.verdict
     scores: dict[str, NDArray[Any]] = {SCORE: verdict.score, DETECTORS: verdict.detectors}
     if parameters.scores:
         scores[REASON] = verdict.reason
     added = scores if parameters.scores else {}
     if wanted.rejected == MARK:
         if file.classes:
-            return [Change(noise=verdict.rejected, added=added)]
+            return [_marked(found, wanted.mark, added)]
         return [Change(added={OUTLIER: verdict.rejected.astype(np.uint8), **scores})]
     cleaned = Change(keep=~verdict.rejected, added=added)
     if wanted.rejected == REMOVE:
         return [cleaned]
     return [cleaned, Change(keep=verdict.rejected, added=added)]
+
+
+def _marked(found: _Gone, mark: str, added: Mapping[str, NDArray[Any]]) -> Change:
+    """Say how the rejected points of a LAS file are marked."""
+    rejected = found.verdict.rejected
+    if mark == WITHHELD:
+        return Change(withheld=rejected, added=added)
+    if mark == CLASS:
+        return Change(noise=rejected, added=added)
+    high = np.zeros(len(rejected), np.bool_)
+    high[rejected] = found.high
+    return Change(noise=rejected & ~high, high=high, added=added)
 
 
 def _counts(verdict: Verdict, valid: NDArray[np.bool_], chain: Sequence[str]) -> dict[str, Any]:
@@ -297,29 +308,3 @@ def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
     begin = perf_counter()
     yield
     seconds[name] = round(perf_counter() - begin, 3)
-
-
-def _versions() -> dict[str, str]:
-    """List the versions of this and of the libraries that had a part in it."""
-    names = [name for name, module in _LIBRARIES.items() if module in sys.modules]
-    return {
-        'lidar_outlier_filter': __version__,
-        'python': platform.python_version(),
-        **{name: version(name) for name in names},
-    }
-
-
-def as_text(report: CleanReport) -> str:
-    """Write a report as text, a line for each thing."""
-    lines = []
-    for name, value in asdict(report).items():
-        if isinstance(value, dict):
-            lines.append(f'{name}:')
-            lines += [f'  {key}: {_plain(entry)}' for key, entry in value.items()]
-        else:
-            lines.append(f'{name}: {_plain(value)}')
-    return '\n'.join(lines) + '\n'
-
-
-def _plain(value: object) -> str:
-    return ', '.join(map(str, value)) if isinstance(value, tuple) else str(value)

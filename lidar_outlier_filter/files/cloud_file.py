@@ -51,7 +51,11 @@ class Change:
     keep : (N,) bool or None
         The points that the copy has; None: all.
     noise : (N,) bool or None
-        The points whose classification becomes 7, noise; only where the format has classes.
+        The points whose classification becomes 7, low noise; only where the format has classes.
+    high : (N,) bool or None
+        Those whose classification becomes 18, high noise; likewise.
+    withheld : (N,) bool or None
+        Those that gain the flag "withheld"; likewise.
     added : columns by name, (N,) each
         What each point gains, behind all that it has.
 
@@ -59,6 +63,8 @@ class Change:
 
     keep: Mask | None = None
     noise: Mask | None = None
+    high: Mask | None = None
+    withheld: Mask | None = None
     added: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def count(self, total: int) -> int:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.files.cloud_file import Change
 
-NOISE = 7  # ASPRS: low point, noise
+NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
 AXES = ('x', 'y', 'z')
 # Places in the header (LAS 1.4, table 3), first byte and the one behind the last.
@@ -196,10 +196,16 @@ class LasFile:
 
 def _changed(points: Any, header: Any, change: Change, part: slice) -> Any:
     """Return the points of a chunk, changed."""
-    if change.noise is not None:
+    if change.noise is not None or change.high is not None:
         classes = np.array(points.classification)
-        classes[change.noise[part]] = NOISE
+        for some, number in ((change.noise, NOISE), (change.high, HIGH_NOISE)):
+            if some is not None:
+                classes[some[part]] = number
         points.classification = classes
+    if change.withheld is not None:
+        flag = np.array(points.withheld)
+        flag[change.withheld[part]] = 1
+        points.withheld = flag
     if change.added:
         wider = laspy.ScaleAwarePointRecord.zeros(len(points), header=header)
         for name in points.array.dtype.names:

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import Chain, along_lines
 from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.core.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.whole_cloud import chain_without_lines, judge_whole
+from lidar_outlier_filter.core.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_codes
 from lidar_outlier_filter.files import points as columns
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.chain import Chain
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.recorded import RecordedCloud
@@ -202,17 +202,15 @@ class FileSource:
         path: Path,
         parameters: FilterParameters,
         *,
-        chosen: bool,
         truth: tuple[Path, str],
         named: bool = False,
     ) -> None:
-        """Read the file. Where it has no scan lines, the chain is sor.
+        """Read the file.
 
         Parameters
         ----------
         path : of any format that ``clean`` reads
         parameters : of the filter
-        chosen : whether somebody chose the chain
         truth : a file with labels, and the name of their column; empty: the usual one
         named : whether somebody named it; otherwise there may be none
 
@@ -221,14 +219,12 @@ class FileSource:
         file = open_cloud(path)
         names = columns.choose_coordinates(file, ())
         loaded = columns.load(file, names, parameters, timed=True)
-        if along_lines(parameters.chain) and not loaded.lines:
-            parameters = chain_without_lines(
-                parameters, chosen=chosen, what=str(path), lack=loaded.lack
-            )
+        if not loaded.lines:
+            check_chain(parameters.chain, str(path), loaded.lack)
         self.parameters, self._loaded = parameters, loaded.points
         self._intensity = _intensity(file)
         self._code = _truth(path, file, *truth) if named or _has_labels(file) else None
-        how = loaded.lines or f'{loaded.lack}, so that the chain is {", ".join(parameters.chain)}'
+        how = loaded.lines or f'{loaded.lack}, so that it is judged without scan lines'
         self.found = SourceFacts(1, len(file), convention=how)
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:

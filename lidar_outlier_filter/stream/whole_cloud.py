@@ -4,16 +4,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidar_outlier_filter.core.points import Points, is_return
-from lidar_outlier_filter.core.whole_cloud import chain_without_lines, judge_whole
+from lidar_outlier_filter.core.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
 from lidar_outlier_filter.messages.decoder import Decoder, to_nanoseconds
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.given_parameters import gather
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from lidar_outlier_filter.core.verdict import Verdict
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 FIELDS = ('time_field', 'line_field', 'angle_field', 'alpha_beta_gamma.sigma_field')
 NO_TIME, NO_LINES = 'no time of each point', 'no scan line of each point'
@@ -50,8 +51,8 @@ def detect_outliers(
         profile scanner.
     chain : sequence of str, optional
         The detectors, in their order: ``alpha_beta_gamma``, ``quadric``, ``lof``, ``sor``,
-        ``hierarchical``, ``elevation``, ``evidence``. The first and the last need ``t`` and
-        ``line``. Default: ``evidence`` where the cloud has times and scan lines, else ``sor``.
+        ``hierarchical``, ``elevation``, ``evidence``. The first needs ``t`` and ``line``. The last,
+        which is the default, uses them where they are given.
     parameters : mapping of flat names to values, or FilterParameters; optional
         As in ``{'lof.threshold': 1.5}``. What is not named has its default, and what is about
         the stream (``block``, ``halo``) has no effect.
@@ -109,10 +110,6 @@ def detect_outliers(
 
     """
     settings = gather(parameters, chain)
-    if isinstance(parameters, FilterParameters):
-        chosen = True
-    else:
-        chosen = chain is not None or 'chain' in (parameters or {})
     if (isinstance(xyz, np.ndarray) and xyz.dtype.names is not None) or hasattr(xyz, 'fields'):
         for name, values in (('t', t), ('line', line)):
             if values is not None:
@@ -121,7 +118,9 @@ def detect_outliers(
     else:
         points, lack = _points(xyz, t, line, settings)
     if lack:
-        settings = chain_without_lines(settings, chosen=chosen, what='the cloud', lack=lack)
+        check_chain(settings.chain, 'the cloud', lack)
+        nothing = np.zeros(len(points), np.int64)
+        points = replace(points, t=nothing, line=nothing)
     return judge_whole(points, settings)
 
 

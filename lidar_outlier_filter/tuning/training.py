@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import Chain, along_lines
+from lidar_outlier_filter.core.chain import Chain, along_lines, uses_lines
 from lidar_outlier_filter.core.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
@@ -154,7 +154,7 @@ def _joined(verdicts: Sequence[Verdict]) -> Verdict:
 
 
 def _whole(clouds: Sequence[Points], parameters: FilterParameters) -> Verdict:
-    return Chain(parameters).judge(clouds[0])
+    return Chain(parameters, whole=True).judge(clouds[0])
 
 
 def from_recording(  # noqa: PLR0913  what the command line offers
@@ -254,10 +254,10 @@ def from_file(  # noqa: PLR0913  what the command line offers
     """
     file = open_cloud(path)
     along = along_lines(parameters.chain)
-    timed = bool(along)
+    timed = uses_lines(parameters.chain)
     names = file_points.choose_coordinates(file, ())
     loaded = file_points.load(file, names, parameters, timed=timed)
-    if timed and not loaded.lines:
+    if along and not loaded.lines:
         must_be = f'without {along}, as {path} has {loaded.lack}'
         raise RecordingError('chain', must_be, ', '.join(parameters.chain))
     valid = loaded.points.valid

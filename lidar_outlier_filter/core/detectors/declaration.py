@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
 
 
 class Tiled(Enum):
@@ -65,6 +66,31 @@ class Measured:
         return self.score(measured, lambda: seen.points.range, parameters)
 
 
+@dataclass(frozen=True)
+class Reaching:
+    """A detector that measures each point by what is near it, and says how far it looked.
+
+    In tiles it gives the verdict of the cloud in one piece, bit for bit.
+
+    Attributes
+    ----------
+    prepare : of all coordinates, metres, and of which of them there are
+        Gives a number that the measure of every point depends on.
+    measure : of coordinates (N, 3), metres, and this number
+        Gives (N,) float64, and within what distance of each point all else is that it depends on.
+    score : of the measures of all points
+    neighbours, steps : int
+        What a measure depends on is within so many steps, each to one of so many nearest places.
+
+    """
+
+    prepare: Callable[[Floats, Ints, FilterParameters], float]
+    measure: Callable[[Floats, float, FilterParameters], tuple[Floats, Floats]]
+    score: Callable[[Floats, FilterParameters], Scores]
+    neighbours: int
+    steps: int
+
+
 def _none(_parameters: FilterParameters) -> int:
     return 0
 
@@ -90,6 +116,8 @@ class Detector:
     neighbours : length of the lists of neighbours that it asks for; 0: of none
     needs_lines : bool
         Whether it works along scan lines, so that points without lines cannot be judged.
+    uses_lines : bool
+        Whether it works along scan lines where there are some.
     tiled : how it judges in tiles; None: it must see all points at once
     colour : str
         '#rrggbb', in pictures.
@@ -111,4 +139,5 @@ class Detector:
     dials: Callable[[FilterParameters], list[Dial]] = _no_dials
     neighbours: Callable[[FilterParameters], int] = _none
     needs_lines: bool = False
-    tiled: Tiled | Measured | None = None
+    uses_lines: bool = False
+    tiled: Tiled | Measured | Reaching | None = None

@@ -91,6 +91,20 @@ def search(
 
 
 @kernel
+def search_some(
+    xyz: Floats, order: Ints, tree: Tree, levels: int, which: Ints, index: Index
+) -> None:
+    """Write the rows of ``index`` for few points of a tree, one after the other."""
+    k = index.shape[1]
+    room = make_room(k, levels)
+    for i in range(len(which)):
+        few = _alone(xyz, order, tree, which[i], k, room)
+        sort(order, room.few, room.few_place, few, room.best, room.best_place)
+        for j in range(k):
+            index[i, j] = room.best_place[j]
+
+
+@kernel
 def _pick(wanted: Bools, begin: int, end: int, queries: Ints) -> int:
     """List the wanted points of a range, and return how many there are."""
     count = 0

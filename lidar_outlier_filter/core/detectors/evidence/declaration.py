@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Detector
+from lidar_outlier_filter.core.detectors.declaration import Detector, Reaching
 from lidar_outlier_filter.core.detectors.dials import Threshold, plain
+from lidar_outlier_filter.core.detectors.evidence import survey, survey_far
 from lidar_outlier_filter.core.detectors.evidence.detector import detect, neighbours
 from lidar_outlier_filter.core.detectors.evidence.pattern import find_either, judge
+from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
+from lidar_outlier_filter.core.scan_lines import has_lines, spins
 from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Evidence
 
@@ -22,17 +25,42 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
     Numbers = NDArray[np.uint8]
 
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
     points, threshold = seen.points, parameters.evidence.threshold
+    sensor = parameters.evidence.sensor
+    if sensor == 'survey' or (seen.whole and not has_lines(points)):
+        return _as_survey(seen, parameters)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None
-    found = find_either(points, parameters.evidence.sensor, seen.threads)
+    found = find_either(points, sensor, seen.threads)
+    if found is None and sensor == 'auto' and seen.whole and not spins(points):
+        # Airborne scanners, and others whose mirrors swing.
+        return _as_survey(seen, parameters)
     if found is None:
         return Scores(detect(seen.neighbourhood, points, parameters, reason), reason=reason)
     score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
     return Scores(score, reason=reason, scaled=True)
+
+
+def _as_survey(seen: Seen, parameters: FilterParameters) -> Scores:
+    xyz = seen.points.xyz
+    odds, _ = _odds(xyz, _scale(xyz, np.arange(len(xyz)), parameters), parameters)
+    return _survey_score(odds, parameters)
+
+
+def _scale(xyz: Floats, where: Ints, parameters: FilterParameters) -> float:
+    return typical_scale(xyz, where, parameters.threads)
+
+
+def _odds(xyz: Floats, typical: float, parameters: FilterParameters) -> tuple[Floats, Floats]:
+    return survey.measure(xyz, typical, parameters.threads)
+
+
+def _survey_score(odds: Floats, parameters: FilterParameters) -> Scores:
+    return Scores(survey.score(odds, parameters.evidence.threshold), scaled=True)
 
 
 def _threshold(_parameters: FilterParameters) -> Threshold:
@@ -48,7 +76,9 @@ DETECTOR = Detector(
     detect=_detect,
     threshold=_threshold,
     neighbours=lambda _: neighbours(),
-    needs_lines=True,
+    uses_lines=True,
+    # Lines are not looked at in tiles.
+    tiled=Reaching(_scale, _odds, _survey_score, survey_far.MOST, survey_far.STEPS),
     colour='#000000',
     rejects='is improbable by its features. Spinning sensors with evenly spaced rings, and profile '
     'scanners whose mirror turns evenly: trees on the scan pattern. Others: a weighted sum of '

@@ -1,0 +1,188 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The features of clouds without scan lines in plain loops, one point at a time."""
+
+from __future__ import annotations
+
+import math
+from statistics import median
+
+import numpy as np
+
+K, MOST, SOME = 8, 60, 20
+LEAST, EVEN, SMOOTH, FAR, NARROW = 1e-6, 0.02, 0.01, 1e6, 1e-6
+
+Place = tuple[float, float, float]
+
+
+def lists(xyz: list[Place], k: int) -> list[list[int]]:
+    """List the nearest others of each point, the nearest first, then the first given."""
+    return [
+        sorted((o for o in range(len(xyz)) if o != p), key=lambda o: (_squared(xyz[p], xyz[o]), o))[
+            :k
+        ]
+        for p in range(len(xyz))
+    ]
+
+
+def _squared(a: Place, b: Place) -> float:
+    x, y, z = (c - d for c, d in zip(a, b, strict=True))
+    return (x * x + y * y) + z * z
+
+
+def near_features(xyz: list[Place], typical: float) -> list[list[float]]:
+    """Return the 20 features of each point that the first trees see."""
+    near = lists(xyz, K)
+    radius = [math.dist(xyz[p], xyz[near[p][-1]]) for p in range(len(xyz))]
+    return [[*_near(xyz, near, radius, p), min(radius[p] / typical, FAR)] for p in range(len(xyz))]
+
+
+def _near(xyz: list[Place], near: list[list[int]], radius: list[float], p: int) -> list[float]:
+    others = near[p]
+    distance = [math.dist(xyz[p], xyz[o]) for o in others]
+    radii = [radius[o] for o in others]
+    s = median(radii) + LEAST
+    jump, jump_at = 1.0, 0
+    for m in range(1, K):
+        if distance[m] / (distance[m - 1] + LEAST) > jump:
+            jump, jump_at = distance[m] / (distance[m - 1] + LEAST), m
+    listed = sum(d <= r for d, r in zip(distance, radii, strict=True))
+    reached = {*others, *(two for one in others for two in near[one])} - {p}
+    off, flat, thin, upright, aside = plane(xyz, others, p)
+    heights = _below(xyz, others, s, p)
+    found = [
+        *(distance[0] / s, sum(distance[:3]) / (3 * s), distance[-1] / s),
+        *(distance[-1] / (min(radii) + LEAST), max(radii) / s, jump, jump_at, listed),
+        *(len(reached), off / s, flat / s, off / (flat + SMOOTH * s), thin, aside, upright),
+        *heights,
+    ]
+    return [min(max(value, -FAR), FAR) for value in found]
+
+
+def _below(xyz: list[Place], others: list[int], s: float, p: int) -> list[float]:
+    """Say how far a point is below and above others, and how these are spread there."""
+    z = sorted(xyz[o][2] - xyz[p][2] for o in others)
+    quarter = len(z) // 4
+    return [
+        *(z[0] / s, -z[-1] / s, z[0] / (z[quarter] - z[0] + EVEN * s)),
+        -z[-1] / (z[-1] - z[-1 - quarter] + EVEN * s),
+    ]
+
+
+def plane(xyz: list[Place], others: list[int], p: int) -> tuple[float, float, float, float, float]:
+    """Return how far a point is off the plane of others, these are, and three things about it.
+
+    How thin it is, how upright its normal, and how far its middle is from the point.
+    """
+    away = np.array([[a - b for a, b in zip(xyz[o], xyz[p], strict=True)] for o in others])
+    mean = away.mean(axis=0)
+    moment = (away - mean).T @ (away - mean) / len(others)
+    value, vector = np.linalg.eigh(moment)
+    value = np.maximum(value, 0.0)
+    thin = math.sqrt(value[1]) / (math.sqrt(value[2]) + LEAST)
+    aside = math.sqrt(mean @ mean) / (math.sqrt(np.trace(moment)) + LEAST)
+    if value[1] > NARROW * value[2]:
+        normal = vector[:, 0]
+        return abs(mean @ normal), math.sqrt(value[0]), thin, abs(normal[2]), aside
+    along = vector[:, 2]
+    off = math.sqrt(max(mean @ mean - (mean @ along) ** 2, 0.0))
+    return off, math.sqrt(value[0] + value[1]), thin, abs(along[2]), aside
+
+
+def far_features(xyz: list[Place], odds: list[float], typical: float) -> list[list[float]]:
+    """Return the features of each point that the second trees see, behind those of the first."""
+    near, far = lists(xyz, K), lists(xyz, MOST)
+    radius = [math.dist(xyz[p], xyz[near[p][-1]]) for p in range(len(xyz))]
+    found = []
+    for p in range(len(xyz)):
+        values = [
+            *_widths(xyz, far[p], radius, p),
+            *_group(xyz, far[p], radius, p),
+            *_planes(xyz, far[p], radius, p),
+            *_heights(xyz, far[p], radius, p, typical),
+            odds[p],
+            sum(odds[o] for o in near[p]) / K,
+            sum(odds[o] > 0 for o in near[p]) / K,
+            sum(odds[o] > 0 for o in far[p]) / len(far[p]),
+        ]
+        found.append([min(max(value, -FAR), FAR) for value in values])
+    return found
+
+
+def scale(others: list[int], radius: list[float]) -> float:
+    """Return S: the median radius of the others, the upper of two in the middle."""
+    return sorted(radius[o] for o in others)[len(others) // 2] + LEAST
+
+
+def _widths(xyz: list[Place], others: list[int], radius: list[float], p: int) -> list[float]:
+    wide, count = scale(others, radius), len(others)
+    dense = sorted(radius[o] for o in others)[min(5, count - 1)] + LEAST
+    twentieth = others[min(SOME, count) - 1]
+    s = median(radius[o] for o in others[:K]) + LEAST
+    return [
+        *(radius[p] / wide, math.dist(xyz[p], xyz[twentieth]) / wide),
+        *(math.dist(xyz[p], xyz[others[-1]]) / wide, radius[p] / dense),
+        wide / s,
+    ]
+
+
+def _group(xyz: list[Place], others: list[int], radius: list[float], p: int) -> list[float]:
+    """Say what hangs together with the point up to each distance."""
+    wide = scale(others, radius)
+    left, inside, edges = list(others), [p], []
+    while left:
+        edge, new = min((math.sqrt(_squared(xyz[a], xyz[b])), b) for a in inside for b in left)
+        edges.append(edge)
+        inside.append(new)
+        left.remove(new)
+    longest = max(edges)
+    before = edges.index(longest)
+    of = max(edges[:before]) if before else wide
+    group = next((n for n, edge in enumerate(edges) if edge > 2 * wide), len(edges))
+    against = longest / (of + LEAST) if longest > 0 else 0.0
+    return [edges[0] / wide, longest / wide, before, against, group]
+
+
+def _planes(xyz: list[Place], others: list[int], radius: list[float], p: int) -> list[float]:
+    wide, found = scale(others, radius), []
+    for count in (SOME, MOST):
+        off, flat, *_ = plane(xyz, others[:count], p)
+        found += [off / wide, flat / wide, off / (flat + SMOOTH * wide)]
+    return found
+
+
+def _heights(
+    xyz: list[Place], others: list[int], radius: list[float], p: int, typical: float
+) -> list[float]:
+    wide, z = scale(others, radius), xyz[p][2]
+    few, many = (_below(xyz, others[:count], wide, p) for count in (SOME, MOST))
+    found = [*few[:2], *many[:2], *few[2:], *many[2:], wide / typical]
+    found.append(sum(xyz[o][2] > z for o in others) / len(others))
+    between = []
+    for m, one in enumerate(others[:SOME]):
+        for other in others[:m]:
+            (ax, ay), (bx, by) = (
+                (xyz[o][0] - xyz[p][0], xyz[o][1] - xyz[p][1]) for o in (one, other)
+            )
+            a, b = math.hypot(ax, ay), math.hypot(bx, by)
+            if ax * bx + ay * by < -0.8 * a * b:
+                between.append(((xyz[one][2] - z) * b + (xyz[other][2] - z) * a) / (a + b))
+    return [*found, *((min(between) / wide, -max(between) / wide) if between else (0.0, 0.0))]
+
+
+def add_up(
+    start: float,
+    features: list[list[int]],
+    limits: list[list[float]],
+    leaves: list[list[float]],
+    values: list[float],
+) -> float:
+    """Add up what trees of three questions say of a point with these features."""
+    total = np.float32(start)
+    for feature, limit, leaf in zip(features, limits, leaves, strict=True):
+        node = 0
+        for _ in range(3):
+            above = np.float32(values[feature[node]]) > np.float32(limit[node])
+            node = 2 * node + 2 if above else 2 * node + 1
+        total = np.float32(total + np.float32(leaf[node - 7]))
+    return float(total)

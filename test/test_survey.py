@@ -1,0 +1,232 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Clouds without scan lines, judged by trees on the neighbours of each point."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from naive import survey as naive
+from numpy.typing import NDArray
+
+from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.core.detectors.distances import squared_k_distances
+from lidar_outlier_filter.core.detectors.evidence import survey, survey_far, survey_near
+from lidar_outlier_filter.core.detectors.evidence.survey_far import MOST, Far
+from lidar_outlier_filter.core.detectors.evidence.survey_model import load
+from lidar_outlier_filter.core.detectors.evidence.survey_near import K
+from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.points import Points, is_return
+from lidar_outlier_filter.core.tiled_chain import TiledChain
+from lidar_outlier_filter.core.whole_cloud import judge_whole
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.detectors.evidence.trees import Trees
+
+Floats = NDArray[np.float64]
+
+
+def surface(count: int = 400, seed: int = 1, strays: int = 12) -> Floats:
+    """Make a rough surface with strays above and below it, in an order drawn by lot."""
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform((0.0, 0.0, 0.0), (20.0, 20.0, 0.1), (count, 3))
+    xyz[:, 2] += 0.05 * xyz[:, 0]
+    xyz[:strays, 2] += rng.uniform(3.0, 30.0, strays) * rng.choice([-1, 1], strays)
+    xyz[strays // 2 : strays, :2] = xyz[strays // 2, :2] + rng.normal(0.0, 0.2, (strays // 2, 2))
+    return xyz[rng.permutation(count)]
+
+
+def grid(side: int = 18) -> Floats:
+    """Make an even grid, where nearly all distances are tied."""
+    x, y = np.divmod(np.arange(float(side * side)), side)
+    return np.stack([x, y, np.zeros(len(x))], axis=1)
+
+
+def stacked() -> Floats:
+    """Make points of which many coincide, more than lists hold."""
+    rng = np.random.default_rng(3)
+    return np.concatenate([rng.uniform(0.0, 5.0, (60, 3)), np.ones((12, 3)), np.full((70, 3), 2.0)])
+
+
+def along_a_line() -> Floats:
+    """Make points on a straight line, which have no plane."""
+    along = np.random.default_rng(4).uniform(0.0, 9.0, (80, 1))
+    xyz: Floats = along * [[1.0, 2.0, 0.5]]
+    return xyz
+
+
+CLOUDS = {
+    'surface': surface(),
+    'grid': grid(),
+    'stacked': stacked(),
+    'line': along_a_line(),
+    'short': surface(30, strays=2),
+    'nine': surface(9, strays=0),
+}
+# A plane means nothing where variances are equal, or nothing but rounding.
+_PLANE = ('off', 'flat', 'off_flat', 'off20', 'flat20', 'off_flat20', 'flat60', 'off_flat60')
+VAGUE = {'grid': ('level',), 'stacked': ('level', *_PLANE), 'line': ('level',)}
+
+
+def scale_of(xyz: Floats) -> float:
+    """Return the typical scale of a cloud, all of whose points there are."""
+    return typical_scale(xyz, np.arange(len(xyz)))
+
+
+def odds_of(xyz: Floats, threads: int = 0) -> tuple[Floats, Floats]:
+    """Return the log-odds of all points of a cloud, and how far they reach."""
+    return survey.measure(xyz, scale_of(xyz), threads)
+
+
+def measured(xyz: Floats) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[np.float32]]:
+    """Return the features of all points, those of the first trees and all, in the order given."""
+    hood = Neighbourhood(xyz, K)
+    near, which = survey.neighbours(hood, scale_of(xyz)), np.arange(len(xyz))
+    first = np.empty((survey_near.COUNT, len(xyz)), np.float32)
+    survey.measure_near(near, which, first)
+    odds, _ = survey.first_odds(near, load().first)
+    index = hood.nearest_of(which, min(MOST, len(xyz) - 1))
+    every = np.empty((survey_far.COUNT, len(xyz)), np.float32)
+    survey.measure_far(Far(near, odds, index), which, every)
+    back = np.argsort(hood.order)
+    return hood, first[:, back], every[:, back]
+
+
+@pytest.mark.parametrize('name', CLOUDS)
+def test_features_against_loops(name: str) -> None:
+    """Each feature is what plain loops say, also of ties, stacks, lines and short clouds."""
+    xyz = CLOUDS[name]
+    hood, first, every = measured(xyz)
+    places = [tuple(row) for row in xyz.tolist()]
+    odds, _ = survey.first_odds(survey.neighbours(hood, scale_of(xyz)), load().first)
+    given = odds[np.argsort(hood.order)].tolist()
+    expected = np.array(naive.near_features(places, scale_of(xyz))).T
+    wide = np.array(naive.far_features(places, given, scale_of(xyz))).T
+    for n, feature in enumerate(survey_far.NAMES):
+        if feature in VAGUE.get(name, ()):
+            continue
+        loop = expected[n] if n < len(expected) else wide[n - len(expected)]
+        np.testing.assert_allclose(every[n], loop, rtol=2e-4, atol=2e-4, err_msg=feature)
+    np.testing.assert_array_equal(first, every[: len(first)])
+
+
+def test_trees_against_loops() -> None:
+    """The log-odds are sums of what plain loops read from the trees."""
+    xyz = CLOUDS['surface']
+    _, first, every = measured(xyz)
+    model = load()
+    odds, _ = odds_of(xyz)
+    for n in range(0, len(xyz), 5):
+        said = _loop(model.first, first[:, n])
+        if said > np.float32(model.doubtful):
+            said = _loop(model.again, every[:, n])
+        assert odds[n] == said
+
+
+def _loop(trees: Trees, values: NDArray[np.float32]) -> float:
+    limits, leaves = trees.limit.tolist(), trees.value.tolist()
+    start, features = float(trees.start), trees.feature.tolist()
+    return naive.add_up(start, features, limits, leaves, values.tolist())
+
+
+@pytest.mark.parametrize('name', ['surface', 'stacked', 'short'])
+def test_order_and_threads_do_not_matter(name: str) -> None:
+    """Each point gets the same whatever the order of the points, and on any number of threads."""
+    xyz = CLOUDS[name] + np.random.default_rng(1).uniform(0.0, 1e-3, CLOUDS[name].shape)
+    odds, reach = odds_of(xyz, 1)
+    order = np.random.default_rng(2).permutation(len(xyz))
+    for threads in (1, 3):
+        again, far = odds_of(xyz[order], threads)
+        np.testing.assert_array_equal(again, odds[order])
+        np.testing.assert_array_equal(far, reach[order])
+
+
+@pytest.mark.parametrize('size', [1e-3, 1e3])
+def test_size_does_not_matter(size: float) -> None:
+    """A cloud in millimetres is judged as one in kilometres."""
+    xyz = surface(600)
+    odds, _ = odds_of(xyz * 1000.0)
+    again, _ = odds_of(xyz * 1000.0 * 2.0 ** np.round(np.log2(size)))
+    np.testing.assert_allclose(again, odds, atol=0.5)
+
+
+def test_reach() -> None:
+    """Points farther away than the reach of a point count for nothing."""
+    xyz = surface(900)
+    odds, reach = odds_of(xyz)
+    for p in range(0, len(xyz), 60):
+        near = np.linalg.norm(xyz - xyz[p], axis=1) <= reach[p] * (1 + 1e-9)
+        assert near.sum() > K
+        again, _ = survey.measure(xyz[near], scale_of(xyz))
+        assert again[np.flatnonzero(near).tolist().index(p)] == odds[p]
+
+
+@pytest.mark.parametrize('count', [0, 1, 8])
+def test_too_few_points_are_not_tested(count: int) -> None:
+    """Points with fewer than eight others stay untested, and are kept."""
+    odds, reach = odds_of(surface(400)[:count])
+    assert np.isnan(odds).all()
+    assert np.isinf(reach).all()
+
+
+def points(xyz: Floats) -> Points:
+    """Make points without scan lines."""
+    zeros = np.zeros(len(xyz), np.int64)
+    return Points(xyz, zeros, zeros, is_return(xyz))
+
+
+@pytest.mark.parametrize('side', [3.0, 7.0, 100.0])
+@pytest.mark.parametrize('name', CLOUDS)
+def test_tiles_give_the_answer_of_one_piece(name: str, side: float) -> None:
+    """Whatever the side of the tiles, scores are those of one piece, bit for bit."""
+    xyz = CLOUDS[name].copy()
+    xyz[3] = np.nan
+    cloud, parameters = points(xyz), FilterParameters()
+    parameters = parameters.changed({'chain': ['evidence']})
+    whole = judge_whole(cloud, parameters)
+    tiled = TiledChain(cloud, parameters, side).judge()
+    np.testing.assert_array_equal(tiled.score, whole.score)
+    np.testing.assert_array_equal(tiled.rejected, whole.rejected)
+
+
+def test_finds_strays_and_loses_nothing() -> None:
+    """The default finds single points off a surface, most of a group, and no other point."""
+    rng = np.random.default_rng(5)
+    xyz = rng.uniform((0.0, 0.0, 0.0), (50.0, 50.0, 0.05), (10_000, 3))
+    xyz[:20, 2] += rng.uniform(4.0, 20.0, 20) * rng.choice([-1, 1], 20)
+    xyz[20:35] = np.array([25.0, 25.0, 12.0]) + rng.normal(0.0, 0.3, (15, 3))
+    outlier = detect_outliers(xyz).outlier
+    assert outlier[:20].all()
+    assert outlier[20:35].sum() > 10
+    assert not outlier[35:].any()
+
+
+def test_an_even_plane_is_kept() -> None:
+    """An even, noisy plane loses nothing."""
+    xyz = np.random.default_rng(6).uniform((0.0, 0.0, 0.0), (50.0, 50.0, 0.2), (20_000, 3))
+    assert not detect_outliers(xyz).outlier.any()
+
+
+def test_lines_are_not_looked_at_where_asked() -> None:
+    """With ``evidence.sensor: survey`` times and lines count for nothing."""
+    xyz = surface(500)
+    t, line = np.arange(500) * 1000, np.arange(500) // 50
+    asked = detect_outliers(xyz, t=t, line=line, parameters={'evidence.sensor': 'survey'})
+    np.testing.assert_array_equal(asked.score, detect_outliers(xyz).score)
+
+
+def test_typical_scale() -> None:
+    """It is that of an even surface, from all points or few, in any order."""
+    for count in (5000, 60_000):
+        xyz = np.random.default_rng(7).uniform((0.0, 0.0, 0.0), (50.0, 50.0, 0.01), (count, 3))
+        radius = np.median(np.sqrt(squared_k_distances(Neighbourhood(xyz, K), K)))
+        found = scale_of(xyz)
+        assert found == pytest.approx(radius, rel=0.1)
+        order = np.random.default_rng(8).permutation(count)
+        assert scale_of(xyz[order]) == found
+        assert typical_scale(xyz, order) == found
+    assert scale_of(xyz[:5]) > 0
