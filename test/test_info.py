@@ -54,6 +54,7 @@ def test_gaps_and_rate() -> None:
     found = MessageTimes()
     for number in (*range(50), *range(52, 70), *range(75, 90)):
         found.add(number * 100_000_000)
+    found.add(9_050_000_000)  # one and a half times as late as usual: nothing is missing
     assert (found.gaps, found.jumps, found.longest) == (2, 0, 600_000_000)
     assert found.rate == pytest.approx(10, rel=0.0003)
     at_once = MessageTimes()

@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import pickle
 import shutil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import pytest
 from stores import Store, running_store
@@ -188,21 +190,44 @@ def test_publish_whole_or_not(store: Store, recordings: Path, tmp_path: Path) ->
         pass
 
 
-def test_an_upload_that_fails_is_given_up(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A bucket that goes away while parts are sent leaves one sentence, and no part."""
+class _Torn(io.BytesIO):
+    """A file of which 12 MiB can be read, on a disk that fails then."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        if not data:
+            raise OSError(errno.EIO, 'Input/output error')
+        return data
+
+
+class _TornFile:
+    @staticmethod
+    def open(_mode: str) -> io.BytesIO:
+        return _Torn(bytes(12 * 2**20))
+
+
+def test_an_upload_that_fails_is_given_up(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that fails while parts are sent leaves nothing on the store, nor any part."""
     monkeypatch.setattr(places, 'PART', 5 * 2**20)
-    store.new_bucket('full')
-    target = places.path_at('s3://full/drive')
-    refused = pytest.raises(RecordingError, match='s3://full/drive must be written in full, got')
+    target = places.path_at(f'{store.new_bucket("full")}/drive/a.mcap')
+    assert isinstance(target, RemotePath)
+    sent = store.requests.count('PUT /full/drive/a.mcap?partNumber=')
+    with pytest.raises(OSError, match='Input/output error'):
+        places._upload(cast('Path', _TornFile()), target)
+    assert store.requests.count('PUT /full/drive/a.mcap?partNumber=') > sent
+    assert (store.keys('full'), store.uploads('full')) == ([], [])
+
+
+def test_what_fails_to_be_published_is_no_recording(store: Store, tmp_path: Path) -> None:
+    """An error between two files costs one sentence; without metadata there is no recording."""
+    target = places.path_at(f'{store.new_bucket("half")}/drive')
+    refused = pytest.raises(RecordingError, match='s3://half/drive must be written in full, got')
     with refused, places.published(target, tmp_path) as path:
         path.mkdir()
-        (path / 'a.mcap').write_bytes(bytes(12 * 2**20))
+        (path / 'a.mcap').write_bytes(b'')
+        (path / 'b.mcap').mkdir()  # no file
         (path / 'metadata.yaml').write_bytes(b'')
-        (path / 'b.mcap').mkdir()  # no file: its upload fails after that of the first
-    assert store.keys('full') == ['drive/a.mcap']
-    assert store.uploads('full') == []
+    assert store.keys('half') == ['drive/a.mcap']
 
 
 @pytest.mark.parametrize(

@@ -272,5 +272,6 @@ def _upload(file: Path, target: RemotePath) -> None:
             stream.close()
         except BaseException:
             stream.discard()
+            stream.closed = True  # or it would try to write the rest when it is collected
             raise
     stream.commit()
