@@ -35,15 +35,25 @@ MEGABYTE = 1e6
 def timed(task: Task, order: Order, workers: Workers | None) -> tuple[float, str]:
     """Replay; return the seconds, and the hash of the output, which is removed."""
     engine = Engine([task], order, workers)
-    began = perf_counter()
+    before, began = processor_seconds(), perf_counter()
     output = Path(str(task.output))
     engine.replay(task, output, lambda _done, _all: None)
     elapsed = perf_counter() - began
+    own, others = (after - then for after, then in zip(processor_seconds(), before, strict=True))
+    print(f'  processor seconds: {own:.1f} of this process, {others:.1f} of workers')
     found = hashlib.sha256((output / f'{output.name}.mcap').read_bytes()).hexdigest()
     shutil.rmtree(output)
     if workers is not None:
         print(f'  blocks judged by who writes: {engine.judged_here} of {engine.judged}')
     return elapsed, found
+
+
+def processor_seconds() -> tuple[float, float]:
+    """Return those of this process, and of its workers: these say more where others are busy."""
+    me = psutil.Process()
+    times = [one.cpu_times() for one in (me, *me.children(recursive=True))]
+    sums = [one.user + one.system for one in times]
+    return sums[0], sum(sums[1:])
 
 
 def memory() -> float:
