@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What `clean` offers for surveys: classes, marks, strips, many files, and going on later."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import laspy
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.heights import is_high
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    Capture = pytest.CaptureFixture[str]
+
+BIRD, LOW = 40, 41
+
+
+def write_las(path: Path, point_format: int = 6, strips: int = 1) -> Path:
+    """Write a floor of class 2 with a bird and a low point of class 1, in strips one by one."""
+    rng = np.random.default_rng(1)
+    xyz = rng.uniform((0.0, 0.0, 0.0), (20.0, 20.0, 0.02), (1500, 3))
+    xyz[BIRD, 2], xyz[LOW, 2] = 30.0, -30.0
+    header = laspy.LasHeader(point_format=point_format, version='1.4')
+    header.scales, header.offsets = [0.001] * 3, [0.0] * 3
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = xyz.T
+    classes = np.full(len(xyz), 2, np.uint8)
+    classes[[BIRD, LOW]] = 1
+    cloud.classification = classes
+    cloud.point_source_id = np.arange(len(xyz)) % strips
+    cloud.write(path)
+    return path
+
+
+@pytest.fixture
+def cloud(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Write a cloud, and widen the terminal."""
+    monkeypatch.setenv('COLUMNS', '200')
+    return write_las(tmp_path / 'a.las')
+
+
+@pytest.mark.parametrize(
+    ('options', 'low', 'high', 'withheld'),
+    [
+        ([], 7, 7, 0),
+        (['--mark', 'noise'], 7, 18, 0),
+        (['--mark', 'withheld'], 1, 1, 1),
+        (['--keep-classes', '1'], 1, 1, 0),
+        (['--only-classes', '2,3'], 1, 1, 0),
+        (['--only-classes', '1'], 7, 7, 0),
+    ],
+)
+def test_marks_and_classes(
+    cloud: Path, options: list[str], low: int, high: int, withheld: int
+) -> None:
+    """Rejected points are marked as asked; those of classes that are to stay are not."""
+    assert main(['clean', str(cloud), *options]) == 0
+    after = laspy.read(cloud.with_name('a_cleaned.las'))
+    classes, flag = np.array(after.classification), np.array(after.withheld)
+    assert (classes[LOW], classes[BIRD]) == (low, high)
+    assert flag[[LOW, BIRD]].tolist() == [withheld, withheld]
+    assert flag.sum() == 2 * withheld
+    assert (np.delete(classes, [LOW, BIRD]) == 2).all()
+
+
+def test_a_dry_run_writes_nothing(cloud: Path, capsys: Capture) -> None:
+    """It prints what would go, by detector and by class."""
+    assert main(['clean', str(cloud), '--dry-run']) == 0
+    assert [path.name for path in cloud.parent.iterdir()] == ['a.las']
+    lines = [line.replace('│', ' ').split() for line in capsys.readouterr().out.splitlines()]
+    assert ['1', '2', '2', '100.000%'] in lines
+    assert ['2', '1,498', '0', '0.000%'] in lines
+
+
+def test_strips_are_judged_alone(tmp_path: Path) -> None:
+    """A bird that two strips see is alone in each of them; points of others do not count."""
+    path = write_las(tmp_path / 'b.las', strips=2)
+    assert main(['clean', str(path), '--strips']) == 0
+    assert (laspy.read(tmp_path / 'b_cleaned.las').classification == 7).sum() == 2
+
+
+def test_many_files_and_going_on(cloud: Path, capsys: Capture) -> None:
+    """Several files go into a new folder; with --resume only what is missing is done."""
+    for name in ('b.las', 'c.las'):
+        (cloud.parent / name).write_bytes(cloud.read_bytes())
+    folder = cloud.parent / 'out' / 'cleaned'
+    files = [str(cloud.parent / name) for name in ('a.las', 'b.las', 'c.las')]
+    arguments = ['clean', *files, '--output', str(folder)]
+    assert main([*arguments, '--jobs', '2']) == 0
+    written = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert len(written) == 9
+    assert main(arguments) == 1
+    for path in folder.glob('b_*'):
+        path.unlink()
+    capsys.readouterr()
+    assert main([*arguments, '--resume']) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert [line for line in said if 'is done already' in line] == [
+        f'{files[0]} is done already: {folder}/a_cleaned.las',
+        f'{files[2]} is done already: {folder}/c_cleaned.las',
+    ]
+    same = [name for name in written if name.endswith('.las')]
+    assert all((folder / name).read_bytes() == written[name] for name in same)
+    # Other options are another result, which nothing is replaced for.
+    assert main([*arguments, '--resume', '--mark', 'noise']) == 1
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (['--only-classes', 'ground'], '--only-classes must be whole numbers, with commas between'),
+        (['--keep-classes', '300'], 'a class must be from 0 to 255, got 300'),
+        (['--jobs', '0'], '--jobs must be at least 1, got 0'),
+        (['--rejected', 'remove', '--mark', 'noise'], 'how rejected points are marked must be'),
+        (['--output', 'b.copc.laz'], 'the output must be LAZ in the order of the file: no COPC'),
+    ],
+)
+def test_refused(cloud: Path, options: list[str], sentence: str, capsys: Capture) -> None:
+    """What makes no sense is refused in one sentence, and nothing is written."""
+    assert main(['clean', str(cloud), *options]) == 1
+    assert capsys.readouterr().err.startswith(sentence)
+    assert [path.name for path in cloud.parent.iterdir()] == ['a.las']
+
+
+def test_classes_of_a_file_without(tmp_path: Path, capsys: Capture) -> None:
+    """Only LAS has classes."""
+    path = tmp_path / 'a.csv'
+    path.write_text('x,y,z\n' + '1,2,3\n' * 20)
+    assert main(['clean', str(path), '--keep-classes', '2']) == 1
+    assert f'the classes of {path} must be in the file' in capsys.readouterr().err
+
+
+def test_high_and_low() -> None:
+    """Rejected points are compared with what is kept around them on the map."""
+    rng = np.random.default_rng(2)
+    xyz = rng.uniform((0.0, 0.0, 0.0), (100.0, 100.0, 0.1), (5000, 3))
+    xyz[:, 2] += xyz[:, 0]
+    rejected = np.zeros(len(xyz), np.bool_)
+    rejected[:40] = True
+    xyz[:40, 2] += np.where(np.arange(40) % 2, 15.0, -15.0)
+    assert is_high(xyz, ~rejected, rejected).tolist() == (np.arange(40) % 2 == 1).tolist()
+    assert not is_high(xyz, np.zeros(len(xyz), np.bool_), rejected).any()

@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Training the trees for clouds without scan lines."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.core.detectors.evidence.survey_far import NAMES
+from lidar_outlier_filter.core.detectors.evidence.survey_model import load
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.simulation.survey_errors import NEIGHBOUR, add_errors
+from lidar_outlier_filter.simulation.survey_scenes import KINDS, training_scene
+from lidar_outlier_filter.tuning.train_survey import SCENES, train_survey
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.simulation.survey_scenes import SurveyScene
+
+WALLS = (3, 9, 13, 19)  # seeds of small scenes
+
+
+@pytest.fixture(scope='module')
+def walls() -> list[SurveyScene]:
+    """Simulate some small scenes."""
+    return [training_scene(seed) for seed in WALLS]
+
+
+def test_scenes_differ_and_repeat(walls: list[SurveyScene]) -> None:
+    """A seed gives the same points each time, another seed others."""
+    again = training_scene(WALLS[1])
+    np.testing.assert_array_equal(again.xyz, walls[1].xyz)
+    np.testing.assert_array_equal(again.cause, walls[1].cause)
+    assert len({len(scene.xyz) for scene in walls}) == len(walls)
+    assert all(scene.name.startswith('walls') for scene in walls)
+    assert any(scene.cause.any() for scene in walls)
+    assert SCENES % len(KINDS) == 0
+
+
+def test_errors_come_behind_the_points() -> None:
+    """Errors are added behind the points that are right, away from all of them."""
+    rng = np.random.default_rng(1)
+    good = rng.uniform((0.0, 0.0, 0.0), (20.0, 20.0, 0.01), (3000, 3))
+    xyz, cause = add_errors(good, 0.02, rng)
+    np.testing.assert_array_equal(xyz[: len(good)], good)
+    assert not cause[: len(good)].any()
+    assert cause[len(good) :].all()
+    assert 0 < len(xyz) - len(good) < 0.05 * len(good)
+    assert len(good) > NEIGHBOUR
+
+
+def test_file_is_complete_and_repeats(walls: list[SurveyScene]) -> None:
+    """The same scenes give the same bytes, which say what they saw."""
+    first, second = (train_survey(walls, {'about': 'a test'}, rounds=(4, 4)) for _ in range(2))
+    assert first.text == second.text
+    data = json.loads(first.text)
+    assert data['uses'] == list(NAMES)
+    assert data['scenes'] == [scene.name for scene in walls]
+    assert len(data['first']['features']) == len(data['again']['features']) == 4
+    assert set(data['held_out']['kinds']) == {'walls'}
+
+
+def test_what_cannot_be_trained_on(walls: list[SurveyScene]) -> None:
+    """Too few scenes, and scenes without outliers, are refused."""
+    with pytest.raises(FilterError, match='the training scenes must be at least 3, got 2'):
+        train_survey(walls[:2], {})
+    clean = [scene._replace(cause=np.zeros_like(scene.cause)) for scene in walls]
+    with pytest.raises(FilterError, match='the training scenes must be ones with outliers'):
+        train_survey(clean, {})
+
+
+def test_model_of_the_package() -> None:
+    """The model of the package is complete."""
+    model = load()
+    assert model.doubtful < model.threshold
+    assert len(model.first.feature) == 80
+    assert len(model.again.feature) == 220
