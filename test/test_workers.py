@@ -105,6 +105,15 @@ def test_two_workers_give_the_same_bytes(
     assert run(drives, tmp_path, two) == []
 
 
+def test_workers_of_other_code_are_refused(
+    drives: Path, tmp_path: Path, two: Workers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever they judge; in one sentence that says both versions."""
+    monkeypatch.setattr(module, 'judging_code', lambda: '0.0.1+abc')
+    with pytest.raises(SchedulerError, match=r'the worker .* must be of version 0\.0\.1\+abc'):
+        run(drives, tmp_path, two)
+
+
 def test_killed_workers_cost_their_pieces(
     drives: Path, expected: dict[str, Any], tmp_path: Path, two: Workers
 ) -> None:

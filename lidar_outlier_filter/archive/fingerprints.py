@@ -63,4 +63,9 @@ def model_hash() -> str:
     return total.hexdigest()
 
 
+def judging_code() -> str:
+    """Return what two processes have in common that judge alike: the code and the models."""
+    return f'{version()}+{model_hash()[:12]}'
+
+
 _JUDGE = 'lidar_outlier_filter.recordings.replay'

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.known_chain import NotingChain
 from lidar_outlier_filter.archive.places import staged
 from lidar_outlier_filter.core.points import SECOND
@@ -60,11 +61,15 @@ class Piece:
 
 @dataclass(frozen=True)
 class JudgedPiece:
-    """The verdicts of a piece, by the digest of the points, and who judged it for how long."""
+    """The verdicts of a piece, by the digest of the points; who judged it, for how long, by what.
+
+    ``code`` is of :func:`.fingerprints.judging_code`.
+    """
 
     verdicts: Mapping[bytes, bytes]
     worker: str
     seconds: float
+    code: str
 
 
 def cut(
@@ -127,7 +132,7 @@ def judge_piece(piece: Piece) -> JudgedPiece:
         for stream in streams:
             stream.finish()
     worker = f'{socket.gethostname()}:{os.getpid()}'
-    return JudgedPiece(chain.verdicts, worker, perf_counter() - began)
+    return JudgedPiece(chain.verdicts, worker, perf_counter() - began, judging_code())
 
 
 def warm_up(parameters: FilterParameters) -> float:

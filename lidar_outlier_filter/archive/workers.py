@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from lidar_outlier_filter.archive import worker_start
+from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.pieces import JudgedPiece, judge_piece
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from lidar_outlier_filter.archive.pieces import Piece
+from lidar_outlier_filter.archive.pieces import Piece
 
 RETRIES = 2  # of a piece that failed on a worker, as for want of a network
 AHEAD = 2  # pieces of each worker that are judged, or wait, while one is written
@@ -33,7 +34,7 @@ STEP = 0.5  # seconds between two looks at whether to go on waiting
 
 
 class SchedulerError(FilterError):
-    """A scheduler that does not answer."""
+    """A scheduler that does not answer, or whose workers are of other code."""
 
 
 class Workers:
@@ -65,7 +66,7 @@ class Workers:
         RecordingError
             If several workers died of the piece, or it failed on each that tried.
         SchedulerError
-            If the scheduler has gone.
+            If the scheduler has gone, or the worker is of another version.
 
         """
         from distributed.scheduler import KilledWorker
@@ -90,6 +91,9 @@ class Workers:
             raise RecordingError(what, 'judged by the workers', said_by(err)) from err
         if not isinstance(judged, JudgedPiece):
             raise RecordingError(what, 'judged by this version', type(judged).__name__)
+        if judged.code != judging_code():
+            must_be = f'of version {judging_code()}, as this process'
+            raise SchedulerError(f'the worker {judged.worker}', must_be, judged.code)
         return judged
 
     def check(self) -> None:
@@ -158,8 +162,8 @@ def local_workers(jobs: int) -> Iterator[Workers]:
 
 
 @contextmanager
-def cluster_workers(address: str) -> Iterator[Workers]:
-    """Use the workers of a cluster that runs.
+def cluster_workers(address: str, inform: Callable[[str], object] = str) -> Iterator[Workers]:
+    """Use the workers of a cluster that runs; ``inform`` gets a sentence where it has none yet.
 
     Raises
     ------
@@ -178,6 +182,8 @@ def cluster_workers(address: str) -> Iterator[Workers]:
         must_be = f'that of a Dask scheduler that answers within {PATIENCE:g} s'
         raise SchedulerError('--scheduler', must_be, address) from err
     with _silent(), client:
+        if not client.nthreads():
+            inform(f'the cluster of {address} has no worker yet: pieces wait for one')
         yield Workers(client, address)
 
 

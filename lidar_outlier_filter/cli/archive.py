@@ -192,7 +192,7 @@ def _workers(options: argparse.Namespace, size: int) -> AbstractContextManager[W
         if options.jobs is not None:
             must_be = 'left out with --scheduler, whose cluster has its own processes'
             raise FilterError('--jobs', must_be, options.jobs)
-        return cluster_workers(options.scheduler)
+        return cluster_workers(options.scheduler, say)
     jobs = jobs_of(options, size)
     return local_workers(jobs) if jobs > 1 else nullcontext()
 
