@@ -73,6 +73,18 @@ ARGUMENTS = [
         description='Start a managed node, which a manager configures and activates.',
     ),
     DeclareLaunchArgument(
+        'page',
+        default_value='false',
+        choices=['true', 'false'],
+        description='Show clouds, diagnostics and sliders on a page for browsers of this machine; '
+        'the log of each node names its address, with a token.',
+    ),
+    DeclareLaunchArgument(
+        'page_port',
+        default_value='0',
+        description='Port of the page on 127.0.0.1; 0: any free one.',
+    ),
+    DeclareLaunchArgument(
         'respawn',
         default_value='false',
         choices=['true', 'false'],
@@ -106,6 +118,9 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
     at_end: dict[str, Any] = {'on_exit': Shutdown(reason=f'{NODE_NAME} has ended')}
     if argument['respawn'] == 'true':
         at_end = {'respawn': True, 'respawn_delay': RESPAWN_DELAY}
+    arguments = ['--lifecycle'] if argument['lifecycle'] == 'true' else []
+    if argument['page'] == 'true':
+        arguments += ['--page', argument['page_port']]
     nodes = []
     for namespace in split_namespaces(argument['namespace'], topics):
         common: dict[str, Any] = {'namespace': namespace, 'additional_env': environment}
@@ -118,7 +133,7 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
                 name=NODE_NAME,
                 parameters=parameters,
                 remappings=remappings(topics[0]) if len(topics) == 1 else [],
-                arguments=['--lifecycle'] if argument['lifecycle'] == 'true' else [],
+                arguments=arguments,
                 ros_arguments=['--log-level', argument['log_level']],
                 output='screen',
                 **at_end,

@@ -268,6 +268,8 @@ def test_launch_arguments_are_described() -> None:
         'rviz',
         'fixed_frame',
         'lifecycle',
+        'page',
+        'page_port',
         'respawn',
         'log_level',
     }

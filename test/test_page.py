@@ -4,9 +4,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -18,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from browsers import chromium
 from PIL import Image
-from playwright.sync_api import sync_playwright
 
 from lidar_outlier_filter.evaluation.judged import CAUSES
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -40,19 +38,6 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.report.gather import Gathered
 
-NAMES = ('chromium', 'chromium-browser', 'google-chrome')
-# Software draws; and nothing but the page is fetched, not by the browser itself either.
-OPTIONS = (
-    '--no-sandbox',
-    '--use-gl=angle',
-    '--use-angle=swiftshader',
-    '--enable-unsafe-swiftshader',
-    '--disable-quic',
-    '--no-first-run',
-    '--disable-background-networking',
-    '--disable-component-update',
-    '--disable-sync',
-)
 READY = 'html[data-ready=yes]'
 DESKTOP, PHONE = (1280, 900), (390, 844)  # CSS pixels
 LIMIT = 120_000  # milliseconds, of a machine that does much else
@@ -60,17 +45,9 @@ LIMIT = 120_000  # milliseconds, of a machine that does much else
 
 @pytest.fixture(scope='module')
 def browser() -> Iterator[Browser]:
-    """Start Chromium; without it CI fails, and a test elsewhere is skipped."""
-    path = next(filter(None, map(shutil.which, NAMES)), None)
-    if path is None:
-        missing = f'one of {", ".join(NAMES)} must be installed, got none'
-        if os.environ.get('CI'):
-            pytest.fail(missing)
-        pytest.skip(missing)
-    with sync_playwright() as driver:
-        opened = driver.chromium.launch(executable_path=path, args=list(OPTIONS))
+    """Start Chromium."""
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture(scope='module')

@@ -156,7 +156,8 @@ def test_the_node_says_what_it_does() -> None:
     """Its help names the topics and where the parameters are; no ROS is needed for it."""
     text = output(NODE, '--help')
     assert text.startswith(
-        'usage: outlier_filter_node [-h] [--version] [--lifecycle] [--ros-args ...]\n'
+        'usage: outlier_filter_node [-h] [--version] [--lifecycle] [--page [PORT]] '
+        '[--ros-args ...]\n'
     )
     for word in ('points/cleaned', 'points/outliers', '/diagnostics', '-r points:=', 'chain:='):
         assert word in text

@@ -6,14 +6,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.cli.live_page import serve_page
 from lidar_outlier_filter.ros.executable import main as run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+LARGEST_PORT = 65535
 DESCRIPTION = """\
 Split each cloud of a lidar into a cleaned and an outlier cloud, until SIGINT or SIGTERM.
 
@@ -41,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog='outlier_filter_node',
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        usage='%(prog)s [-h] [--version] [--lifecycle] [--ros-args ...]',
+        usage='%(prog)s [-h] [--version] [--lifecycle] [--page [PORT]] [--ros-args ...]',
         allow_abbrev=False,
     )
     parser.add_argument('--version', action='version', version=__version__)
@@ -51,8 +54,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help='wait for the transitions of a managed node: configure, activate, deactivate, '
         'cleanup, shutdown',
     )
+    parser.add_argument(
+        '--page',
+        nargs='?',
+        type=port,
+        const=0,
+        metavar='PORT',
+        help='show clouds, diagnostics and sliders in a browser of this machine; the log names the '
+        'address; PORT: that of 127.0.0.1, default: any free one',
+    )
     options = parser.parse_args(_own(sys.argv[1:] if arguments is None else arguments))
-    return run(lifecycle=options.lifecycle)
+    if options.page is None:
+        return run(lifecycle=options.lifecycle)
+    return run(lifecycle=options.lifecycle, attach=partial(serve_page, port=options.page))
+
+
+def port(text: str) -> int:
+    """Read a port; 0: any free one."""
+    number = int(text) if text.isascii() and text.isdecimal() else -1
+    if not 0 <= number <= LARGEST_PORT:
+        raise argparse.ArgumentTypeError(f'must be from 0 to {LARGEST_PORT}, got {text!r}')
+    return number
 
 
 def _own(arguments: Sequence[str]) -> list[str]:

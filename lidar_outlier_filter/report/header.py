@@ -85,12 +85,17 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'features': list(gathered.names),
         'reasons': list(REASONS),
         'explained': len(packed.reasons),
-        'detectors': [
-            {'name': one.name, 'number': one.bit.bit_length(), 'colour': one.colour}
-            for one in DETECTORS.values()
-        ],
+        'detectors': detector_colours(),
         'intensity': list(packed.intensity),
     }
+
+
+def detector_colours() -> list[dict[str, Any]]:
+    """Name each detector, its number in the words of points, and its colour."""
+    return [
+        {'name': one.name, 'number': one.bit.bit_length(), 'colour': one.colour}
+        for one in DETECTORS.values()
+    ]
 
 
 def near_origin(gathered: Gathered) -> bool:

@@ -39,8 +39,8 @@ LINES = 1 << 11
 DARKEST, BRIGHTEST = 2, 98  # percentiles of the intensity that the colours span
 ROW = 20  # numbers of a point with reasons: see `reasons`
 REASONS = tuple(REASON_NAMES.values())
-_PLACES = np.zeros(256, np.uint32)
-_PLACES[list(REASON_NAMES)] = np.arange(1, len(REASONS) + 1)
+PLACES = np.zeros(256, np.uint32)
+PLACES[list(REASON_NAMES)] = np.arange(1, len(REASONS) + 1)
 
 
 @dataclass(frozen=True)
@@ -63,24 +63,59 @@ class Packed:
     intensity: tuple[float, float]
 
 
+@dataclass(frozen=True)
+class Fields:
+    """What the words of N points say: each as a number that fits its bits.
+
+    Attributes
+    ----------
+    place : (N, 3) uint64, steps of the box
+    score, brightness, reason, detector, truth : (N,) uint32, of word 2
+    bits, rank : (N,) uint32, of word 3
+
+    """
+
+    place: NDArray[np.uint64]
+    score: Words
+    brightness: Words
+    reason: Words
+    detector: Words
+    truth: Words
+    bits: Words
+    rank: Words
+
+    def words(self) -> Words:
+        """Lay them out, (N, 4)."""
+        x, y, z = self.place.astype(np.uint32).T
+        words = np.empty((len(self.place), WORDS), np.uint32)
+        words[:, 0] = x | (y << np.uint32(21))
+        words[:, 1] = (y >> np.uint32(11)) | (z << np.uint32(10))
+        words[:, 2] = self.score
+        words[:, 2] |= self.brightness << np.uint32(10)
+        words[:, 2] |= self.reason << np.uint32(17)
+        words[:, 2] |= self.detector << np.uint32(24)
+        words[:, 2] |= self.truth << np.uint32(28)
+        words[:, 3] = self.bits | (self.rank << np.uint32(BITS))
+        return words
+
+
 def pack(gathered: Gathered, frames: Frames) -> Packed:
     """Pack the kept points, in the order of their frames."""
     kept = gathered.kept.take(frames.order)
     number = np.repeat(np.arange(len(frames)), np.diff(frames.first))
     origin, step = _boxes(kept.xyz, frames)
-    place = np.rint((kept.xyz - origin[number]) / step[number]).astype(np.uint64)
-    x, y, z = place.astype(np.uint32).T
-    words = np.empty((len(kept), WORDS), np.uint32)
-    words[:, 0] = x | (y << np.uint32(21))
-    words[:, 1] = (y >> np.uint32(11)) | (z << np.uint32(10))
-    brightness, span = _brightness(kept.intensity)
-    words[:, 2] = _scores(kept.score)
-    words[:, 2] |= brightness << np.uint32(10)
-    words[:, 2] |= _PLACES[kept.strongest] << np.uint32(17)
-    words[:, 2] |= np.minimum(first_numbers(kept.detectors), 15).astype(np.uint32) << np.uint32(24)
-    words[:, 2] |= _truth(gathered, kept.code) << np.uint32(28)
-    words[:, 3] = kept.bits | (_ranks(kept.line, frames) << np.uint32(BITS))
-    return Packed(words, origin, step, _reasons(gathered, frames), span)
+    limits = span(kept.intensity)
+    fields = Fields(
+        place=np.rint((kept.xyz - origin[number]) / step[number]).astype(np.uint64),
+        score=scores(kept.score),
+        brightness=brightness(kept.intensity, limits),
+        reason=PLACES[kept.strongest],
+        detector=numbers(kept.detectors),
+        truth=_truth(gathered, kept.code),
+        bits=kept.bits,
+        rank=_ranks(kept.line, frames),
+    )
+    return Packed(fields.words(), origin, step, _reasons(gathered, frames), limits)
 
 
 def _boxes(
@@ -89,20 +124,46 @@ def _boxes(
     if len(frames) == 0:
         return np.empty((0, 3)), np.empty((0, 3))
     origin = np.minimum.reduceat(xyz, frames.first[:-1])
-    size = np.maximum.reduceat(xyz, frames.first[:-1]) - origin
-    return origin, np.maximum(size / STEPS, 1e-9)
+    return origin, _step(np.maximum.reduceat(xyz, frames.first[:-1]) - origin)
 
 
-def _brightness(intensity: NDArray[np.float32]) -> tuple[Words, tuple[float, float]]:
+def box(xyz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Find the origin and the step of the box around some points, metres."""
+    origin = xyz.min(axis=0)
+    return origin, _step(xyz.max(axis=0) - origin)
+
+
+def _step(size: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.maximum(size / STEPS, 1e-9)
+
+
+def span(intensity: NDArray[np.float32]) -> tuple[float, float]:
+    """Find the intensities between which colours change; both 0 where none is known."""
     known = intensity[np.isfinite(intensity)]
     if len(known) == 0:
-        return np.zeros(len(intensity), np.uint32), (0.0, 0.0)
+        return 0.0, 0.0
     low, high = np.percentile(known, [DARKEST, BRIGHTEST]).tolist()
+    return low, high
+
+
+def brightness(intensity: NDArray[np.float32], limits: tuple[float, float]) -> Words:
+    """Count the steps of each intensity between two limits."""
+    low, high = limits
+    if not np.isfinite(intensity).any():
+        return np.zeros(len(intensity), np.uint32)
     scaled = np.clip((np.nan_to_num(intensity, nan=low) - low) / max(high - low, 1e-9), 0.0, 1.0)
-    return np.rint(scaled * INTENSITIES).astype(np.uint32), (low, high)
+    steps: Words = np.rint(scaled * INTENSITIES).astype(np.uint32)
+    return steps
 
 
-def _scores(score: NDArray[np.float32]) -> Words:
+def numbers(detectors: NDArray[np.uint16]) -> Words:
+    """Give the number of the first detector that rejects each point, 0 where none does."""
+    first: Words = np.minimum(first_numbers(detectors), 15).astype(np.uint32)
+    return first
+
+
+def scores(score: NDArray[np.float32]) -> Words:
+    """Count the steps of each score."""
     known = np.nan_to_num(score.astype(np.float64), nan=0.0, posinf=1e9)
     steps = np.minimum(np.rint(known * SCORE_UNIT), UNTESTED - 1).astype(np.uint32)
     return np.where(np.isnan(score), np.uint32(UNTESTED), steps)

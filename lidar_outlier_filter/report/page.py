@@ -27,7 +27,13 @@ if TYPE_CHECKING:
 
 # The modules of the page by the names that they import each other by. A served page maps the same
 # names to addresses.
-MODULES = {name: f'{name}.js' for name in ('three', 'data', 'scene', 'flat', 'charts', 'panel')}
+MODULES = {
+    name: f'{name}.js'
+    for name in (
+        *('three', 'data', 'shaders', 'scene', 'flat'),
+        *('charts', 'panel', 'colours', 'keys'),
+    )
+}
 START = 'main.js'
 
 
@@ -41,7 +47,7 @@ def buffers(gathered: Gathered) -> tuple[str, dict[str, bytes]]:
     frames = cut(gathered)
     packed = pack(gathered, frames)
     known = header(gathered, frames, packed)
-    known['colours'] = {name: _colours(name) for name in ('viridis', 'cividis')}
+    known['colours'] = colour_maps()
     parts = {'reasons': packed.reasons.astype('<f4').tobytes()}
     for number, (begin, end) in enumerate(split(frames)):
         words = packed.points[frames.first[begin] : frames.first[end]]
@@ -58,12 +64,23 @@ def page(gathered: Gathered) -> str:
     for name, content in parts.items():
         text = base64.b64encode(content).decode('ascii')
         data.append(f'<script type="text/plain" id="data-{name}">{text}</script>')
-    modules = {name: _inline(asset(path)) for name, path in MODULES.items()}
-    return shell(gathered.name, modules, _inline(asset(START)), '\n'.join(data))
+    return shell(gathered.name, _inlined(), _inline(asset(START)), '\n'.join(data))
 
 
-def shell(
-    title: str, modules: Mapping[str, str], start: str, data: str = '', base: str = ''
+def live_page(name: str) -> str:
+    """Make the page of a node that runs, which fetches its clouds."""
+    whole = asset('live.html')
+    return shell(name, _inlined(), _inline(asset('live.js')), whole=whole)
+
+
+def shell(  # noqa: PLR0913  what a page is made of
+    title: str,
+    modules: Mapping[str, str],
+    start: str,
+    data: str = '',
+    base: str = '',
+    *,
+    whole: str = '',
 ) -> str:
     """Make the page around its data.
 
@@ -74,9 +91,10 @@ def shell(
     start : address of the module that starts the page
     data : elements with the header and the buffers
     base : address that they are fetched from, where the page does not hold them
+    whole : the text with marks; default: that of a recording's page
 
     """
-    whole = asset('page.html')
+    whole = whole or asset('page.html')
     for mark, text in (
         ('<!--title-->', html.escape(title)),
         ('<!--base-->', f' data-base="{html.escape(base)}"' if base else ''),
@@ -118,11 +136,18 @@ def check_new(output: Path) -> None:
         raise RecordingError('the output', 'new', f'{output}, which exists')
 
 
+def _inlined() -> dict[str, str]:
+    return {name: _inline(asset(path)) for name, path in MODULES.items()}
+
+
 def _inline(code: str) -> str:
     return 'data:text/javascript;base64,' + base64.b64encode(code.encode()).decode('ascii')
 
 
-def _colours(name: str) -> str:
-    """Give a map of 256 colours as base64, three bytes each."""
-    table = colormaps[name](range(256), bytes=True)[:, :3]
-    return base64.b64encode(table.tobytes()).decode('ascii')
+def colour_maps() -> dict[str, str]:
+    """Give maps of 256 colours as base64, three bytes each."""
+    tables = {name: colormaps[name](range(256), bytes=True) for name in ('viridis', 'cividis')}
+    return {
+        name: base64.b64encode(table[:, :3].tobytes()).decode('ascii')
+        for name, table in tables.items()
+    }

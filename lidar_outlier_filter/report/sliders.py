@@ -63,7 +63,7 @@ def _slider(detector: str, parameters: FilterParameters, half: int, first: int) 
     threshold = DETECTORS[detector].threshold(parameters)
     given = float(parameters.flat()[threshold.name])
     middle = threshold.critical(given)
-    possible = [value for value in threshold.values if _fits(parameters, threshold.name, value)]
+    possible = [value for value in threshold.values if fits(parameters, threshold.name, value)]
     criticals = np.array([threshold.critical(value) for value in possible])
     factors = WIDEST ** (np.arange(1, half + 1) / max(half, 1))
     # No factor leads away from 0: its neighbours are those from 1 on.
@@ -86,7 +86,8 @@ def _nearest(
     return sorted({int(places[np.abs(criticals[places] - goal).argmin()]) for goal in goals})
 
 
-def _fits(parameters: FilterParameters, name: str, value: float) -> bool:
+def fits(parameters: FilterParameters, name: str, value: float) -> bool:
+    """Return whether a parameter may have a value beside the others."""
     try:
         parameters.changed({name: value})
     except ParameterError:

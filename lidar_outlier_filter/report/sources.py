@@ -164,10 +164,8 @@ class RecordedSource:
     def _cloud(self, taken: RecordedCloud) -> ReportCloud:
         view = structured(taken.msg).reshape(-1) if taken.count else None
         names = (view.dtype.names or ()) if view is not None else ()
-        name = next((one for one in INTENSITIES if one in names), '')
-        intensity = code = None
-        if view is not None and name and view.dtype[name].kind in 'iuf':
-            intensity = view[name][taken.where].astype(np.float32)
+        intensity = None if view is None else intensity_of(view, taken.where)
+        code = None
         if self._files:
             code = self._codes(taken)
         elif view is not None and self._label:
@@ -239,6 +237,14 @@ class FileSource:
             if self._code is not None:
                 cloud.code = self._code[cloud.where]
             yield number, cloud
+
+
+def intensity_of(view: NDArray[np.void], where: NDArray[np.intp]) -> NDArray[np.float32] | None:
+    """Give the intensities of some points of a structured array; None where it has none."""
+    name = next((one for one in INTENSITIES if one in (view.dtype.names or ())), '')
+    if not name or view.dtype[name].kind not in 'iuf':
+        return None
+    return view[name][where].astype(np.float32)
 
 
 def _has_labels(file: CloudFile) -> bool:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.points import SECOND
@@ -19,12 +20,18 @@ from lidar_outlier_filter.ros.worker import Worker
 from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
+    from collections.abc import Callable
 
+    from rclpy.node import Node
+    from sensor_msgs.msg import PointCloud2
+
+    from lidar_outlier_filter.core.stream_cloud import StreamCloud
     from lidar_outlier_filter.errors import CloudError, JudgingError
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.ros.compiler import Compiler
     from lidar_outlier_filter.stream.statistics import Statistics
+
+    Show = Callable[[str, StreamCloud, PointCloud2], object]  # topic, judged cloud, its message
 
 REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
 MEGABYTE = 1e6
@@ -85,6 +92,10 @@ class Channel:
         """Filter by other parameters from the next block on."""
         self._parameters = parameters
         self.worker.change(parameters)
+
+    def show(self, look: Show) -> None:
+        """Hand each cloud that is judged from now on to a function, in the filter's thread."""
+        self._filter.show = partial(look, self.resolved)
 
     def enable(self, *, on: bool) -> None:
         """Filter the clouds that come from now on, or let them pass as they are."""

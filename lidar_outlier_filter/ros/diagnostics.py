@@ -33,6 +33,7 @@ class Diagnostics:
         self._node = node
         self._channels = channels
         self._status = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.latest: list[DiagnosticStatus] = []  # what was published last
         self._plotted = node.create_publisher(Float64MultiArray, '~/statistics', 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = self._steady.now().nanoseconds
@@ -56,6 +57,7 @@ class Diagnostics:
             for channel, report in zip(self._channels, reports, strict=True)
         ]
         self._status.publish(array)
+        self.latest = array.status
         self._plotted.publish(self._plot(reports))
 
     def _say(self, channel: Channel, report: Report) -> DiagnosticStatus:

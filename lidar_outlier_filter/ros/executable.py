@@ -6,8 +6,14 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.ros.signals import leave, on_stop
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 # Of glibc's mallopt (malloc.h): what is given back to the system, and what is not kept at all.
 TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
@@ -27,18 +33,21 @@ def keep_memory() -> None:
             set_option(option, value)
 
 
-def main(*, lifecycle: bool = False) -> int:
-    """Load the node, a managed one if asked for, and run it; return the exit status."""
+def main(*, lifecycle: bool = False, attach: Callable[[OutlierFilterNode], object] = id) -> int:
+    """Load the node, a managed one if asked for, and run it; return the exit status.
+
+    ``attach`` is called with the node before it starts.
+    """
     on_stop(leave)
     keep_memory()
     # ROS, NumPy and numba take a second or two.
     from lidar_outlier_filter.ros.node import main as run  # noqa: PLC0415
 
     if not lifecycle:
-        return run()
+        return run(attach=attach)
     from lidar_outlier_filter.ros.managed import ManagedFilterNode  # noqa: PLC0415
 
-    return run(make=ManagedFilterNode)
+    return run(make=ManagedFilterNode, attach=attach)
 
 
 if __name__ == '__main__':

@@ -30,6 +30,7 @@ from lidar_outlier_filter.stream.topics import answers
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from diagnostic_msgs.msg import DiagnosticStatus
     from rcl_interfaces.msg import SetParametersResult
     from rclpy.context import Context
     from rclpy.executors import Executor
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.ros.channel import Show
     from lidar_outlier_filter.stream.statistics import Statistics
 
 POINTS = 'points'
@@ -107,12 +109,28 @@ class OutlierFilterNode(TunableNode):
             self._take_over, self.get_logger().info, self.get_logger().warning
         )
         self._is_started = self._is_ready = False
+        self._show: Show | None = None
         self.channels = () if self.is_managed else self.make_channels()
         self._watch_parameters(self.apply)
 
     def make_channels(self) -> tuple[Channel, ...]:
         """Make a way for each input, with its publishers."""
-        return tuple(Channel(self, name, self.filter_parameters) for name in self._names())
+        channels = tuple(Channel(self, name, self.filter_parameters) for name in self._names())
+        if self._show is not None:
+            for channel in channels:
+                channel.show(self._show)
+        return channels
+
+    def show(self, look: Show) -> None:
+        """Hand each judged cloud to a function: of these channels, and of those made later."""
+        self._show = look
+        for channel in self.channels:
+            channel.show(look)
+
+    @property
+    def statuses(self) -> list[DiagnosticStatus]:
+        """What the diagnostics said last, a status for each input; none before they begin."""
+        return self._diagnostics.latest if self._is_started else []
 
     @property
     def statistics(self) -> Statistics:
@@ -224,7 +242,9 @@ class OutlierFilterNode(TunableNode):
 
 
 def main(
-    args: list[str] | None = None, make: Callable[[], OutlierFilterNode] = OutlierFilterNode
+    args: list[str] | None = None,
+    make: Callable[[], OutlierFilterNode] = OutlierFilterNode,
+    attach: Callable[[OutlierFilterNode], object] = id,
 ) -> int:
     """Run the node until SIGINT or SIGTERM; what is pending is judged and published first.
 
@@ -232,6 +252,7 @@ def main(
     ----------
     args : the command line; default: that of the process
     make : gives the node
+    attach : is called with the node before it starts
 
     Returns
     -------
@@ -245,6 +266,7 @@ def main(
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         on_stop(stop.set)
+        attach(node)
         node.start()
     # A RuntimeError is rclpy's, for arguments and QoS overrides that it cannot read.
     except (FilterError, ParameterException, RuntimeError) as err:

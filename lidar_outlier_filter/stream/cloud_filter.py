@@ -82,6 +82,8 @@ class CloudFilter:
     slow : callable
         Is called from another thread while a detector takes more than 10 × ``max_delay`` for a
         block, for each such block; ``warn`` is called once for each detector.
+    show : callable or None
+        Is called with each cloud that was judged, and its message.
 
     Raises
     ------
@@ -120,6 +122,7 @@ class CloudFilter:
         self.refuse: Callable[[CloudError], object] = str
         self.fail: Callable[[JudgingError], object] = str
         self.slow: Callable[[SlowDetector], object] = str
+        self.show: Callable[[StreamCloud, Any], object] | None = None
         self.pass_failed = False  # clouds that could not be judged, instead of refusing them
         self.wanted = (True, True)  # cleaned and outliers: what nobody wants is not made
         self._parameters = parameters
@@ -344,6 +347,8 @@ class CloudFilter:
                 self.statistics.count_passed(cloud.count, 'failure')
             else:
                 self.statistics.count(cloud.verdict, len(cloud.points))
+                if self.show is not None:
+                    self.show(cloud, cloud.msg)
             answers.append(_answer(cloud, self.wanted))
         return answers
 

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Where the page takes its data from. A source gives a header, an object, and buffers by name. The
-// static page has all of it in itself; one that is served fetches it.
+// static page has all of it in itself; one that is served fetches it. The page of a node that runs
+// gets frames as they come.
 
 export const BITS = 21; // of a point's last word, for the steps of the sliders
 export const UNTESTED = 1023;
@@ -68,6 +69,18 @@ export async function load(source) {
     row += frame.explained;
   }
   return { header, reasons, frames: header.frames };
+}
+
+// What a node has sent: the length of a header, the header, and the points of its frames.
+export function readFrames(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  let begin = 4 + length;
+  for (const frame of header.frames) {
+    frame.words = new Uint32Array(buffer, begin, 4 * frame.count);
+    begin += 16 * frame.count;
+  }
+  return header;
 }
 
 // Position of a point of a frame, metres, written to a vector of three numbers.

@@ -6,18 +6,12 @@ import { View } from 'scene';
 import { drawFlat } from 'flat';
 import { Charts, count, percent } from 'charts';
 import { list, node, showFound, showGroups, showPoint } from 'panel';
+import { INTENSITY, MODES, REASON, TRUTH, colours, legend as drawLegend, reasonColours } from 'colours';
+import { listenToKeys } from 'keys';
 
 const at = (id) => document.getElementById(id);
-const MODES = ['intensity', 'height', 'score', 'detector', 'strongest reason', 'truth'];
-const [INTENSITY, HEIGHT, SCORE, DETECTOR, REASON, TRUTH] = MODES.keys();
 const NEAR_STEPS = 2; // "near the threshold": rejected by one of so many stricter steps
-// Okabe and Ito, without the colour that stands for "rejected".
-const REASON_COLOURS = ['#d55e00', '#0072b2', '#e69f00', '#009e73', '#cc79a7', '#56b4e9'];
-const KEYS = [
-  ['arrows', 'turn'], ['W A S D', 'fly ahead, left, back, right'], ['Q E', 'fly down, up'], ['+ −', 'zoom'],
-  ['1 2 3', 'orbit, top, side'], ['[ ]', 'frame before, after'], ['space', 'play'], ['G', 'next group'],
-  ['< >', 'stricter, looser'], ['drag', 'turn; right button: move'], ['?', 'these keys'],
-];
+const KEYS = [['[ ]', 'frame before, after'], ['space', 'play'], ['G', 'next group'], ['< >', 'stricter, looser']];
 
 const state = {
   slider: 0, step: 0, bit: 1, mode: INTENSITY, show: 0, single: false, frame: 0, group: -1, point: null, box: null,
@@ -30,75 +24,8 @@ let charts;
 let playing = 0;
 let flatPending = false;
 
-const rgb = (text) => [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16) / 255);
-const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
-function bytes(text) {
-  return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-}
-
-// Colours by reason: those that are the strongest most often have one of their own.
-function reasonColours() {
-  const often = new Map();
-  for (const frame of data.frames) {
-    for (let i = 0; i < frame.marked; i += 1) {
-      const reason = (frame.words[4 * i + 2] >>> 17) & 0x7f;
-      if (reason) often.set(reason, (often.get(reason) ?? 0) + 1);
-    }
-  }
-  const order = [...often].sort((a, b) => b[1] - a[1]);
-  state.others = order.length > REASON_COLOURS.length;
-  return order.slice(0, REASON_COLOURS.length).map(([reason], i) => [reason, REASON_COLOURS[i]]);
-}
-
-function palette() {
-  const table = new Uint8Array(256 * 4 * 4).fill(255);
-  const put = (row, i, colour) => colour.forEach((value, c) => { table[4 * (256 * row + i) + c] = value; });
-  ['viridis', 'cividis'].forEach((name, row) => {
-    const map = bytes(data.header.colours[name]);
-    for (let i = 0; i < 256; i += 1) put(row, i, [...map.subarray(3 * i, 3 * i + 3)]);
-  });
-  const eight = (text) => rgb(text).map((value) => Math.round(255 * value));
-  for (let i = 0; i < 16; i += 1) put(2, i, eight(style('--rejected')));
-  for (const one of data.header.detectors) put(2, one.number, eight(detectorColour(one)));
-  for (let i = 0; i < 128; i += 1) put(3, i, eight(style('--bar')));
-  for (const [reason, colour] of state.reasons) put(3, reason, eight(colour));
-  return table;
-}
-
-// The default's colour is black, which nobody sees on a dark ground.
-const detectorColour = (one) => (one.colour === '#000000' ? style('--rejected') : one.colour);
-
-function colours() {
-  const named = { low: '--low', high: '--high', rejectedColour: '--rejected', nearColour: '--near', missedColour: '--missed', lostColour: '--lost' };
-  const found = Object.fromEntries(Object.entries(named).map(([name, variable]) => [name, rgb(style(variable))]));
-  return { ...found, ground: style('--ground'), palette: palette(), marks: [rgb(style('--mark')), rgb(style('--soft'))] };
-}
-
 function legend() {
-  const dots = [];
-  const dot = (colour, text) => dots.push(node('span', {}, node('i', { style: `background:${colour}` }), text));
-  const ramp = (name, low, high) => {
-    const map = bytes(data.header.colours[name]);
-    const stops = [0, 64, 128, 192, 255].map((i) => `rgb(${map.subarray(3 * i, 3 * i + 3).join()})`);
-    dots.push(node('span', {}, low, node('i', { class: 'ramp', style: `background:linear-gradient(90deg,${stops})` }), high));
-  };
-  if (view && state.mode === HEIGHT) ramp('viridis', `${(view.heights[0] + view.centre[2]).toFixed(1)} m`, `${(view.heights[1] + view.centre[2]).toFixed(1)} m`);
-  if (state.mode === SCORE) ramp('cividis', 'score 0', '1');
-  if (state.mode === DETECTOR) {
-    for (const one of data.header.detectors) if (data.header.chain.includes(one.name)) dot(detectorColour(one), one.name);
-  } else if (state.mode === REASON) {
-    for (const [reason, colour] of state.reasons) dot(colour, data.header.reasons[reason - 1]);
-    dot(style('--bar'), state.others ? 'others, or kept at the given settings' : 'kept at the given settings');
-  } else if (state.mode === TRUTH) {
-    dot(style('--near'), 'found');
-    dot(style('--missed'), 'missed');
-    dot(style('--lost'), 'good, lost');
-  } else if (state.show !== 3) {
-    dot(style('--rejected'), 'rejected');
-  }
-  if (state.show === 1 && state.mode !== TRUTH && state.mode !== REASON) dot(style('--near'), `kept, rejected ${NEAR_STEPS} steps stricter`);
-  at('legend').replaceChildren(...dots);
+  drawLegend(at('legend'), data, state, view, `kept, rejected ${NEAR_STEPS} steps stricter`);
 }
 
 function redraw() {
@@ -258,36 +185,6 @@ function setView(name) {
   for (const button of document.querySelectorAll('[data-view]')) button.setAttribute('aria-pressed', button.dataset.view === name);
 }
 
-function onKey(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
-  const { key } = event;
-  if (key === '?') { toggleKeys(); return; }
-  if (document.activeElement !== at('canvas')) return;
-  const turn = 0.08;
-  const fly = 0.06;
-  const actions = {
-    ArrowLeft: () => view?.turn(-turn, 0), ArrowRight: () => view?.turn(turn, 0),
-    ArrowUp: () => view?.turn(0, turn), ArrowDown: () => view?.turn(0, -turn),
-    w: () => view?.fly(fly, 0, 0), s: () => view?.fly(-fly, 0, 0), a: () => view?.fly(0, -fly, 0),
-    d: () => view?.fly(0, fly, 0), e: () => view?.fly(0, 0, fly), q: () => view?.fly(0, 0, -fly),
-    '+': () => view?.zoom(1.15), '=': () => view?.zoom(1.15), '-': () => view?.zoom(1 / 1.15),
-    1: () => setView('orbit'), 2: () => setView('top'), 3: () => setView('side'),
-    '[': () => setFrames(true, state.frame - 1), ']': () => setFrames(true, state.frame + 1), ' ': play,
-    g: () => chooseGroup(state.group + 1),
-    '<': () => setStep(state.slider, state.step - 1), '>': () => setStep(state.slider, state.step + 1),
-  };
-  const action = actions[key.length === 1 ? key.toLowerCase() : key];
-  if (action) {
-    event.preventDefault();
-    action();
-  }
-}
-
-function toggleKeys() {
-  at('keys').hidden = !at('keys').hidden;
-  at('keys-button').setAttribute('aria-expanded', !at('keys').hidden);
-}
-
 function listen() {
   const { header } = data;
   for (const [i, name] of MODES.entries()) {
@@ -312,12 +209,14 @@ function listen() {
   at('frame').max = data.frames.length - 1;
   at('frame').addEventListener('input', () => setFrames(true, Number(at('frame').value)));
   at('time').hidden = data.frames.length < 2;
-  at('keys').append(node('table', {}, ...KEYS.map(([key, text]) => node('tr', {}, node('td', {}, key), node('td', {}, text)))));
-  at('keys-button').addEventListener('click', toggleKeys);
+  listenToKeys(() => view, setView, {
+    '[': () => setFrames(true, state.frame - 1), ']': () => setFrames(true, state.frame + 1), ' ': play,
+    g: () => chooseGroup(state.group + 1),
+    '<': () => setStep(state.slider, state.step - 1), '>': () => setStep(state.slider, state.step + 1),
+  }, KEYS);
   for (const button of document.querySelectorAll('[data-copy]')) {
     button.addEventListener('click', () => copy(at(button.dataset.copy), button));
   }
-  document.addEventListener('keydown', onKey);
   let down = null;
   at('canvas').addEventListener('pointerdown', (event) => { down = [event.offsetX, event.offsetY]; });
   at('canvas').addEventListener('pointerup', (event) => {
@@ -326,7 +225,7 @@ function listen() {
     if (found) choose(found.frame, found.index);
   });
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
-    view?.setColours(colours());
+    view?.setColours(colours(data, state));
     charts.update(state);
     legend();
     redraw();
@@ -357,7 +256,7 @@ function openView() {
     for (const button of document.querySelectorAll('[data-view]')) button.disabled = true;
     return;
   }
-  view.setColours(colours());
+  view.setColours(colours(data, state));
   view.listeners.push((drawn) => {
     if (!times.first) times.first = performance.now();
     const { header } = data;
@@ -378,7 +277,7 @@ async function start() {
     document.documentElement.dataset.ready = 'yes';
     return;
   }
-  state.reasons = reasonColours();
+  state.reasons = reasonColours(data, state);
   openView();
   times.opened = performance.now();
   const { middle, whole } = view ?? measure(data);

@@ -1,0 +1,46 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Keys that move the view, and the table that lists all keys.
+
+import { node } from 'panel';
+
+const TURN = 0.08; // rad
+const FLY = 0.06; // of the distance to what is looked at
+const MOVES = [
+  ['arrows', 'turn'], ['W A S D', 'fly ahead, left, back, right'], ['Q E', 'fly down, up'], ['+ −', 'zoom'],
+  ['1 2 3', 'orbit, top, side'],
+];
+const POINTER = [['drag', 'turn; right button: move'], ['?', 'these keys']];
+
+// `more` are the page's own actions by key, `names` how the table lists them.
+export function listenToKeys(view, setView, more, names) {
+  const at = (id) => document.getElementById(id);
+  const actions = {
+    ArrowLeft: () => view()?.turn(-TURN, 0), ArrowRight: () => view()?.turn(TURN, 0),
+    ArrowUp: () => view()?.turn(0, TURN), ArrowDown: () => view()?.turn(0, -TURN),
+    w: () => view()?.fly(FLY, 0, 0), s: () => view()?.fly(-FLY, 0, 0), a: () => view()?.fly(0, -FLY, 0),
+    d: () => view()?.fly(0, FLY, 0), e: () => view()?.fly(0, 0, FLY), q: () => view()?.fly(0, 0, -FLY),
+    '+': () => view()?.zoom(1.15), '=': () => view()?.zoom(1.15), '-': () => view()?.zoom(1 / 1.15),
+    1: () => setView('orbit'), 2: () => setView('top'), 3: () => setView('side'),
+    ...more,
+  };
+  const toggle = () => {
+    at('keys').hidden = !at('keys').hidden;
+    at('keys-button').setAttribute('aria-expanded', !at('keys').hidden);
+  };
+  const rows = [...MOVES, ...names, ...POINTER];
+  at('keys').append(node('table', {}, ...rows.map(([key, text]) => node('tr', {}, node('td', {}, key), node('td', {}, text)))));
+  at('keys-button').addEventListener('click', toggle);
+  document.addEventListener('keydown', (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const { key } = event;
+    if (key === '?') { toggle(); return; }
+    if (document.activeElement !== at('canvas')) return;
+    const action = actions[key.length === 1 ? key.toLowerCase() : key];
+    if (action) {
+      event.preventDefault();
+      action();
+    }
+  });
+}

@@ -1,0 +1,254 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a node that runs: served to this machine only, and only to who has its token."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import threading
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Any, Protocol
+from urllib.parse import parse_qs, urlsplit
+
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.report.header import detector_colours
+from lidar_outlier_filter.report.live_clouds import KEPT_SECONDS, MOST_IN_FRAME, LiveClouds
+from lidar_outlier_filter.report.pack import REASONS
+from lidar_outlier_filter.report.page import colour_maps, live_page
+from lidar_outlier_filter.report.sliders import fits
+from lidar_outlier_filter.report.sources import intensity_of
+from lidar_outlier_filter.tuning.output import as_yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from lidar_outlier_filter.core.stream_cloud import StreamCloud
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+HERE = '127.0.0.1'
+LARGEST_REQUEST = 1 << 16  # bytes of what is set
+TOKEN_BYTES = 24
+# Nothing but what the page itself brings is run, and it talks to nobody but this server.
+POLICY = (
+    "default-src 'none'; script-src data: 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+HEADERS = {
+    'Cache-Control': 'no-store',
+    'Content-Security-Policy': POLICY,
+    'Referrer-Policy': 'no-referrer',
+    'X-Content-Type-Options': 'nosniff',
+}
+JSON, BYTES, HTML = 'application/json', 'application/octet-stream', 'text/html; charset=utf-8'
+
+
+class RunningNode(Protocol):
+    """What the page reads of a node, and sets; from any thread."""
+
+    @property
+    def name(self) -> str:
+        """The full name."""
+
+    @property
+    def topics(self) -> list[str]:
+        """The inputs."""
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """The parameters in force."""
+
+    def statuses(self) -> list[dict[str, object]]:
+        """Say what the diagnostics said last."""
+
+    def set(self, values: Mapping[str, str]) -> str:
+        """Set all or none; say why not."""
+
+
+class PageServer:
+    """Serves the page of a node from a thread of its own.
+
+    Attributes
+    ----------
+    address : of the page, with its token
+
+    """
+
+    def __init__(self, node: RunningNode, port: int = 0) -> None:
+        """Take a port of this machine; 0: any free one.
+
+        Raises
+        ------
+        ParameterError
+            If the port is taken.
+
+        """
+        self.node = node
+        self.token = secrets.token_urlsafe(TOKEN_BYTES)
+        self._clouds: dict[str, LiveClouds] = {}
+        try:
+            self._server = _Server((HERE, port), _Handler)
+        except OSError as err:
+            raise ParameterError('the port of the page', 'free', f'{port}: {err.strerror}') from err
+        self._server.page = self
+        self._page = live_page(node.name).encode()
+        self._thread = threading.Thread(target=self._server.serve_forever, name='page', daemon=True)
+
+    @property
+    def port(self) -> int:
+        """The port that it has."""
+        return int(self._server.server_address[1])
+
+    @property
+    def address(self) -> str:
+        """The address to open."""
+        return f'http://{HERE}:{self.port}/?token={self.token}'
+
+    def show(self, topic: str, cloud: StreamCloud, msg: Any) -> None:
+        """Take a cloud that was judged."""
+        view = structured(msg).reshape(-1) if len(cloud.points) else None
+        intensity = None if view is None else intensity_of(view, cloud.where)
+        self._clouds.setdefault(topic, LiveClouds()).add(cloud, intensity)
+
+    def start(self) -> None:
+        """Serve."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Serve no more, and let go of the port."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+    def allows(self, host: str, token: str) -> bool:
+        """Return whether a request is from who knows the token, and meant for this server.
+
+        A page of elsewhere whose name was made to lead here has another host.
+        """
+        hosts = (f'{HERE}:{self.port}', f'localhost:{self.port}')
+        return host in hosts and secrets.compare_digest(token.encode(), self.token.encode())
+
+    def answer(self, path: str, asked: Mapping[str, str]) -> tuple[str, bytes] | None:
+        """Give the type and the content of a path; None where there is none."""
+        if path == '/':
+            return HTML, self._page
+        if path == '/status':
+            return JSON, json.dumps(self.status(), allow_nan=False).encode()
+        after = asked.get('after', '-1')
+        if path == '/frames' and after.removeprefix('-').isdecimal():
+            clouds = self._clouds.get(asked.get('topic', '')) or LiveClouds()
+            return BYTES, clouds.since(int(after))
+        return None
+
+    def status(self) -> dict[str, Any]:
+        """Say all that is not in the clouds."""
+        return {
+            'version': __version__,
+            'node': self.node.name,
+            'topics': self.node.topics,
+            'chain': list(self.node.parameters.chain),
+            'seconds': KEPT_SECONDS,
+            'mostInFrame': MOST_IN_FRAME,
+            'sliders': sliders_of(self.node.parameters),
+            'statuses': self.node.statuses(),
+            'detectors': detector_colours(),
+            'reasons': list(REASONS),
+            'colours': colour_maps(),
+        }
+
+    def change(self, content: bytes) -> str:
+        """Set the parameters that a request names; say why not, '' where they are set."""
+        try:
+            values = json.loads(content)
+        except ValueError:
+            values = None
+        if not isinstance(values, dict) or not all(isinstance(one, str) for one in values.values()):
+            return 'a request must be an object of names and texts, got something else'
+        return self.node.set(values)
+
+
+def sliders_of(parameters: FilterParameters) -> list[dict[str, Any]]:
+    """List the threshold of each detector of the chain: its values as texts, and which it has."""
+    found = []
+    for detector in dict.fromkeys(parameters.chain):
+        threshold = DETECTORS[detector].threshold(parameters)
+        given = parameters.flat()[threshold.name]
+        allowed = [one for one in threshold.values if fits(parameters, threshold.name, one)]
+        values = sorted({*allowed, given}, key=threshold.critical)
+        found.append(
+            {
+                'detector': detector,
+                'name': threshold.name,
+                'texts': [as_yaml(one) for one in values],
+                'now': values.index(given),
+            }
+        )
+    return found
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    allow_reuse_address = True
+    page: PageServer
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers one connection."""
+
+    server: _Server
+    protocol_version = 'HTTP/1.1'
+    timeout = 60.0  # seconds that a connection may be silent
+
+    def do_GET(self) -> None:
+        """Give the page, its frames or its status."""
+        path, asked = self._asked()
+        if self._refuses(asked):
+            return
+        answer = self.server.page.answer(path, asked)
+        if answer is None:
+            self._send(HTTPStatus.NOT_FOUND, 'text/plain', b'there is nothing here\n')
+        else:
+            self._send(HTTPStatus.OK, *answer)
+
+    def do_POST(self) -> None:
+        """Set parameters."""
+        path, asked = self._asked()
+        length = self.headers.get('Content-Length', '')
+        if not length.isdecimal() or int(length) > LARGEST_REQUEST:
+            self.close_connection = True  # what follows is not read
+            self._send(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, 'text/plain', b'too large\n')
+            return
+        content = self.rfile.read(int(length))
+        if self._refuses(asked):
+            return
+        if path != '/set':
+            self._send(HTTPStatus.NOT_FOUND, 'text/plain', b'there is nothing here\n')
+            return
+        refusal = self.server.page.change(content)
+        self._send(HTTPStatus.OK, JSON, json.dumps({'refusal': refusal}).encode())
+
+    def log_message(self, *_: object) -> None:
+        """Log nothing: addresses hold the token."""
+
+    def _asked(self) -> tuple[str, dict[str, str]]:
+        address = urlsplit(self.path)
+        return address.path, {name: one[0] for name, one in parse_qs(address.query).items()}
+
+    def _refuses(self, asked: Mapping[str, str]) -> bool:
+        if self.server.page.allows(self.headers.get('Host', ''), asked.get('token', '')):
+            return False
+        text = 'the address must be the one that the log of the node names, with its token\n'
+        self._send(HTTPStatus.FORBIDDEN, 'text/plain', text.encode())
+        return True
+
+    def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
+        self.send_response(status)
+        for name, value in {**HEADERS, 'Content-Type': kind}.items():
+            self.send_header(name, value)
+        self.send_header('Content-Length', str(len(content)))
+        self.end_headers()
+        self.wfile.write(content)
