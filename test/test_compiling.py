@@ -17,6 +17,7 @@ import pytest
 from numba import njit
 from numba.core.event import Event, Listener, install_listener
 
+from lidar_outlier_filter.cli.compile import _wanted
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.compiling import SENSORS, NotCompiled, only_compiled
 from lidar_outlier_filter.errors import ParameterError
@@ -57,6 +58,26 @@ for preset in ('street-16', 'leslar-a'):
         stream.push(to_message(cloud.stamp, cloud.points), 0)
     stream.flush()
     assert stream.statistics.points > stream.statistics.untested
+print(sorted({name for name, _ in called() - before}))
+"""
+LATER_SURVEY = """
+import gc
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.stream.compiling import make_ready
+
+def called():
+    every = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    mine = [one for one in every if one.py_func.__module__.startswith('lidar_outlier_filter.core')]
+    return {(one.py_func.__name__, str(how)) for one in mine for how in one.signatures}
+
+make_ready(FilterParameters().changed({'evidence.sensor': 'survey'}))
+before = called()
+xyz = np.random.default_rng(1).uniform((0, 0, 0), (20, 20, 0.02), (5000, 3))
+xyz[77] = 1, 2, 3
+assert detect_outliers(xyz).outlier[77]
 print(sorted({name for name, _ in called() - before}))
 """
 
@@ -111,6 +132,20 @@ def test_scores_have_kernels_of_their_own() -> None:
     compiling.make_ready(parameters('alpha_beta_gamma'))
     assert is_ready(parameters('alpha_beta_gamma'))
     assert not is_ready(parameters('alpha_beta_gamma', scores=True))
+
+
+def test_surveys_are_compiled_once() -> None:
+    """Their kernels are the same for all sensors, and `compile` makes them, too."""
+    survey = parameters('evidence', **{'evidence.sensor': 'survey'})
+    assert [share.sensors for share in shares(survey)] == [SENSORS]
+    assert survey in _wanted(None)
+
+
+@pytest.mark.slow
+def test_a_ready_survey_calls_no_other_kernels() -> None:
+    """A file without lines is judged by what is ready."""
+    done = run({**os.environ}, '-c', LATER_SURVEY)
+    assert done.stdout == '[]\n', done.stderr
 
 
 def test_an_unknown_detector_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

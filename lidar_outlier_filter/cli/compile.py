@@ -77,6 +77,7 @@ def _wanted(chain: str | None) -> list[FilterParameters]:
     files = [read_yaml(path) for path in _shipped()]
     return [
         FilterParameters(),
+        FilterParameters().changed({'evidence.sensor': 'survey'}),  # for `clean`
         *(FilterParameters().changed({k: file[k] for k in file if k in known}) for file in files),
     ]
 

@@ -38,6 +38,9 @@ SECONDS: Mapping[str, int] = {
 }
 SHARED_SECONDS = 10
 APART = 'evidence'  # has other kernels for each kind of sensor
+SURVEY = (
+    'survey'  # the value of `evidence.sensor` by which the kernels are the same for all sensors
+)
 SCORES = 'scores'  # which come with reasons, that have kernels of their own
 PATIENT = 10  # niceness beside a filter that runs
 
@@ -100,7 +103,8 @@ def shares(parameters: FilterParameters) -> list[KernelShare]:
         }
         changed = {key: value for key, value in values.items() if value != default[key]}
         given = tuple(sorted(changed.items()))
-        parts = [(sensor,) for sensor in SENSORS] if name == APART else [SENSORS]
+        is_apart = name == APART and parameters.evidence.sensor != SURVEY
+        parts = [(sensor,) for sensor in SENSORS] if is_apart else [SENSORS]
         found += [KernelShare(name, given, part) for part in parts]
     return found
 
