@@ -303,7 +303,7 @@ def test_pages_filled_with_zeros(tmp_path: Path) -> None:
 def test_too_large_for_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cloud that the memory has no room for is refused in one sentence."""
 
-    def none(*_: object) -> Iterator[object]:
+    def none(*_: object, **__: object) -> Iterator[object]:
         raise MemoryError
 
     path = tmp_path / 'cloud.pcd'
