@@ -161,6 +161,8 @@ class _Result(NamedTuple):
 
 def _clean_all(options: argparse.Namespace, wanted: Wanted) -> list[_Result]:
     """Clean the files, some at a time; the results are in the order of the files."""
+    import lidar_outlier_filter.files.clean  # noqa: F401  from here on signals are only noted
+
     single = len(options.files) == 1
     with stopping() as leave_if_asked, ExitStack() as bars:
         advance = None if single else bars.enter_context(progress_bar('cleaning'))
