@@ -196,9 +196,12 @@ def _clean_one(
     if options.resume and is_done(path, output, outliers, wanted):
         return _Result(path, LEFT_OUT, why=f'is done already: {output}')
     try:
-        return _Result(path, DONE_NOW, clean(path, output, wanted, outliers, progress))
+        report = clean(
+            path, output, wanted, outliers, progress, lambda slow: say(f'{path}: {slow}')
+        )
     except FilterError as err:
         return _Result(path, FAILED, why=str(err))
+    return _Result(path, DONE_NOW, report)
 
 
 class _StepsOfFile:
