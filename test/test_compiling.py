@@ -34,20 +34,24 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.compiling import load
 print(load(FilterParameters().changed({'chain': sys.argv[1].split(',')})))
 """
-# Names the kernels that a stream calls first when it runs, though the chain was made ready.
-LATER = """
-import gc, itertools
+# Lists the kernels of the package that were called so far.
+CALLED = """
+import gc
 from numba.core.dispatcher import Dispatcher
-from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.simulation.presets import make
-from lidar_outlier_filter.simulation.recording import to_message
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
-from lidar_outlier_filter.stream.compiling import make_ready
 
 def called():
     every = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
     mine = [one for one in every if one.py_func.__module__.startswith('lidar_outlier_filter.core')]
     return {(one.py_func.__name__, str(how)) for one in mine for how in one.signatures}
+"""
+# Names the kernels that a stream calls first when it runs, though the chain was made ready.
+LATER = """
+import itertools
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.simulation.presets import make
+from lidar_outlier_filter.simulation.recording import to_message
+from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_filter.stream.compiling import make_ready
 
 parameters = FilterParameters().changed({'scores': True})
 make_ready(parameters)
@@ -61,17 +65,10 @@ for preset in ('street-16', 'leslar-a'):
 print(sorted({name for name, _ in called() - before}))
 """
 LATER_SURVEY = """
-import gc
 import numpy as np
-from numba.core.dispatcher import Dispatcher
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.compiling import make_ready
-
-def called():
-    every = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
-    mine = [one for one in every if one.py_func.__module__.startswith('lidar_outlier_filter.core')]
-    return {(one.py_func.__name__, str(how)) for one in mine for how in one.signatures}
 
 make_ready(FilterParameters().changed({'evidence.sensor': 'survey'}))
 before = called()
@@ -121,7 +118,7 @@ def test_compile_fills_the_cache(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_ready_chain_calls_no_other_kernels() -> None:
     """Of both kinds of sensors, with scores and reasons: else a stream would wait for them."""
-    done = run({**os.environ}, '-c', LATER)
+    done = run({**os.environ}, '-c', CALLED + LATER)
     assert done.stdout == '[]\n', done.stderr
 
 
@@ -145,7 +142,7 @@ def test_surveys_are_compiled_once() -> None:
 @pytest.mark.slow
 def test_a_ready_survey_calls_no_other_kernels() -> None:
     """A file without lines is judged by what is ready."""
-    done = run({**os.environ}, '-c', LATER_SURVEY)
+    done = run({**os.environ}, '-c', CALLED + LATER_SURVEY)
     assert done.stdout == '[]\n', done.stderr
 
 

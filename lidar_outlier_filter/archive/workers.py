@@ -25,7 +25,7 @@ from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-from lidar_outlier_filter.archive.pieces import Piece
+    from lidar_outlier_filter.archive.pieces import Piece
 
 RETRIES = 2  # of a piece that failed on a worker, as for want of a network
 AHEAD = 2  # pieces of each worker that are judged, or wait, while one is written

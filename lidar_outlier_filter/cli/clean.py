@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -22,6 +21,7 @@ from lidar_outlier_filter.cli.terminal import (
     read_parameters,
     say,
 )
+from lidar_outlier_filter.core.threads import cores
 from lidar_outlier_filter.errors import FilterError, ParameterError
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def add_clean(commands: Commands) -> None:
     parser.add_argument(
         '--jobs',
         type=int,
-        default=len(os.sched_getaffinity(0)),
+        default=cores(),
         metavar='N',
         help='clean so many of several files at once; default: as many as there are cores',
     )

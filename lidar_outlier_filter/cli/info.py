@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.info import CloudInfo, RecordingInfo
     from lidar_outlier_filter.recordings.scan_geometry import ScanGeometry
 
-RECORDINGS = ('.mcap', '.db3', '.bag')
-
 
 def add_info(commands: Commands) -> None:
     """Add the command ``info``."""
@@ -55,14 +53,14 @@ def add_info(commands: Commands) -> None:
 def _info(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lidar_outlier_filter.archive.places import path_at, place_of, staged
+    from lidar_outlier_filter.archive.places import SUFFIXES, path_at, place_of, staged
     from lidar_outlier_filter.errors import ParameterError
 
     if not 0 <= options.sample < math.inf:
         raise ParameterError('--sample', 'at least 0 and finite', options.sample)
     console = Console()
     path = path_at(options.path)
-    if isinstance(path, Path) and not path.is_dir() and path.suffix not in RECORDINGS:
+    if isinstance(path, Path) and not path.is_dir() and path.suffix not in SUFFIXES:
         _show_file(console, path)
         return DONE
     from lidar_outlier_filter.recordings.info import look

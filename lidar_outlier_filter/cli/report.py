@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.evaluate import add_truth, truth_of
-from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
     add_parameter_options,
-    progress_bar,
+    beside,
     read_parameters,
     say,
+    stoppable_bar,
 )
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 
@@ -76,20 +76,13 @@ def _report(options: argparse.Namespace) -> int:
 
     output = options.output
     if output is None and options.figures is None:
-        path = options.data.resolve()
-        name = path.name if path.is_dir() else path.stem
-        output = path.with_name(f'{name}_report.html')
+        output = beside(options.data, '_report.html')
     for path in (output, options.figures):
         if path is not None:
             check_new(path)
     if options.points < 1:
         raise ParameterError('--points', 'at least 1', options.points)
-    with stopping() as leave_if_asked, progress_bar(options.data.name) as show:
-
-        def progress(done: int, total: int, text: str = '', /) -> None:
-            leave_if_asked()
-            show(done, total, text)
-
+    with stoppable_bar(options.data.name) as progress:
         found = _gather(options, progress)
         if output is not None:
             write_page(found, output)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import VERSION, read_trees
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import VERSION
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
 from lidar_outlier_filter.core.detectors.evidence.profile_features import (
@@ -32,11 +32,11 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.simulation.drive import simulate
 from lidar_outlier_filter.simulation.profile_streets import training_street
 from lidar_outlier_filter.simulation.scene import Cause
+from lidar_outlier_filter.tuning.folds import learn_in_folds, least_limit, lost_shares
 from lidar_outlier_filter.tuning.learner import (
     Drawn,
     Trained,
     judge_pass,
-    learn,
     window_features,
 )
 
@@ -183,19 +183,16 @@ def _pass(
         _draw(street, seed, number, None if odds is None else odds[number])
         for number, street in enumerate(streets)
     ]
-    results: list[Any] = [None] * len(streets)
-    for k in range(FOLDS):
-        progress(done + 1 + k, steps, f'without fold {k + 1} of {FOLDS}')
-        some = [one for number, one in enumerate(drawn) if number % FOLDS != k]
-        trees = read_trees(learn(some, names, rounds), names)
-        for number in range(k, len(streets), FOLDS):
-            before = None if odds is None else odds[number]
-            found = list(_judge(streets[number], trees, before))
-            results[number] = (
-                np.concatenate([r[b] for r, b in found]) if again else [r for r, _ in found]
-            )
-    progress(done + 1 + FOLDS, steps, 'with every street')
-    return learn(drawn, names, rounds), results
+    folds = [number % FOLDS for number in range(len(streets))]
+
+    def judge(number: int, trees: Trees) -> Any:
+        found = list(_judge(streets[number], trees, None if odds is None else odds[number]))
+        return np.concatenate([r[b] for r, b in found]) if again else [r for r, _ in found]
+
+    def show(k: int, text: str) -> None:
+        progress(done + 1 + k, steps, text)
+
+    return learn_in_folds(drawn, folds, names, rounds, judge, show, 'street')
 
 
 def _blocks(street: Street) -> Iterator[_Block]:
@@ -274,17 +271,8 @@ def _choose_threshold(code: Sequence[Ints], odds: Sequence[Singles]) -> float:
 
     By the median street: of foliage, which some have, a few points always look like outliers.
     """
-    lost = np.median([_lost(*one) for one in zip(code, odds, strict=True)], axis=0)
-    allowed = np.flatnonzero(lost <= MOST_LOST)
-    return float(LIMITS[allowed[0]] if len(allowed) else LIMITS[-1])
-
-
-def _lost(code: Ints, odds: Singles) -> Floats:
-    """Return the share of a street's good points that each of ``LIMITS`` loses."""
-    good = np.sort(odds[code == 0])
-    count = len(good) - np.searchsorted(good, LIMITS, 'right')
-    share: Floats = count / max(len(good), 1)
-    return share
+    lost = [lost_shares(*one, LIMITS) for one in zip(code, odds, strict=True)]
+    return least_limit(LIMITS, np.median(lost, axis=0), MOST_LOST)
 
 
 def _figures(code: Sequence[Ints], odds: Sequence[Singles], threshold: float) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import read_trees
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import VERSION
 from lidar_outlier_filter.core.detectors.evidence.survey import (
     first_odds,
     measure_far,
@@ -23,7 +23,6 @@ from lidar_outlier_filter.core.detectors.evidence.survey import (
     neighbours,
 )
 from lidar_outlier_filter.core.detectors.evidence.survey_far import COUNT, MOST, NAMES, Far
-from lidar_outlier_filter.core.detectors.evidence.survey_model import VERSION
 from lidar_outlier_filter.core.detectors.evidence.survey_near import COUNT as COUNT_NEAR
 from lidar_outlier_filter.core.detectors.evidence.survey_near import NEAR, K
 from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
@@ -32,7 +31,8 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.simulation.scene import Cause
 from lidar_outlier_filter.simulation.survey_scenes import training_scene
-from lidar_outlier_filter.tuning.learner import Drawn, Trained, export, fit
+from lidar_outlier_filter.tuning.folds import learn_in_folds, least_limit, lost_shares
+from lidar_outlier_filter.tuning.learner import Drawn, Trained
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -157,16 +157,15 @@ def _pass(
         _draw(scene, seed, number, None if odds is None else odds[number])
         for number, scene in enumerate(scenes)
     ]
-    results: list[Any] = [None] * len(scenes)
-    for k in range(FOLDS):
-        progress(done + 1 + k, steps, f'without fold {k + 1} of {FOLDS}')
-        some = [one for number, one in enumerate(drawn) if _fold(number) != k]
-        trees = read_trees(_learn(some, names, rounds), names)
-        for number, scene in enumerate(scenes):
-            if _fold(number) == k:
-                results[number] = _judge(scene, trees, None if odds is None else odds[number])
-    progress(done + 1 + FOLDS, steps, 'with every scene')
-    return _learn(drawn, names, rounds), results
+    folds = [_fold(number) for number in range(len(scenes))]
+
+    def judge(number: int, trees: Trees) -> Singles:
+        return _judge(scenes[number], trees, None if odds is None else odds[number])
+
+    def show(k: int, text: str) -> None:
+        progress(done + 1 + k, steps, text)
+
+    return learn_in_folds(drawn, folds, names, rounds, judge, show, 'scene')
 
 
 def _fold(number: int) -> int:
@@ -190,11 +189,11 @@ def _values(scene: _SceneSeen, which: Ints, odds: Singles | None) -> Singles:
 def _draw(scene: _SceneSeen, seed: int, number: int, odds: Singles | None) -> Drawn:
     """Draw points: in the second pass, only those that the first does not call clearly good."""
     again = odds is not None
-    asked = np.ones(len(scene.cause), np.bool_) if odds is None else odds > DOUBTFUL
+    drawable = np.ones(len(scene.cause), np.bool_) if odds is None else odds > DOUBTFUL
     rng = np.random.default_rng([seed, number, again])
     rows, weights = [np.empty(0, np.int64)], [np.empty(0)]
-    for cause in np.setdiff1d(scene.cause[asked], NEITHER).tolist():
-        every = np.flatnonzero(asked & (scene.cause == cause))
+    for cause in np.setdiff1d(scene.cause[drawable], NEITHER).tolist():
+        every = np.flatnonzero(drawable & (scene.cause == cause))
         most = BAD[again] if cause else GOOD[again]
         some = rng.choice(every, min(most, len(every)), replace=False)
         share = len(every) / len(scene.cause)
@@ -204,16 +203,6 @@ def _draw(scene: _SceneSeen, seed: int, number: int, odds: Singles | None) -> Dr
         weights.append(np.full(len(some), counts / max(len(some), 1)))
     row = np.concatenate(rows)
     return Drawn(_values(scene, row, odds), scene.cause[row] > 0, np.concatenate(weights))
-
-
-def _learn(drawn: Sequence[Drawn], names: Sequence[str], rounds: int) -> dict[str, Any]:
-    learner = fit(
-        np.concatenate([one.values for one in drawn], axis=1),
-        np.concatenate([one.outlier for one in drawn]),
-        np.concatenate([one.weight for one in drawn]),
-        rounds,
-    )
-    return export(learner, names)
 
 
 def _judge(scene: _SceneSeen, trees: Trees, odds: Singles | None) -> Singles:
@@ -233,23 +222,14 @@ def _choose_threshold(scenes: Sequence[_SceneSeen], odds: Sequence[Singles]) -> 
     By the median kind of scene: there are kinds where points that are right lie alone.
     """
     kinds: dict[str, list[Floats]] = {}
-    for scene, said in zip(scenes, odds, strict=True):
-        kinds.setdefault(_kind(scene), []).append(_lost(scene.cause, said))
+    for scene, some in zip(scenes, odds, strict=True):
+        kinds.setdefault(_kind(scene), []).append(lost_shares(scene.cause, some, LIMITS))
     lost = np.median([np.mean(some, axis=0) for some in kinds.values()], axis=0)
-    allowed = np.flatnonzero(lost <= MOST_LOST)
-    return float(LIMITS[allowed[0]] if len(allowed) else LIMITS[-1])
+    return least_limit(LIMITS, lost, MOST_LOST)
 
 
 def _kind(scene: _SceneSeen) -> str:
     return scene.name.split()[0]
-
-
-def _lost(code: Ints, odds: Singles) -> Floats:
-    """Return the share of a scene's good points that each of ``LIMITS`` loses."""
-    good = np.sort(odds[code == 0])
-    count = len(good) - np.searchsorted(good, LIMITS, 'right')
-    share: Floats = count / max(len(good), 1)
-    return share
 
 
 def _figures(

@@ -53,11 +53,7 @@ def load(name: str = PATTERN_MODEL) -> PatternModel:
         If it is of another version, or asks for features that there are not.
 
     """
-    text = (files(__package__) / name).read_text(encoding='utf-8')
-    data: dict[str, Any] = json.loads(text)
-    if data['version'] != VERSION:
-        raise FilterError(f'the version of {name}', f'{VERSION}', data['version'])
-    names = NAMES[name]
+    data, names = read_file(name), NAMES[name]
     return PatternModel(
         read_trees(data['first'], names),
         read_trees(data['again'], (*names, *AGAIN)),
@@ -65,6 +61,15 @@ def load(name: str = PATTERN_MODEL) -> PatternModel:
         float(data['threshold']),
         float(data.get('threshold_bright', data['threshold'])),
     )
+
+
+def read_file(name: str) -> dict[str, Any]:
+    """Read the file of a model of this package; refuse one of another version."""
+    text = (files(__package__) / name).read_text(encoding='utf-8')
+    data: dict[str, Any] = json.loads(text)
+    if data['version'] != VERSION:
+        raise FilterError(f'the version of {name}', f'{VERSION}', data['version'])
+    return data
 
 
 def read_trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:

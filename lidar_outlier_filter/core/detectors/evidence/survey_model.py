@@ -4,20 +4,16 @@
 
 from __future__ import annotations
 
-import json
 from functools import lru_cache
-from importlib.resources import files
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import read_trees
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import read_file, read_trees
 from lidar_outlier_filter.core.detectors.evidence.survey_far import NAMES
 from lidar_outlier_filter.core.detectors.evidence.survey_near import NEAR
-from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.evidence.trees import Trees
 
-VERSION = 1
 SURVEY_MODEL = 'survey_model.json'
 
 
@@ -48,10 +44,7 @@ def load() -> SurveyModel:
         If it is of another version, or asks for features that there are not.
 
     """
-    text = (files(__package__) / SURVEY_MODEL).read_text(encoding='utf-8')
-    data: dict[str, Any] = json.loads(text)
-    if data['version'] != VERSION:
-        raise FilterError(f'the version of {SURVEY_MODEL}', f'{VERSION}', data['version'])
+    data = read_file(SURVEY_MODEL)
     return SurveyModel(
         read_trees(data['first'], NEAR),
         read_trees(data['again'], NAMES),
