@@ -228,6 +228,15 @@ def test_what_the_pages_need_is_listed() -> None:
     assert 'docs' in (ROOT / 'scripts' / 'environment').read_text()
 
 
+def test_every_extra_is_described() -> None:
+    """A reader of the page on installation learns what each extra is for."""
+    extras = setup_argument('extras_require')
+    assert isinstance(extras, dict)
+    rows = re.findall(r'^\| (`.+?`) \|', (ROOT / 'doc/install.md').read_text(), re.MULTILINE)
+    described = {name for row in rows for name in re.findall('`([a-z0-9]+)`', row)}
+    assert set(extras) <= described
+
+
 def test_core_knows_only_numbers() -> None:
     """The core imports numpy, scipy, numba and what is below it: no ROS, no recordings, no node."""
     allowed = tuple(f'{NAME}.{name}' for name in BELOW_CORE)
