@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -65,7 +66,11 @@ if TYPE_CHECKING:
 
 DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
 BAGS = ('vlp16_mrpt_mcap/vlp16_mrpt_mcap.mcap', 'vlp16_mrpt_db3/vlp16_mrpt_db3.db3', 'os0_32.bag')
-TARGETS = ('decoder', 'cdr', 'las', 'laz', 'pcd', 'ply', 'csv', 'parquet', 'sqlite', 'mcap')
+TARGETS = (
+    *('decoder', 'cdr'),
+    *('las', 'laz', 'pcd', 'ply', 'csv', 'parquet', 'sqlite'),
+    *('mcap', 'db3', 'bag'),
+)
 
 
 class Table:
@@ -213,16 +218,18 @@ def cover(targets: Sequence[str], seconds: int, folder: Path) -> int:
     rows, status = [], 0
     for name in targets:
         command = [sys.executable, str(TESTS / 'covering.py'), name, str(seconds), str(folder)]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  ours
+        worked = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
         executed = re.findall(r'number_of_executed_units: (\d+)', done.stderr)
         covered = re.findall(r'cov: (\d+) ft: (\d+) corp: (\d+)', done.stderr)
         if done.returncode or not executed or not covered:
             status = 1
             print(f'{name}:', done.stderr[-4000:])
-        numbers = (*executed[-1:], *(covered[-1] if covered else ()))
+        numbers = (worked, *executed[-1:], *(covered[-1] if covered else ()))
         rows.append([name, *(f'{int(number):,}' for number in numbers), str(done.returncode)])
-    print('| reader | inputs | places reached | features | corpus | exit status |')
-    print('| --- | ---: | ---: | ---: | ---: | ---: |')
+    print('| reader | seconds, processor | inputs | places | features | corpus | exit status |')
+    print('| --- | ---: | ---: | ---: | ---: | ---: | ---: |')
     for row in rows:
         print('|', ' | '.join(row), '|')
     return status

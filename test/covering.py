@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import io
 import os
-import struct
 import sys
 import tempfile
+import time
 from contextlib import redirect_stderr
 from itertools import islice
 from pathlib import Path
@@ -26,7 +26,9 @@ os.environ['NUMBA_DISABLE_JIT'] = '1'
 
 with atheris.instrument_imports(include=['lidar_outlier_filter', 'rosbags', 'laspy']):
     import laspy  # noqa: F401  those that would be imported later
-    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
     from rosbags.serde import SerdeError
     from rosbags.typesys import Stores, get_typestore
 
@@ -36,15 +38,18 @@ with atheris.instrument_imports(include=['lidar_outlier_filter', 'rosbags', 'las
     from lidar_outlier_filter.messages.decoder import Decoder
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.bags import Recording
+    from lidar_outlier_filter.recordings.salvage import salvaged
+    from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
-STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE, OLD_STORE = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 POINTS = 12  # of a real cloud that are kept
-LARGEST = 20_000  # bytes of an input
+LONGEST = 40_000  # bytes of an input
+SLOWEST = 10.0  # seconds on the processor that an input may take
 FILES = {
     'las': '.las',
     'laz': '.laz',
@@ -54,6 +59,7 @@ FILES = {
     'parquet': '.parquet',
     'sqlite': '.db',
 }
+RECORDINGS = {'mcap': '.mcap', 'db3': '.db3', 'bag': '.bag'}
 
 
 def small_clouds() -> Iterator[bytes]:
@@ -79,21 +85,30 @@ def corpus(target: str, folder: Path) -> None:
             if kind.startswith(FILES[target][1:]):
                 whole_file(kind, folder / f'{number}{FILES[target]}')
         for path in sorted((DATA / 'clouds').glob(f'*{FILES[target]}')):
-            (folder / path.name).write_bytes(path.read_bytes()[:LARGEST])
-    elif target == 'mcap':
-        source = folder / 'made'
-        clouds = list(islice(small_clouds(), 3))
-        with Writer(source, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-            topic = bag.add_connection('/points', CLOUD, typestore=STORE)
-            for time, data in enumerate(clouds):
-                bag.write(topic, time, data)
-        (folder / 'small').write_bytes((source / 'made.mcap').read_bytes())
-        for path in source.iterdir():
-            path.unlink()
-        source.rmdir()
+            (folder / path.name).write_bytes(path.read_bytes()[:LONGEST])
+    elif target in RECORDINGS:
+        with tempfile.TemporaryDirectory() as scratch:
+            made = recording(target, Path(scratch) / 'made', list(islice(small_clouds(), 3)))
+            (folder / 'small').write_bytes(made.read_bytes())
     else:
         for number, data in enumerate(small_clouds()):
             (folder / str(number)).write_bytes(data)
+
+
+def recording(target: str, path: Path, clouds: list[bytes]) -> Path:
+    """Write serialised clouds into a small recording."""
+    if target == 'bag':
+        with Writer1(path) as old:
+            link = old.add_connection('/points', CLOUD, typestore=OLD_STORE)
+            for time_ns, data in enumerate(clouds):
+                old.write(link, time_ns, STORE.cdr_to_ros1(data, CLOUD))
+        return path
+    plugin = StoragePlugin.MCAP if target == 'mcap' else StoragePlugin.SQLITE3
+    with Writer2(path, version=9, storage_plugin=plugin) as bag:
+        topic = bag.add_connection('/points', CLOUD, typestore=STORE)
+        for time_ns, data in enumerate(clouds):
+            bag.write(topic, time_ns, data)
+    return path / f'{path.name}{RECORDINGS[target]}'
 
 
 def read_message(data: bytes) -> None:
@@ -105,20 +120,15 @@ def read_message(data: bytes) -> None:
     _refused(lambda: Decoder(FilterParameters()).decode(cloud))
 
 
-def read_wire(data: bytes) -> None:
-    """Read a cloud as the node does, and decode it: what rclpy refuses is refused."""
-    from lidar_outlier_filter.ros import cdr  # noqa: PLC0415  needs ROS
+def wire_reader() -> Callable[[bytes], None]:
+    """Return what reads a cloud as the node does, and decodes it."""
+    with atheris.instrument_imports(include=['lidar_outlier_filter']):
+        from lidar_outlier_filter.ros.cdr import read_cloud  # noqa: PLC0415  needs ROS
 
-    # What is beyond the layout is left to rclpy, which is not Python.
-    order = cdr.PLAIN_CDR.get(data[:2])
-    if order is None:
-        return
-    try:
-        begin = cdr._find_data(data, order)
-    except (struct.error, IndexError):
-        return
-    assert begin % 4 == 0
-    assert begin <= len(data)
+    def read(data: bytes) -> None:
+        _refused(lambda: Decoder(FilterParameters()).decode(read_cloud(data)))
+
+    return read
 
 
 def read_file(path: Path, data: bytes) -> None:
@@ -134,34 +144,53 @@ def read_file(path: Path, data: bytes) -> None:
 
 
 def read_recording(path: Path, data: bytes) -> None:
-    """Read all messages of a recording."""
+    """Read all messages of a recording; salvage it, if it is refused."""
     path.write_bytes(data)
-
-    def read() -> None:
-        with Recording(path) as recording:
-            for topic, _, message in recording.messages():
-                if topic.msgtype == CLOUD:
-                    read_message(message)
-
-    _refused(read)
+    if not _refused(lambda: _read_messages(path)):
+        _refused(lambda: _salvage(path))
 
 
-def _refused(work: Callable[[], object]) -> None:
-    """Do it; or it is refused in one sentence."""
+def _read_messages(path: Path) -> None:
+    with Recording(path) as source:
+        for topic, _, message in source.messages():
+            if topic.msgtype == CLOUD:
+                read_message(message)
+
+
+def _salvage(path: Path) -> None:
+    with salvaged(path, path.with_name('output'), LARGEST) as (copy, _):
+        _read_messages(copy)
+
+
+def _refused(work: Callable[[], object]) -> bool:
+    """Do it, and return whether it was done; or it is refused in one sentence."""
     try:
         work()
     except (CloudError, RecordingError) as err:
         assert '\n' not in str(err), err  # noqa: PT017  either is right
         assert ' must be ' in str(err), err  # noqa: PT017
+        return False
+    return True
 
 
 def target_of(name: str, folder: Path) -> Callable[[bytes], None]:
     """Return what is done with an input."""
     if name in FILES:
         return lambda data: read_file(folder / f'input{FILES[name]}', data)
-    if name == 'mcap':
-        return lambda data: read_recording(folder / 'input.mcap', data)
-    return {'decoder': read_message, 'cdr': read_wire}[name]
+    if name in RECORDINGS:
+        return lambda data: read_recording(folder / f'input{RECORDINGS[name]}', data)
+    return wire_reader() if name == 'cdr' else read_message
+
+
+def timed(work: Callable[[bytes], None]) -> Callable[[bytes], None]:
+    """Hold that no input takes long. Time on the processor counts: the machine may be paused."""
+
+    def run(data: bytes) -> None:
+        begin = time.process_time()
+        work(data)
+        assert time.process_time() - begin < SLOWEST
+
+    return run
 
 
 def main(name: str, seconds: int, found: Path) -> None:
@@ -172,11 +201,11 @@ def main(name: str, seconds: int, found: Path) -> None:
         inputs.mkdir()
         with redirect_stderr(io.StringIO()):
             corpus(name, inputs)
-    work = target_of(name, scratch)
+    work = timed(target_of(name, scratch))
     options = [
         f'-max_total_time={seconds}',
-        f'-max_len={LARGEST}',
-        '-timeout=10',
+        f'-max_len={LONGEST}',
+        '-timeout=600',
         '-rss_limit_mb=4096',
         f'-artifact_prefix={found}/{name}_',
         '-print_final_stats=1',

@@ -194,8 +194,8 @@ class Sensor:
         while not all(publisher.get_subscription_count() for publisher in publishers):
             self._ros.executor.spin_once(0.05)
 
-    def publish(self, msg: PointCloud2, expected: int) -> None:
-        """Publish a cloud; with it, so many answers are expected in all."""
+    def publish(self, msg: PointCloud2 | bytes, expected: int) -> None:
+        """Publish a cloud, or bytes as one; with it, so many answers are expected in all."""
         self._expected = expected
         self._answered = Future()
         self._publisher.publish(msg)
@@ -247,6 +247,9 @@ def broken() -> PointCloud2:
     msg = line(0)
     msg.point_step = 3
     return msg
+
+
+NO_CLOUD = b'\xff' * 40  # as another program may publish it under the name of a cloud
 
 
 def rejected(answers: list[Answer]) -> list[int]:

@@ -82,6 +82,13 @@ def test_cut_short() -> None:
             read_cloud(data[:size])
 
 
+@pytest.mark.parametrize('data', [b'', b'\x00', b'\x00\x0b\x00\x00', b'\xff' * 40])
+def test_what_rclpy_refuses(data: bytes) -> None:
+    """A representation that nobody knows, or no message at all: the node goes on."""
+    with pytest.raises(CloudError, match='must be a sensor_msgs/msg/PointCloud2, got other bytes'):
+        read_cloud(data)
+
+
 def test_its_answers_can_be_sent() -> None:
     """Cleaned and outliers are messages like any other."""
     msg = example()

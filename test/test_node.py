@@ -16,6 +16,7 @@ import rclpy
 from clouds import SECOND
 from live import PATIENCE, clouds
 from nodes import (
+    NO_CLOUD,
     Ros,
     Sensor,
     broken,
@@ -194,7 +195,7 @@ def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
     sensor.wait_for_filter(node)
     channel = node.channels[0]
 
-    def deadline_after(msg: PointCloud2) -> int:
+    def deadline_after(msg: PointCloud2 | bytes) -> int:
         """Publish, serve until the cloud was taken, and say when it is to be answered (ns)."""
         served = node.statistics.refused + node.waiting
         sensor.publish(msg, expected=99)
@@ -207,7 +208,7 @@ def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
     first = deadline_after(line(0.0))
     left = (first - channel._clock.now()) / SECOND
     assert left == pytest.approx(54, abs=1)
-    for msg in (line(0.02), broken(), line(0.04)):
+    for msg in (line(0.02), broken(), NO_CLOUD, line(0.04)):
         assert deadline_after(msg) == first
 
 
@@ -223,13 +224,14 @@ def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) ->
     node.start()
     sensor = Sensor(ros, '/points')
     sensor.wait_for_filter(node)
-    for msg in sweeps:
+    for msg in (NO_CLOUD, *sweeps):
         sensor.publish(msg, expected=4)
     assert sensor._publisher.wait_for_all_acked()
     assert node.statistics.messages == 0
     node.finish()
     sensor.wait_for_answers()
     assert node.statistics.messages == 4
+    assert node.statistics.refusals == {'a serialised cloud': 1}
     assert sensor.cleaned == [answer.cleaned for answer in expected]
     assert sensor.outliers == [answer.outliers for answer in expected]
     assert sum(rejected(expected)) > 50

@@ -13,7 +13,7 @@ import struct
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.errors import CloudError, said_by
 
 PLAIN_CDR = {b'\x00\x00': '>', b'\x00\x01': '<'}  # the representations whose layout is known here
 START = 4  # behind the identifier of the representation; alignment counts from there
@@ -28,12 +28,12 @@ def read_cloud(received: bytes) -> PointCloud2:
     Raises
     ------
     CloudError
-        If it ends too early.
+        If it ends too early, or is no cloud.
 
     """
     order = PLAIN_CDR.get(received[:2])
     if order is None:
-        return deserialize_message(received, PointCloud2)
+        return _by_rclpy(received)
     try:
         begin = _find_data(received, order)
         (size,) = struct.unpack_from(order + 'I', received, begin - 4)
@@ -42,10 +42,18 @@ def read_cloud(received: bytes) -> PointCloud2:
         bare = received[: begin - 4] + bytes(4) + struct.pack('?', received[end])
     except (struct.error, IndexError) as err:
         raise CloudError('a serialised cloud', 'whole', f'{len(received)} bytes') from err
-    msg = deserialize_message(bare, PointCloud2)
+    msg = _by_rclpy(bare)
     # Past the setter, which takes an array only, or looks at every byte.
     msg._data = memoryview(received)[begin:end]  # noqa: SLF001
     return msg
+
+
+def _by_rclpy(data: bytes) -> PointCloud2:
+    try:
+        return deserialize_message(data, PointCloud2)
+    except RuntimeError as err:  # of the middleware
+        must_be = 'a sensor_msgs/msg/PointCloud2'
+        raise CloudError('a serialised cloud', must_be, f'other bytes ({said_by(err)})') from err
 
 
 def _find_data(received: bytes, order: str) -> int:
