@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,10 +19,10 @@ from lidar_outlier_filter.results.contest_tables import Target
 from lidar_outlier_filter.results.contestants import (
     DEFAULT,
     OURS,
+    RULES,
     Judgement,
     Ours,
     Peer,
-    ablations,
     peers,
 )
 from lidar_outlier_filter.results.samples import simulated
@@ -90,20 +91,19 @@ def test_standings() -> None:
 
 
 def test_who_judges_what() -> None:
-    """Everybody the first seeds; the default and the peers all, where there is a target."""
-    listed = entries(['leslar-c', 'street-16'], [5, 6, 7], 2)
+    """Everybody the first seeds; default, rules and peers all of them, where there is a target."""
+    listed = entries(['leslar-c', 'kang-urban'], [5, 6, 7], 2)
     assert [entry[:2] for entry in listed] == [
         ('leslar-c', 5),
         ('leslar-c', 6),
         ('leslar-c', 7),
-        ('street-16', 5),
-        ('street-16', 6),
+        ('kang-urban', 5),
+        ('kang-urban', 6),
     ]
     names = [{one.name for one in entry[2]} for entry in listed]
     others = {one.name for one in peers()}
-    parts = {one.name for one in ablations()}
-    assert names[0] == names[1] == names[3] == {one.name for one in OURS} | parts | others
-    assert names[2] == {DEFAULT} | parts | others
+    assert names[0] == names[1] == names[3] == {one.name for one in OURS} | others
+    assert names[2] == {DEFAULT, *RULES} | others
 
 
 def test_like_is_compared_with_like() -> None:
@@ -117,11 +117,11 @@ def test_like_is_compared_with_like() -> None:
 
 
 def test_targets() -> None:
-    """A target is met if all four figures are; the table says so."""
+    """A target is met if F1 and losses are; the table says so."""
     target = Target('', 0.9, 0.01)
     assert target.met(Standing((record('x', (90, 10, 10, 990)),)))
-    assert not target.met(Standing((record('x', (89, 11, 0, 1000)),)))
-    assert not target.met(Standing((record('x', (90, 10, 11, 989)),)))
+    assert not target.met(Standing((record('x', (89, 11, 9, 990)),)))
+    assert not target.met(Standing((record('x', (100, 0, 11, 989)),)))
     good = contest_tables.targets(standings([record('x', (100, 0, 0, 900))]), 'x')
     bad = contest_tables.targets(standings([record('x', (50, 50, 0, 900))]), 'x')
     assert good.endswith('| yes |')
@@ -129,8 +129,24 @@ def test_targets() -> None:
     assert contest_tables.targets({}, 'x') == ''
 
 
+def test_targets_beside_others() -> None:
+    """On streets the tuned others are to be beaten, and those without a score do not count."""
+    target, standing = Target('', 0.5, 0.01, tuned=True), Standing((record('x', (90, 10, 0, 900)),))
+    blind = Standing((replace(record('blind', (0, 0, 0, 1)), best=math.nan),))
+    assert standing.whole.f1 == pytest.approx(180 / 190)
+    for best, met in ((0.9, True), (0.95, False)):
+        other = Standing((replace(record('y', (1, 1, 1, 1)), best=best),))
+        assert target.f1([other, blind]) == best
+        assert target.met(standing, [other, blind]) is met
+        assert replace(target, tuned=False).met(standing, [other])
+    both = [record(name, (90, 10, 0, 900), sample='street-64') for name in ('x', 'y')]
+    text = contest_tables.targets(standings(both), 'x', ['y'])
+    assert '| street-64 (rain) | 0.950 |' in text
+    assert text.endswith('| **no** |')
+
+
 def test_tables() -> None:
-    """What did not compete is a dash; nothing rejected is an F1 of 0, and no AUC a dash."""
+    """What did not compete is a dash; nothing rejected is an F1 of 0."""
     blind = record('x', (0, 10, 0, 90))
     other = Record('kang-urban', 'y', 1, np.array([[10, 0, 0, 90]]), math.nan, 1.0)
     found = standings([blind, other])
@@ -138,7 +154,7 @@ def test_tables() -> None:
     assert '| x | **0.000** | – |' in text
     assert '| y | – | **1.000** |' in text
     assert '| z |' not in text
-    assert '| x | 0.500 | – |' in text
+    assert '| x | 0.950 | – |' in text
     assert text.count('| y |') == 1
     assert '| y | 1 | 100.00 % | 100.00 % | 1.000 | – | 0.00 % | – | 1.0 |' in (
         contest_tables.details(found, ['y'])
@@ -162,10 +178,13 @@ def test_where_others_are_better() -> None:
     assert contest_tables.beaten(found, ['peer']) == 'Nowhere in this run.'
 
 
-def test_parts() -> None:
-    """Ablations stand beside the whole on the presets with targets."""
-    found = standings([record(DEFAULT, (9, 1, 0, 90)), record('part', (8, 2, 9, 81))])
-    text = contest_tables.parts(found, [DEFAULT, 'part', 'none'])
-    assert '| default | 0.947 | 0.950 | 0.00 % |' in text
-    assert '| part | 0.593 | 0.950 | 10.00 % |' in text
-    assert '| none | – | – | – |' in text
+def test_beside() -> None:
+    """Others stand beside the whole on the presets with targets."""
+    found = standings([record(DEFAULT, (9, 1, 0, 90)), record('other', (8, 2, 9, 81))])
+    first, best, lost = contest_tables.beside(found, [DEFAULT, 'other', 'none']).split('\n\n')
+    assert first.startswith('| F1 | leslar-b |')
+    assert '| default | 0.947 |' in first
+    assert '| other | 0.593 |' in first
+    assert '| other | 0.950 |' in best
+    assert '| other | 10.00 % |' in lost
+    assert '| none | – |' in lost

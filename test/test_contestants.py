@@ -8,18 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.features import FEATURES
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.results import contestants
 from lidar_outlier_filter.results.contestants import (
     DEFAULT,
     OURS,
-    WEIGHTS,
+    RULES,
     Judgement,
     Ours,
     Peer,
-    ablations,
     missing,
     peers,
 )
@@ -51,6 +49,7 @@ def test_the_first_is_the_default() -> None:
     assert OURS[0].parameters == FilterParameters()
     names = [one.name for one in OURS] + [one.name for one in peers()]
     assert len(set(names)) == len(names)
+    assert {*RULES} <= {*names}
 
 
 def test_who_suits_what() -> None:
@@ -108,23 +107,3 @@ def test_what_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(contestants, 'find_spec', lambda _: None)
     assert peers() == ()
     assert missing() == ['Open3D', 'scikit-learn']
-
-
-def test_ablations() -> None:
-    """Of several detectors each is taken away in turn; one alone has no parts."""
-    parts = ablations({'chain': ['lof', 'sor'], 'lof.min_pts': 7})
-    assert [one.name for one in parts] == ['without `lof`', 'without `sor`']
-    assert [one.parameters.chain for one in parts] == [('sor',), ('lof',)]
-    assert parts[1].parameters.lof.min_pts == 7
-    assert ablations({'chain': ['lof']}) == []
-
-
-def test_ablations_of_evidence() -> None:
-    """Each feature is made silent, for either sensor, and everything else stays."""
-    parts = {one.name: one.parameters for one in ablations({'chain': ['evidence']})}
-    assert len(parts) == len(FEATURES) + 2
-    mute = parts['without `step`']
-    whole = FilterParameters().changed({'chain': ['evidence']})
-    assert mute == whole.changed({f'{kind}.step': 0.0 for kind in WEIGHTS})
-    assert not parts['without slanted groups'].evidence_profile.slanted
-    assert parts['one pass'].evidence_profile.passes == 1

@@ -67,7 +67,8 @@ def test_failures(sample: Sample, *, threshold: float, lost: bool) -> None:
         assert (own.bad[0], own.rejected[0]) == (not lost, lost)
         far = np.linalg.norm(own.flat, axis=1) > gallery.REACH
         assert not far.any() or len(own.flat) == gallery.FEWEST
-        assert all(share > 0 for _, share in one.largest)
+        assert one.largest
+        assert all((added > 0) == lost for _, added in one.largest)
 
 
 @pytest.mark.slow

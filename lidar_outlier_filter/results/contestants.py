@@ -7,12 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.features import FEATURES
 from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
 
 if TYPE_CHECKING:
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
 DEFAULT = 'default'
 NEIGHBOURS, FACTOR, DEVIATIONS = 20, 1.2, 2.0
 RADIUS, FEWEST = 0.5, 3  # the defaults of sor.statistic: radius
-WEIGHTS = ('evidence_profile', 'evidence_spinning')
 MOST = 300_000  # points of one cloud that slow peers are given
 
 
@@ -119,6 +116,8 @@ ONE_SURFACE = {
 PATCH = {**ONE_SURFACE, 'quadric.window': 'patch'}
 SMALL_ONES = ('leslar-b', 'leslar-c')  # a surface for each point takes minutes on larger ones
 ALL_THREE = ('alpha_beta_gamma', 'quadric', 'lof')
+# What others tune for a scene: distances to neighbours, and of them as parts of the range.
+RULES = ('`sor`', '`sor`, radius', '`sor` as DROR', '`sor` as DSOR')
 
 OURS: tuple[Ours, ...] = (
     Ours(DEFAULT),
@@ -209,25 +208,3 @@ def _sklearn_lof(xyz: NDArray[np.float64]) -> Judgement:
     lof.fit(xyz)
     factor = -lof.negative_outlier_factor_
     return Judgement(factor > FACTOR, factor)
-
-
-def ablations(whole: Mapping[str, object] = MappingProxyType({})) -> list[Ours]:
-    """Take each part of a chain away in turn: each detector, if there are several.
-
-    Of ``evidence``, each feature, the second pass and the groups. Thresholds stay as they are.
-    """
-    chain = FilterParameters().changed(whole).chain
-    several = len(chain) > 1
-    parts = [
-        Ours(f'without `{name}`', {**whole, 'chain': tuple(n for n in chain if n != name)})
-        for name in chain
-        if several
-    ]
-    if 'evidence' in chain:
-        changes = {f'without `{name}`': (name, 0.0) for name in FEATURES}
-        changes |= {'one pass': ('passes', 1), 'without slanted groups': ('slanted', False)}
-        parts += [
-            Ours(title, {**whole, **{f'{kind}.{name}': value for kind in WEIGHTS}})
-            for title, (name, value) in changes.items()
-        ]
-    return parts

@@ -10,6 +10,8 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence import features
 from lidar_outlier_filter.core.detectors.evidence.detector import compute_first
+from lidar_outlier_filter.core.detectors.evidence.pattern import find_either
+from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import explain
 from lidar_outlier_filter.core.detectors.evidence.surface import K
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import concatenate
@@ -38,7 +40,7 @@ MOST = 10  # of each kind, for each sample
 APART = 1.0  # metres between two that are shown
 SHOWN, REACH = 240, 4.0  # points of a cutout at most, and how far they are, metres
 FEWEST = 60  # points of a cutout, however far
-NAMED = 2  # contributions that are listed
+NAMED = 3  # contributions that are listed
 
 
 class Failure(NamedTuple):
@@ -51,7 +53,8 @@ class Failure(NamedTuple):
     score : that it was judged by; above 1 rejected
     off : distance from the surface of its neighbours, metres
     sigma : standard deviation of these from it, metres
-    largest : features that contributed most, and their parts of the threshold
+    largest : features that speak most for the verdict, and what they add to the log-odds, before
+        the threshold is taken away; none where trees did not judge
     cutout : what lies around it
 
     """
@@ -95,7 +98,7 @@ def failures(sample: Sample, parameters: FilterParameters) -> list[Failure]:
     found = []
     for i, lost in picked:
         block = _block(points, i, parameters)
-        here = int(np.searchsorted(block, i))
+        here, around = int(np.searchsorted(block, i)), points.take(block)
         code = int(sample.code[i])
         kind = None if sample.surface is None else Kind(int(sample.surface[i]))
         found.append(
@@ -103,7 +106,8 @@ def failures(sample: Sample, parameters: FilterParameters) -> list[Failure]:
                 lost,
                 words((Cause(code) if code or kind is None else kind).name),
                 float(verdict.score[i]),
-                *_features_of(points.take(block), here, parameters),
+                *_features_of(around, here, parameters),
+                _reasons(around, here, lost=lost),
                 _cutout(points.xyz[block], here, bad[block], rejected[block]),
             )
         )
@@ -117,27 +121,26 @@ def _block(points: Points, i: int, parameters: FilterParameters) -> NDArray[np.i
     return np.flatnonzero((points.t >= begin - halo) & (points.t < begin + length + halo))
 
 
-def _features_of(
-    points: Points, i: int, parameters: FilterParameters
-) -> tuple[float, float, tuple[tuple[str, float], ...]]:
-    """Return how far a point is off its surface, how even that is, and what contributed most."""
+def _features_of(points: Points, i: int, parameters: FilterParameters) -> tuple[float, float]:
+    """Return how far a point is off the surface of its neighbours, and how even that is."""
     if len(points) <= K:
-        return np.nan, np.nan, ()
+        return np.nan, np.nan
     neighbourhood = Neighbourhood(points.xyz, K)
     scan = features.see(neighbourhood, points, parameters.gap_factor)
-    weights, result = compute_first(scan, parameters)
+    _, result = compute_first(scan, parameters)
     at = int(np.flatnonzero(neighbourhood.order == i)[0])
-    threshold = parameters.evidence.threshold * weights.threshold
-    shares = {
-        name: getattr(weights, name) * float(contribution) / threshold
-        for name, contribution in zip(features.FEATURES, result.contributions[at], strict=True)
-    }
-    largest = sorted(shares.items(), key=lambda share: -share[1])[:NAMED]
-    return (
-        float(result.around.off[at]),
-        float(result.around.scale[at]),
-        tuple((name, share) for name, share in largest if share > 0),
-    )
+    return float(result.around.off[at]), float(result.around.scale[at])
+
+
+def _reasons(points: Points, i: int, *, lost: bool) -> tuple[tuple[str, float], ...]:
+    """Return the features that added most to the log-odds of a point, or took most away."""
+    if find_either(points, 'auto') is None:
+        return ()
+    reasons = explain(points, sensor='auto', wanted=np.arange(len(points)) == i)
+    added = reasons.added[:, i]
+    speaks = added if lost else -added
+    order = np.argsort(-speaks, kind='stable')[:NAMED]
+    return tuple((reasons.names[f], float(added[f])) for f in order if speaks[f] > 0)
 
 
 def _cutout(xyz: Floats, i: int, bad: Mask, rejected: Mask) -> Cutout:
@@ -179,9 +182,10 @@ def section(presets: Sequence[str], seeds: Sequence[int], folder: Path, progress
         f'A panel shows the {SHOWN} points nearest to one of them, up to {REACH:g} m away, or the '
         f'{FEWEST} nearest where fewer are within that. They are judged in the same block, and '
         'seen from the side: right is the direction in which they extend most, up that in which '
-        'they extend least, with scales of their own, in metres. Contributions are the largest of '
-        'the features, each as a part of the threshold, before anything was rejected. They are '
-        'those of the weighted sum, also where trees on the scan pattern judge.',
+        'they extend least, with scales of their own, in metres. Named are the features that '
+        'speak most for the verdict, and what each adds to the log-odds of the trees '
+        '([their meaning](detectors/evidence.md#why-a-point-is-rejected)); none are where the '
+        'weighted sum judged.',
         *parts,
     )
 
@@ -210,14 +214,14 @@ def _panel(failure: Failure) -> tuple[str, Cutout]:
 
 def _table(found: Sequence[Failure]) -> str:
     return table(
-        ('point', 'score', 'off its surface, cm', 'σ of that, cm', 'largest contributions'),
+        ('point', 'score', 'off its surface, cm', 'σ of that, cm', 'log-odds by feature'),
         [
             (
                 f'{"lost" if one.lost else "missed"}: {one.what}',
                 number(one.score, 2),
                 number(100 * one.off, 1),
                 number(100 * one.sigma, 1),
-                ', '.join(f'{name} {share:.2f}' for name, share in one.largest) or 'none',
+                ', '.join(f'`{name}` {added:+.1f}' for name, added in one.largest) or 'none',
             )
             for one in found
         ],
