@@ -19,6 +19,7 @@ def entry(name: str, **changes: Any) -> dict[str, Any]:
         'refused': 0,
         'gaps': 0,
         'rejected_by': {'evidence': 1500, 'sor': 700},
+        'untested_because': '',
     }
     entry: dict[str, Any] = {
         'source': name,
@@ -29,6 +30,7 @@ def entry(name: str, **changes: Any) -> dict[str, Any]:
         'seconds': 5.0,
         'duration': 20.0,
         'unread': 0,
+        'lost': [],
     }
     counts.update((key, value) for key, value in changes.items() if key in counts)
     entry.update((key, value) for key, value in changes.items() if key in entry)
@@ -58,10 +60,12 @@ def archive(count: int) -> list[dict[str, Any]]:
         {'refused': 3},
         {'gaps': 5},
         {'unread': 17},
+        {'untested': 1_000_000, 'untested_because': 'lof needs more points', 'rejected': 0},
+        {'lost': ['a chunk at byte 7 is cut off', 'another one']},
         {'rejected': 0, 'rejected_by': {'evidence': 0, 'sor': 0}},
     ]
     for number, change in enumerate(changes):
-        lines[7 * number + 3] = entry(lines[7 * number + 3]['source'], **change)
+        lines[5 * number + 3] = entry(lines[5 * number + 3]['source'], **change)
     sentence = 'the recording <b>.mcap must be readable, got "an end at byte 7 without a footer"'
     lines[5] = failed(lines[5]['source'], sentence)
     return lines

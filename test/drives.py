@@ -110,6 +110,7 @@ def write_drive(  # noqa: PLR0913  what may differ
     stamp_of: Callable[[int], int] = lambda number: BEGIN + number * PERIOD,
     columns: tuple[str, ...] = ROW.names or (),
     seed: int = 0,
+    points: int = 120,
 ) -> Path:
     """Write a recording of turns, 10 in a second, with an odometry every 50 ms.
 
@@ -126,7 +127,7 @@ def write_drive(  # noqa: PLR0913  what may differ
                 at = BEGIN + number * PERIOD + step * PERIOD // 2
                 bag.write(odometry, at, pose_bytes(at, (2 * number + step) * 0.01))
             for place, topic in enumerate(names):
-                rows = rows_of_turn(seed + 1000 * place + number)
+                rows = rows_of_turn(seed + 1000 * place + number, points)
                 bag.write(topic, arrived, cloud_bytes(rows, stamp_of(number), columns))
         bag.write(odometry, arrived, pose_bytes(arrived, 2 * clouds * 0.01))
     return path

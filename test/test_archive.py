@@ -218,6 +218,31 @@ def test_a_damaged_recording_fails_alone(
     assert not (tmp_path / 'drives_cleaned' / 'bad').exists()
 
 
+def test_nothing_to_test(drives: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What a replay alone says with status 3 is in manifest, table and page, again and again."""
+    few = write_drive(tmp_path / 'few', 6, seed=4, points=8)
+    spatial = ['--set=chain=[lof]', '--jobs=1']
+    assert main(['replay', str(few), '--output', str(tmp_path / 'alone'), *spatial]) == 3
+    assert 'no point of /lidar could be tested: lof needs more points' in capsys.readouterr().err
+    few.rename(drives / 'few')
+    for counts in ('3 replayed, 0 done before', '0 replayed, 3 done before'):
+        assert main(['replay', str(drives), *spatial]) == 3
+        captured = capsys.readouterr()
+        sentence = f'no point of /lidar of {drives / "few"} could be tested: lof needs more points'
+        assert sentence in captured.err
+        assert f'{counts}, 0 failed, 1 incomplete' in captured.out
+        assert '100.00%' in captured.out
+    output = tmp_path / 'drives_cleaned'
+    reasons = {
+        Path(entry['source']).stem: entry['topics']['/lidar']['untested_because']
+        for entry in lines(output)
+    }
+    assert reasons == {'few': 'lof needs more points', 'first': '', 'second': ''}
+    assert 'no point of /lidar could be tested: lof needs more points' in (
+        output / 'archive.html'
+    ).read_text('utf-8')
+
+
 def test_all_damaged(tmp_path: Path) -> None:
     """Where nothing is done, the exit status is that of what is refused."""
     (tmp_path / 'drives').mkdir()

@@ -58,27 +58,33 @@ def test_odd_recordings_come_first_with_their_sentences() -> None:
     """Each oddness is named, and nothing else is odd."""
     found = drives(archive(60))
     assert {
-        drive.source[-9:-5]: [drive.error] if drive.failed else drive.odd for drive in found[:6]
+        drive.source[-9:-5]: [drive.error] if drive.failed else drive.odd for drive in found[:8]
     } == {
         '0005': [
             'the recording <b>.mcap must be readable, got "an end at byte 7 without a footer"'
         ],
-        '0010': ['3 of 200 clouds refused'],
-        '0024': ['17 messages not found in the recording'],
+        '0023': [
+            'no point of /lidar could be tested: lof needs more points',
+            '0 % of the points rejected, median 0.2 % (z -20)',
+            '100 % of the points untested, median 0.01 % (z +9,999)',
+        ],
+        '0008': ['3 of 200 clouds refused'],
+        '0018': ['17 messages not found in the recording'],
+        '0028': ['2 losses, the first: a chunk at byte 7 is cut off'],
         '0003': [
             '2.1 % of the points rejected, median 0.2 % (z +190)',
-            '2 % of the points rejected by sor, median 0.0701 % (z +193)',
+            '2 % of the points rejected by sor, median 0.07 % (z +193)',
         ],
-        '0017': ['2.5 % of the clouds after a gap, median 0 % (z +25)'],
-        '0031': [
+        '0013': ['2.5 % of the clouds after a gap, median 0 % (z +25)'],
+        '0033': [
             '0 % of the points rejected, median 0.2 % (z -20)',
-            '0 % of the points rejected by evidence, median 0.149 % (z -14.9)',
-            '0 % of the points rejected by sor, median 0.0701 % (z -7.01)',
+            '0 % of the points rejected by evidence, median 0.15 % (z -15)',
+            '0 % of the points rejected by sor, median 0.07 % (z -7)',
         ],
     }
-    assert not any(drive.odd for drive in found[6:])
-    assert [abs(drive.z) for drive in found[3:]] == sorted(
-        (abs(drive.z) for drive in found[3:]), reverse=True
+    assert not any(drive.odd for drive in found[8:])
+    assert [abs(drive.z) for drive in found[5:]] == sorted(
+        (abs(drive.z) for drive in found[5:]), reverse=True
     )
 
 

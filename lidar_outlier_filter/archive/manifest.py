@@ -74,9 +74,16 @@ class Entry:
         return sum(int(counts['refused']) for counts in self.topics.values())
 
     @property
+    def untested(self) -> Mapping[str, str]:
+        """The topics of which no point could be tested, and why."""
+        found = {name: counts.get('untested_because', '') for name, counts in self.topics.items()}
+        return {name: reason for name, reason in found.items() if reason}
+
+    @property
     def is_complete(self) -> bool:
-        """Whether every message is in the output, and every cloud has its answer."""
-        return self.state == DONE and not (self.refused or self.unread or self.lost)
+        """Whether every message is in the output, and every cloud has an answer that was judged."""
+        lacks = self.refused or self.untested or self.unread or self.lost
+        return self.state == DONE and not lacks
 
 
 class Manifest:

@@ -37,6 +37,7 @@ class DriveCounts:
     seconds: float
     duration: float
     unread: int
+    lost: Sequence[str]
     messages: int = 0
     points: int = 0
     rejected: int = 0
@@ -44,6 +45,7 @@ class DriveCounts:
     refused: int = 0
     gaps: int = 0
     rejected_by: Counter[str] = field(default_factory=Counter)
+    untested_because: dict[str, str] = field(default_factory=dict)
     odd: list[str] = field(default_factory=list)
     z: float = 0.0
 
@@ -51,6 +53,20 @@ class DriveCounts:
     def failed(self) -> bool:
         """Whether there is no output."""
         return self.error is not None
+
+    @property
+    def lacks(self) -> list[str]:
+        """What is missing in the output, a sentence each."""
+        found = []
+        if self.unread:
+            found.append(f'{self.unread:,} messages not found in the recording')
+        if self.lost:
+            found.append(f'{len(self.lost):,} losses, the first: {self.lost[0]}')
+        if self.refused:
+            found.append(f'{self.refused:,} of {self.messages:,} clouds refused')
+        for topic, reason in self.untested_because.items():
+            found.append(f'no point of {topic} could be tested: {reason}')
+        return found
 
 
 @dataclass(frozen=True)
@@ -73,10 +89,7 @@ def drives(entries: Iterable[Mapping[str, Any]]) -> list[DriveCounts]:
         for share in _shares(done):
             _compare(done, share)
     for drive in done:
-        if drive.refused:
-            drive.odd.insert(0, f'{drive.refused:,} of {drive.messages:,} clouds refused')
-        if drive.unread:
-            drive.odd.insert(0, f'{drive.unread:,} messages not found in the recording')
+        drive.odd[:0] = drive.lacks
     return sorted(found, key=_order)
 
 
@@ -105,11 +118,14 @@ def _drive(entry: Mapping[str, Any]) -> DriveCounts:
         entry['seconds'],
         entry['duration'],
         entry.get('unread', 0),
+        entry.get('lost', ()),
     )
-    for counts in entry['topics'].values():
+    for topic, counts in entry['topics'].items():
         for name in ('messages', 'points', 'rejected', 'untested', 'refused', 'gaps'):
             setattr(drive, name, getattr(drive, name) + counts[name])
         drive.rejected_by.update(counts['rejected_by'])
+        if reason := counts.get('untested_because'):
+            drive.untested_because[topic] = reason
     return drive
 
 
@@ -141,17 +157,21 @@ def _compare(done: Sequence[DriveCounts], compared: _Share) -> None:
         if abs(z) > abs(drive.z):
             drive.z = float(z)
         if abs(z) >= LIMIT:
-            drive.odd.append(f'{percent(value)} {compared.text}, median {median} (z {z:+.3g})')
+            drive.odd.append(f'{percent(value)} {compared.text}, median {median} (z {signed(z)})')
 
 
 def _order(drive: DriveCounts) -> tuple[bool, bool, float, str]:
-    lacks = bool(drive.refused or drive.unread)
-    return not drive.failed, not lacks, -abs(drive.z), drive.source
+    return not drive.failed, not drive.lacks, -abs(drive.z), drive.source
 
 
 def share(part: float, whole: float) -> float:
     """Divide; nothing of nothing is 0."""
     return part / whole if whole else 0.0
+
+
+def signed(z: float) -> str:
+    """Write a robust z with its sign, and three digits that count or all before the point."""
+    return f'{z:+.3g}' if abs(z) < 1000 else f'{z:+,.0f}'  # noqa: PLR2004  digits
 
 
 def percent(value: float) -> str:

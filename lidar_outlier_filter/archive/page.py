@@ -19,6 +19,7 @@ from lidar_outlier_filter.archive.oddness import (
     drives,
     percent,
     share,
+    signed,
 )
 from lidar_outlier_filter.archive.page_style import COLOURS, SCRIPT, STYLE
 
@@ -180,7 +181,7 @@ def _cells(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> It
         yield '<td></td>' * (len(COLUMNS) - 2)
         return
     mark = ' class="odd"' if abs(drive.z) >= LIMIT else ''
-    yield f'<td{mark} data-sort="{abs(drive.z)}">{drive.z:+.3g}</td>'
+    yield f'<td{mark} data-sort="{abs(drive.z)}">{signed(drive.z)}</td>'
     yield _cell(drive.duration, length(drive.duration))
     for value in (drive.messages, drive.refused, drive.gaps, drive.points):
         yield _cell(value, f'{value:,}')
@@ -216,7 +217,8 @@ def _explanation(done: int) -> Iterator[str]:
         f'deviation, at least {percent(LEAST_OF_POINTS)} of the points or '
         f'{percent(LEAST_OF_CLOUDS)} of the clouds). Compared are the shares of points rejected, '
         'rejected by each detector and untested, and of clouds after a gap. It is odd, too, if '
-        'clouds were refused or messages are missing. The column “odd” has the largest z.</p>'
+        'clouds were refused, no point of a topic could be tested, or messages are missing. '
+        'The column “odd” has the largest z.</p>'
     )
     if done < FEWEST:
         yield f'<p class="note">Fewer than {FEWEST} recordings are done: none is compared.</p>'

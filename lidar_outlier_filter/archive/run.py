@@ -235,6 +235,7 @@ def _counts(topic: TopicReport, gaps: int) -> dict[str, Any]:
         'kept': topic.points - topic.rejected,
         'rejected': topic.rejected,
         'untested': topic.untested,
+        'untested_because': topic.untested_because,
         'refused': topic.refused,
         'rejected_by': dict(topic.rejected_by),
         'gaps': gaps,

@@ -118,7 +118,7 @@ def replay_archive(options: argparse.Namespace) -> int:
                 entries = replay_all(todo, engine, order, manifest, show)
         kept = [manifest.entries[str(task.place.path)] for task in tasks]
         _write_page(kept, folder)
-    _show(kept, entries, folder)
+    _show(kept, len(entries), folder)
     return _status(kept)
 
 
@@ -245,36 +245,52 @@ def _once() -> Callable[[str], object]:
     return inform
 
 
-def _show(kept: Sequence[Entry], entries: Sequence[Entry], folder: object) -> None:
-    """Print the table of a run, and to stderr what failed."""
+def _show(entries: Sequence[Entry], tried: int, folder: object) -> None:
+    """Print the table of a run that tried some of them, and to stderr what failed or lacks."""
     from rich.console import Console
 
     from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
 
     console = Console()
-    console.print(_table(kept))
+    console.print(_table(entries))
     console.print(f'written to {folder}', markup=False, highlight=False, soft_wrap=True)
     for entry in entries:
-        if entry.error is not None:
-            say(entry.error)
-        elif entry.refused:
-            say(f'{entry.refused} clouds of {entry.source} were refused and have no answer')
-        if entry.unread:
-            say(f'{entry.unread} messages that {entry.source} counts were not found in it')
-        for reason in entry.lost:
-            say(f'lost of {entry.source}: {reason}')
-    failed = sum(entry.state != IS_DONE for entry in kept)
-    new = sum(entry.state == IS_DONE for entry in entries)
-    console.print(
-        f'{new} replayed, {len(kept) - len(entries)} done before, {failed} failed', highlight=False
-    )
+        _say_lacks(entry)
+    done = [entry for entry in entries if entry.state == IS_DONE]
+    failed, before = len(entries) - len(done), len(entries) - tried
+    lacking = sum(not entry.is_complete for entry in done)
+    counts = f'{len(done) - before} replayed, {before} done before, {failed} failed'
+    console.print(f'{counts}, {lacking} incomplete', highlight=False)
+
+
+def _say_lacks(entry: Entry) -> None:
+    """Say what is missing in an output, or why there is none."""
+    if entry.error is not None:
+        say(entry.error)
+    if entry.refused:
+        say(f'{entry.refused} clouds of {entry.source} were refused and have no answer')
+    for topic, reason in entry.untested.items():
+        say(f'no point of {topic} of {entry.source} could be tested: {reason}')
+    if entry.unread:
+        say(f'{entry.unread} messages that {entry.source} counts were not found in it')
+    for reason in entry.lost:
+        say(f'lost of {entry.source}: {reason}')
 
 
 def _table(entries: Sequence[Entry]) -> Table:
     """Make the table of an archive, a row for each recording."""
     from rich.table import Table
 
-    columns = ('recording', 'clouds', 'refused', 'points', 'rejected', 'gaps', '× real time')
+    columns = (
+        'recording',
+        'clouds',
+        'refused',
+        'points',
+        'rejected',
+        'untested',
+        'gaps',
+        '× real time',
+    )
     table = Table(*columns)
     for column in table.columns[1:]:
         column.justify = 'right'
@@ -285,12 +301,12 @@ def _table(entries: Sequence[Entry]) -> Table:
             continue
         counts = [
             sum(int(topic[key]) for topic in entry.topics.values())
-            for key in ('messages', 'refused', 'points', 'rejected', 'gaps')
+            for key in ('messages', 'refused', 'points', 'gaps', 'rejected', 'untested')
         ]
-        share = f'{counts[3] / max(counts[2], 1):.2%}'
+        numbers = [f'{count:,}' for count in counts[:4]]
+        shares = [f'{count / max(counts[2], 1):.2%}' for count in counts[4:]]
         speed = f'{entry.duration / max(entry.seconds, 1e-9):.1f}'
-        numbers = [f'{count:,}' for count in counts]
-        table.add_row(name, *numbers[:3], share, numbers[4], speed)
+        table.add_row(name, *numbers[:3], *shares, numbers[3], speed)
     return table
 
 
