@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
     Bools = NDArray[np.bool_]
 
 EACH = 32.0  # kept points of a cell on the map, about
+CHUNK = 1_000_000  # points in memory at once
 
 
 def is_high(xyz: Floats, kept: Bools, rejected: Bools) -> Bools:
@@ -23,17 +25,30 @@ def is_high(xyz: Floats, kept: Bools, rejected: Bools) -> Bools:
 
     Kept points are averaged in square cells. Each rejected one is compared with the nearest cell.
     """
-    where = np.flatnonzero(rejected)
-    if not kept.any():
+    where, there = np.flatnonzero(rejected), np.flatnonzero(kept)
+    if not len(there) or not len(where):
         return np.zeros(len(where), np.bool_)
-    place = xyz[kept]
-    low, high = place[:, :2].min(axis=0), place[:, :2].max(axis=0)
-    area = max(float(np.prod(np.maximum(high - low, 1e-6))), 1e-12)
-    side = np.sqrt(area * EACH / len(place))
-    cell = np.floor((place[:, :2] - low) / side).astype(np.int64)
-    number = cell[:, 0] * (int(cell[:, 1].max()) + 1) + cell[:, 1]
-    _, inside, count = np.unique(number, return_inverse=True, return_counts=True)
-    means = [np.bincount(inside.reshape(-1), place[:, axis]) / count for axis in range(3)]
-    _, nearest = cKDTree(np.stack(means[:2], axis=1)).query(xyz[where, :2])
-    above: Bools = xyz[where, 2] > means[2][nearest]
+    means = _means(xyz, there)
+    _, nearest = cKDTree(means[:, :2]).query(xyz[where, :2])
+    above: Bools = xyz[where, 2] > means[nearest, 2]
     return above
+
+
+def _means(xyz: Floats, there: Ints) -> Floats:
+    """Average points in square cells on the map, (C, 3)."""
+    low = np.array([xyz[there, axis].min() for axis in range(2)])
+    high = np.array([xyz[there, axis].max() for axis in range(2)])
+    area = max(float(np.prod(np.maximum(high - low, 1e-6))), 1e-12)
+    side = np.sqrt(area * EACH / len(there))
+    rows = int((high[1] - low[1]) / side) + 1
+    number = np.empty(len(there), np.int64)
+    for begin in range(0, len(there), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        i, j = (np.floor((xyz[there[part], axis] - low[axis]) / side) for axis in range(2))
+        number[part] = i * rows + j
+    if number.max() >= len(there):  # along a line there are more cells than points
+        _, number = np.unique(number, return_inverse=True)
+    count = np.bincount(number)
+    full = np.flatnonzero(count)
+    sums = [np.bincount(number, xyz[there, axis])[full] for axis in range(3)]
+    return np.stack(sums, axis=1) / count[full, None]

@@ -311,7 +311,9 @@ def _scores(verdict: Verdict) -> Scores:
 
 def _to_edges(xyz: Floats, box: Floats) -> Floats:
     """Return how far each point is from the nearest edge of a box in x and y."""
-    inwards = np.minimum(xyz[:, :2] - box[0], box[1] - xyz[:, :2]).min(axis=1)
+    x, y = xyz[:, 0], xyz[:, 1]
+    across = np.minimum(x - box[0, 0], box[1, 0] - x)
+    inwards = np.minimum(across, np.minimum(y - box[0, 1], box[1, 1] - y))
     # Differences of large coordinates are rounded.
     edges: Floats = inwards - 4 * np.spacing(np.abs(box).max())
     return edges

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -61,8 +61,9 @@ class Tiles:
             part = slice(begin, begin + CHUNK)
             self.xyz[part] = xyz[self.order[part]]
         for tile in range(len(self)):
-            points = self.xyz[self.part(tile)]
-            self.low[tile], self.high[tile] = points.min(axis=0), points.max(axis=0)
+            for axis in range(3):  # column by column: numpy is slow along rows of three
+                values = self.xyz[self.part(tile), axis]
+                self.low[tile, axis], self.high[tile, axis] = values.min(), values.max()
 
     def __len__(self) -> int:
         """Count the tiles that have points."""
@@ -97,9 +98,7 @@ class Tiles:
         found = []
         for other in np.flatnonzero(near).tolist():
             part = self.part(other)
-            xy = self.xyz[part, :2]
-            inside = (xy >= box[0]).all(axis=1) & (xy <= box[1]).all(axis=1)
-            inside = left[part] & (inside | (other == tile))
+            inside = left[part] & (_in_box(self.xyz[part], box) | (other == tile))
             found.append(part.start + np.flatnonzero(inside))
         return self.as_given(np.concatenate(found)), box
 
@@ -182,6 +181,15 @@ def distances_to_places(points: Floats, queries: Floats, k: int) -> Floats:
     return result
 
 
+def _in_box(points: Floats, box: Floats) -> Bools:
+    """Return which points lie between the least and the largest x and y of a box."""
+    inside = np.ones(len(points), np.bool_)
+    for axis in range(2):
+        values = points[:, axis]
+        inside &= (values >= box[0, axis]) & (values <= box[1, axis])
+    return inside
+
+
 def _distances_to_boxes(points: Floats, low: Floats, high: Floats) -> Floats:
     """Return the distance of every point to every box, (Q, T); 0 within."""
     total = np.zeros((len(points), len(low)))
@@ -195,14 +203,21 @@ def _distances_to_boxes(points: Floats, low: Floats, high: Floats) -> Floats:
 
 def _number(xyz: Floats, where: Ints, side: float) -> tuple[NDArray[np.int32], Floats]:
     """Return the number of the tile of each point, and i and j of each tile, (T, 2)."""
-    keys = np.empty((0, 2))
+    # Complex numbers are sorted by their real part, then by the other.
+    known = np.empty(0, np.complex128)
+    for keys, _ in _runs(xyz, where, side):
+        known = np.unique(np.concatenate((known, np.unique(keys))))
+    number = [
+        np.repeat(np.searchsorted(known, keys).astype(np.int32), lengths)
+        for keys, lengths in _runs(xyz, where, side)
+    ]
+    return np.concatenate([np.empty(0, np.int32), *number]), np.stack((known.real, known.imag), 1)
+
+
+def _runs(xyz: Floats, where: Ints, side: float) -> Iterator[tuple[NDArray[np.complex128], Ints]]:
+    """Give i + j √-1 of each run of points in one tile, and its length: few, in most files."""
     for begin in range(0, len(where), CHUNK):
-        part = np.floor(xyz[where[begin : begin + CHUNK], :2] / side)
-        keys = np.unique(np.concatenate((keys, np.unique(part, axis=0))), axis=0)
-    number = np.empty(len(where), np.int32)
-    for begin in range(0, len(where), CHUNK):
-        part = np.floor(xyz[where[begin : begin + CHUNK], :2] / side)
-        # Complex numbers are sorted by their real part, then by the other: as the keys are.
-        known = keys[:, 0] + 1j * keys[:, 1]
-        number[begin : begin + len(part)] = np.searchsorted(known, part[:, 0] + 1j * part[:, 1])
-    return number, keys
+        part = where[begin : begin + CHUNK]
+        keys = np.floor(xyz[part, 0] / side) + 1j * np.floor(xyz[part, 1] / side)
+        first = np.flatnonzero(np.append([True], keys[1:] != keys[:-1]))
+        yield keys[first], np.diff(np.append(first, len(keys)))

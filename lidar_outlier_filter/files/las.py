@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import laspy
 import numpy as np
+from laspy import DecompressionSelection as Parts
 from laspy.vlrs.vlrlist import VLRList
 
 from lidar_outlier_filter.errors import CloudError
@@ -42,6 +43,20 @@ if TYPE_CHECKING:
 NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
 AXES = ('x', 'y', 'z')
+# What is unpacked for a column of point formats 6 to 10; all of a point for any other column.
+_PARTS = {
+    'x': Parts.XY_RETURNS_CHANNEL,
+    'y': Parts.XY_RETURNS_CHANNEL,
+    'return_number': Parts.XY_RETURNS_CHANNEL,
+    'scanner_channel': Parts.XY_RETURNS_CHANNEL,
+    'z': Parts.Z,
+    'classification': Parts.CLASSIFICATION,
+    'edge_of_flight_line': Parts.FLAGS,
+    'scan_direction_flag': Parts.FLAGS,
+    'scan_angle': Parts.SCAN_ANGLE,
+    'point_source_id': Parts.POINT_SOURCE_ID,
+    'gps_time': Parts.GPS_TIME,
+}
 # Places in the header (LAS 1.4, table 3), first byte and the one behind the last.
 _IDENTITY = slice(4, 94)  # file source, encoding, project, system, software, day and year
 _LEGACY = slice(107, 131)  # number of points, and by return, as LAS 1.3 knew them
@@ -119,7 +134,8 @@ class LasFile:
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk."""
-        with laspy.open(self.path, read_evlrs=False) as reader:
+        wanted = _selection(names)
+        with laspy.open(self.path, read_evlrs=False, decompression_selection=wanted) as reader:
             for points in reader.chunk_iterator(CHUNK):
                 yield tuple(np.array(points[name]) for name in names)
 
@@ -192,6 +208,14 @@ class LasFile:
             if data:
                 stream.seek(place)
                 stream.write(data)
+
+
+def _selection(names: Sequence[str]) -> Parts:
+    """Return the least that must be unpacked for some columns; the count of points is in x."""
+    wanted = Parts.XY_RETURNS_CHANNEL
+    for name in names:
+        wanted |= _PARTS.get(name, Parts.all())
+    return wanted
 
 
 def _changed(points: Any, header: Any, change: Change, part: slice) -> Any:
