@@ -22,13 +22,25 @@ _OF_THE_READER = (
 )
 
 
+def printable(text: str) -> str:
+    """Write what is no letter, sign or space as its escape: names in a file may be any bytes.
+
+    So a sentence stays on its line, and a terminal obeys nothing in it.
+    """
+    if text.isprintable():
+        return text
+    return ''.join(
+        one if one.isprintable() else one.encode('unicode_escape').decode() for one in text
+    )
+
+
 class FilterError(Exception):
     """Something was refused: ``<what> must be <must_be>, got <got>``."""
 
     def __init__(self, what: str, must_be: str, got: object) -> None:
         """Keep ``what`` apart, so that refusals can be counted by it."""
-        super().__init__(f'{what} must be {must_be}, got {got}')
-        self.what = what
+        super().__init__(printable(f'{what} must be {must_be}, got {got}'))
+        self.what = printable(what)
 
 
 class ParameterError(FilterError):
@@ -67,7 +79,7 @@ def said_by(error: BaseException) -> str:
     text = str((isinstance(error, OSError) and error.strerror) or error)
     if isinstance(error, _OF_THE_READER) or not text.strip():
         text = 'bytes that its format does not allow'
-    return '"' + ' '.join(text.split()) + '"'
+    return '"' + printable(' '.join(text.split())) + '"'
 
 
 class PoseError(FilterError):

@@ -157,11 +157,33 @@ def test_layers_of_a_chunk(tmp_path: Path, layer: int) -> None:
     refused(patch(path, place, b'\xff' * 4), 'the bytes in the layers of a chunk of')
 
 
+@pytest.mark.parametrize(
+    ('point_format', 'points', 'sentence'),
+    [
+        (3, 2**32 - 2, 'the points of a chunk in'),
+        (6, 2**32 - 2, 'the points of a chunk in'),
+        (6, 256_000_000 // 30 + 1, 'the points of a chunk in'),
+        (6, 3, 'the points of chunk 0 of'),
+        (6, COUNT - 1, 'the points of chunk 0 of'),
+    ],
+)
+def test_points_of_a_chunk(tmp_path: Path, point_format: int, points: int, sentence: str) -> None:
+    """What a chunk is said to have ended the process, or made the library panic."""
+    path = las(tmp_path, 'cloud.laz', point_format)
+    place = path.read_bytes().index(b'laszip encoded') - 2 + 54 + 12
+    refused(patch(path, place, struct.pack('<I', points)), sentence)
+
+
 def test_items_of_a_point(tmp_path: Path) -> None:
-    """The items that LASzip lists make up a point: of one that was larger Rust despaired."""
+    """The items that LASzip lists make up a point: else the library ended by a panic."""
     path = las(tmp_path, 'cloud.laz')
     place = path.read_bytes().index(b'laszip encoded') - 2 + 54 + 34
-    refused(patch(path, place + 2, b'\xff\xff'), 'must be of 30 bytes, as it says, got 65535')
+    patch(path, place + 2, b'\xff\xff')
+    for compressor in (3, 2, 1, 0):
+        patch(path, place - 34, bytes([compressor]))
+        refused(path, 'must be of 30 bytes, as it says, got 65535')
+    patch(path, place - 2, b'\0\0')
+    refused(path, 'must be of 30 bytes, as it says, got 0')
 
 
 def texts(count: int) -> str:

@@ -74,6 +74,7 @@ def test_clean(
     assert b'input: ' + os.fsencode(path) in text
     assert 'Traceback' not in capsys.readouterr().err
     assert main(['clean', str(path.with_suffix('.none'))]) == 1
+    assert capsys.readouterr().err.removesuffix('\n').isprintable()
 
 
 @pytest.mark.parametrize('name', NAMES)

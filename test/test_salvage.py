@@ -7,6 +7,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import struct
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,7 +38,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.damaged_sqlite import DamagedDatabase
-from lidar_outlier_filter.recordings.losses import Losses
+from lidar_outlier_filter.recordings.losses import MOST, Losses
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
@@ -318,6 +319,53 @@ def test_pages_of_any_size(drives: dict[str, Path], tmp_path: Path, page: int) -
     losses = Losses()
     assert list(DamagedDatabase(path, 10**9, losses).messages()) == expected
     assert losses == Losses()
+
+
+PAGE, LEAVES, OVERFLOW = 512, 500, 4000  # bytes; pages of rows, and pages that all of them share
+LONG = 39 + OVERFLOW * (PAGE - 4)  # bytes of such a row: 39 are in its cell
+HEADS = {  # of rows: its length, a type for each column, and the first columns
+    'messages': b'\x05\0\1\1\x0c' + b'\1\1',  # row, topic, time, and no bytes
+    'definitions': b'\x09\0\x13\x1b' + b'\xfa\x89\x0d' + b'\x0d\x0d' + b'a/Bros2msg',
+}
+
+
+@pytest.mark.parametrize('kind', HEADS)
+def test_rows_that_share_their_pages(tmp_path: Path, kind: str) -> None:
+    """The pages are not read again for each row: the time would be rows times pages."""
+    path, first = tmp_path / 'drive.db3', LEAVES + 2
+    with path.open('wb') as stream:
+        stream.write(b'SQLite format 3\0' + struct.pack('>H', PAGE) + bytes(PAGE - 18))
+        for leaf in range(LEAVES):
+            stream.write(leaf_page(HEADS[kind], range(10 * leaf + 128, 10 * leaf + 138), first))
+        for page in range(first, first + OVERFLOW):
+            following = page + 1 if page + 1 < first + OVERFLOW else 0
+            stream.write(struct.pack('>I', following) + b'a' * (PAGE - 4))
+    losses, begin = Losses(), time.process_time()
+    assert list(DamagedDatabase(path, 10**9, losses).messages()) == []
+    assert time.process_time() - begin < 5
+    assert len(losses.reasons) == MOST
+    assert losses.more + MOST >= 10 * LEAVES - 1
+    assert losses.messages == {'messages': 10 * LEAVES, 'definitions': 0}[kind]
+
+
+def leaf_page(head: bytes, rows: range, overflow: int) -> bytes:
+    """Make a page of rows that begin alike, and go on at the same page."""
+    cells = [
+        varint(LONG) + varint(row) + head.ljust(39, b'a') + struct.pack('>I', overflow)
+        for row in rows
+    ]
+    begin = PAGE - sum(map(len, cells))
+    places = [begin + i * len(cells[0]) for i in range(len(cells))]
+    start = struct.pack('>BHHHB', 13, 0, len(cells), begin, 0)
+    return (start + struct.pack(f'>{len(cells)}H', *places)).ljust(begin, b'\0') + b''.join(cells)
+
+
+def varint(number: int) -> bytes:
+    """Write a number as SQLite does: seven bits a byte, all but the last with the eighth set."""
+    data = bytes([number & 127])
+    while number := number >> 7:
+        data = bytes([number & 127 | 128]) + data
+    return data
 
 
 def test_log_of_a_database(drives: dict[str, Path], unbroken: Content, tmp_path: Path) -> None:

@@ -223,7 +223,7 @@ def _counted(report: ReplayReport, times: _Times) -> dict[str, Any]:
     return {
         'topics': topics,
         'unread': report.unread,
-        'lost': list(report.lost.reasons),
+        'lost': report.lost.said(),
         'duration': report.recorded,
     }
 

@@ -138,9 +138,7 @@ def _show(report: ReplayReport) -> None:
 def _show_losses(lost: Losses) -> None:
     """Say what could not be salvaged, and the first of the reasons."""
     counts = f'{lost.messages} messages, {lost.chunks} chunks, {lost.size} bytes'
-    more = len(lost.reasons) - MOST_REASONS
-    reasons = '; '.join(lost.reasons[:MOST_REASONS]) + (f'; and {more} more' if more > 0 else '')
-    say(f'lost of the recording are at least {counts}: {reasons}')
+    say(f'lost of the recording are at least {counts}: {"; ".join(lost.said(MOST_REASONS))}')
 
 
 def _table(report: ReplayReport) -> Table:

@@ -15,7 +15,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Protocol
 
 from lidar_outlier_filter.cli.interrupts import stopping
-from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.errors import ParameterError, printable
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, _SubParsersAction
@@ -39,7 +39,7 @@ def say(sentence: str) -> None:
     """Write a sentence to stderr, on one line."""
     from rich.console import Console
 
-    Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
+    Console(stderr=True).print(printable(sentence), markup=False, highlight=False, soft_wrap=True)
 
 
 def progress_lines(text: str) -> Advance:

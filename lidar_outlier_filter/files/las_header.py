@@ -33,6 +33,7 @@ _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _BYTES = 14
 _SHORTEST_LASZIP = 34  # bytes, without any item
 _OF_ANY_SIZE = 2**32 - 1
+LARGEST_CHUNK = 256_000_000  # bytes of the points of a chunk; lazrs takes memory for all of them
 
 
 def check_records(path: Path) -> None:
@@ -99,16 +100,16 @@ def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
         raise CloudError(f'the records of LASzip in {path}', must_be, got)
     laszip = records[0]
     compressor, chunk_size = _number(laszip, 0, 2), _number(laszip, 12, 4)
-    if compressor not in {_CHUNKED, _LAYERED}:
-        return
     size = path.stat().st_size
     with path.open('rb') as stream:
         header = stream.read(LONGEST)
         begin, each = _number(header, 96, 4), _number(header, 105, 2)
         items = _items(laszip)
-        if sum(n for _, n in items) != each:
+        if not items or sum(n for _, n in items) != each:
             must_be = f'of {each} bytes, as it says'
             raise CloudError(f'a point in {path}', must_be, sum(n for _, n in items))
+        if compressor not in {_CHUNKED, _LAYERED}:
+            return
         stream.seek(begin)
         table = int.from_bytes(stream.read(_POINTERS), 'little', signed=True)
         if table == -1:  # written behind all, by who could not go back
@@ -122,10 +123,14 @@ def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
         stream.seek(begin - _POINTERS)
         found = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip)) if chunks else []
         check_room(path, 'the bytes in all chunks', sum(n for _, n in found), 1, table - begin)
+        if (largest := each * max((n for n, _ in found), default=0)) > LARGEST_CHUNK:
+            must_be = f'at most {LARGEST_CHUNK} bytes'
+            raise CloudError(f'the points of a chunk in {path}', must_be, largest)
         if compressor == _LAYERED:
-            sizes = [n for _, n in found]
             layers = sum(n if kind == _BYTES else _LAYERS.get(kind, 0) for kind, n in items)
-            check_count(path, count, _count_layered(path, stream, begin, each, layers, sizes))
+            counts = _count_layered(path, stream, begin, each, layers, [n for _, n in found])
+            check_count(path, count, sum(counts))
+            _check_chunks(path, counts, [n for n, _ in found], fixed=chunk_size != _OF_ANY_SIZE)
             return
     most = sum(n for n, _ in found)
     last = found[-1][0] - 1 if found and chunk_size != _OF_ANY_SIZE else 0
@@ -141,21 +146,34 @@ def _items(laszip: bytes) -> list[tuple[int, int]]:
 
 def _count_layered(  # noqa: PLR0913  where the chunks are, and how large
     path: Path, stream: BinaryIO, begin: int, each: int, layers: int, sizes: list[int]
-) -> int:
-    """Add up the points of chunks, each of which counts them behind the bytes of its first.
+) -> list[int]:
+    """Read how many points are in each chunk, which counts them behind the bytes of its first.
 
     Behind the count are the sizes of its layers. Refuse a chunk that they do not fit into.
     """
-    total = 0
+    counts = []
     for size in sizes:
         stream.seek(begin + each)
         head = stream.read(4 + 4 * layers)
         inside = sum(number for (number,) in struct.iter_unpack('<I', head[4 : len(head) & ~3]))
         room = size - each - 4 - 4 * layers
         check_room(path, 'the bytes in the layers of a chunk', inside, 1, room)
-        total += int.from_bytes(head[:4], 'little')
+        counts.append(int.from_bytes(head[:4], 'little'))
         begin += size
-    return total
+    return counts
+
+
+def _check_chunks(path: Path, counts: list[int], said: list[int], *, fixed: bool) -> None:
+    """Refuse chunks that have other numbers of points than the file says of them.
+
+    Of chunks of a fixed size, which is said of the last as well, the last may have fewer.
+    """
+    if fixed and counts and counts[-1] <= said[-1]:
+        counts, said = counts[:-1], said[:-1]
+    if counts != said:
+        wrong = next(i for i, count in enumerate(counts) if count != said[i])
+        what = f'the points of chunk {wrong} of {path}'
+        raise CloudError(what, f'{said[wrong]}, as it says', counts[wrong])
 
 
 def _number(data: bytes, place: int, size: int) -> int:

@@ -10,7 +10,6 @@ list of overflow pages. Rows are known by their columns, so that no tree is need
 from __future__ import annotations
 
 from collections import Counter
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from rosbags.interfaces import (
@@ -70,8 +69,10 @@ class DamagedDatabase:
         self._topics: dict[int, tuple[Any, ...]] = {}
         self._definitions: dict[str, MessageDefinition] = {}
         self._rows: dict[int, _Message] = {}
+        self._used = bytearray()  # by how many rows each overflow page is used: none, one, or more
         with path.open('rb') as stream:
             self._measure(stream.read(_HEADER))
+            self._used = bytearray(self._pages + 1)
             for page in range(1, self._pages + 1):
                 for place, cell in self._cells(stream, page):
                     self._learn(stream, page, place, cell)
@@ -158,9 +159,7 @@ class DamagedDatabase:
             columns, begin = _columns(cell.local)
         except (IndexError, UnicodeDecodeError):  # longer than a page: a topic or a definition
             try:
-                data = cell.local + b''.join(
-                    part for _, part in self._overflow(stream, cell, with_data=True)
-                )
+                data = cell.local + b''.join(self._claimed(stream, cell, with_data=True))
                 columns, begin = _columns(data)
             except (IndexError, UnicodeDecodeError, RecordingError):
                 self._lose(f'row {cell.row} of page {page} is damaged', 0)
@@ -175,24 +174,39 @@ class DamagedDatabase:
 
     def _drop_broken(self, stream: BinaryIO) -> None:
         """Drop the messages whose overflow pages are not there, or belong to several rows."""
-        used = bytearray(self._pages + 1)  # by how many rows: none, one, or more
+        broken = set()
         for row in self._rows:
-            with suppress(RecordingError):
-                for page in self._pages_of(stream, row):
-                    used[page] = min(2, used[page] + 1)
-        for row in list(self._rows):
             try:
-                whole = all(used[page] == 1 for page in self._pages_of(stream, row))
+                for _ in self._claimed(stream, self._cell_of(stream, row), with_data=False):
+                    pass
             except RecordingError:
-                whole = False
-            if not whole:
+                broken.add(row)
+        for row in list(self._rows):
+            # Those that came first do not know yet that another row has their pages, too.
+            if row in broken or not self._alone(stream, row):
                 del self._rows[row]
                 self._lose(f'row {row} has lost pages', 1)
 
-    def _pages_of(self, stream: BinaryIO, row: int) -> Iterator[int]:
+    def _claimed(self, stream: BinaryIO, cell: _Cell, *, with_data: bool) -> Iterator[bytes]:
+        """Read the overflow pages of a row up to one that another row has.
+
+        So all rows together visit each page twice at most, however their lists run into each other.
+        """
+        for page, data in self._overflow(stream, cell, with_data=with_data):
+            if self._used[page]:
+                self._used[page] = 2
+                raise RecordingError('the pages of a row', 'its own', 'those of another row')
+            self._used[page] = 1
+            yield data
+
+    def _alone(self, stream: BinaryIO, row: int) -> bool:
+        """Return whether no other row has a page of a row whose pages are all there."""
+        pages = self._overflow(stream, self._cell_of(stream, row), with_data=False)
+        return all(self._used[page] == 1 for page, _ in pages)
+
+    def _cell_of(self, stream: BinaryIO, row: int) -> _Cell:
         message = self._rows[row]
-        cell = self._cell(self._read(stream, message.page), message.place)
-        return (page for page, _ in self._overflow(stream, cell, with_data=False))
+        return self._cell(self._read(stream, message.page), message.place)
 
     def _lose(self, reason: str, messages: int) -> None:
         self._losses.add(f'{self.path.name}: {reason}', messages=messages)
