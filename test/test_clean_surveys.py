@@ -85,32 +85,6 @@ def test_strips_are_judged_alone(tmp_path: Path) -> None:
     assert (laspy.read(tmp_path / 'b_cleaned.las').classification == 7).sum() == 2
 
 
-def test_many_files_and_going_on(cloud: Path, capsys: Capture) -> None:
-    """Several files go into a new folder; with --resume only what is missing is done."""
-    for name in ('b.las', 'c.las'):
-        (cloud.parent / name).write_bytes(cloud.read_bytes())
-    folder = cloud.parent / 'out' / 'cleaned'
-    files = [str(cloud.parent / name) for name in ('a.las', 'b.las', 'c.las')]
-    arguments = ['clean', *files, '--output', str(folder)]
-    assert main([*arguments, '--jobs', '2']) == 0
-    written = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert len(written) == 9
-    assert main(arguments) == 1
-    for path in folder.glob('b_*'):
-        path.unlink()
-    capsys.readouterr()
-    assert main([*arguments, '--resume']) == 0
-    said = capsys.readouterr().err.splitlines()
-    assert [line for line in said if 'is done already' in line] == [
-        f'{files[0]} is done already: {folder}/a_cleaned.las',
-        f'{files[2]} is done already: {folder}/c_cleaned.las',
-    ]
-    same = [name for name in written if name.endswith('.las')]
-    assert all((folder / name).read_bytes() == written[name] for name in same)
-    # Other options are another result, which nothing is replaced for.
-    assert main([*arguments, '--resume', '--mark', 'noise']) == 1
-
-
 @pytest.mark.parametrize(
     ('options', 'sentence'),
     [
@@ -118,6 +92,7 @@ def test_many_files_and_going_on(cloud: Path, capsys: Capture) -> None:
         (['--keep-classes', '300'], 'a class must be from 0 to 255, got 300'),
         (['--jobs', '0'], '--jobs must be at least 1, got 0'),
         (['--rejected', 'remove', '--mark', 'noise'], 'how rejected points are marked must be'),
+        (['--resume'], '--resume must be with --output FOLDER, which has the manifest, got none'),
         (['--output', 'b.copc.laz'], 'the output must be LAZ in the order of the file: no COPC'),
     ],
 )
