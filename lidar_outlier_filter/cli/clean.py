@@ -252,6 +252,10 @@ def _check(options: argparse.Namespace, folder: Path | None) -> None:
     for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
         if value and len(options.files) > 1:
             raise ParameterError(name, 'given for one file', f'{len(options.files)} files')
+    if options.picture and options.picture.suffix.lower() != '.png':
+        raise ParameterError('--picture', 'a name that ends with .png', options.picture)
+    if options.picture and options.picture.exists():
+        raise ParameterError('--picture', 'a new file', f'{options.picture}, which exists')
     if options.jobs < 1:
         raise ParameterError('--jobs', 'at least 1', options.jobs)
     if options.resume and folder is None:

@@ -23,6 +23,27 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.clean_log import CleanReport
     from lidar_outlier_filter.report.worst import Worst
 
+# Of ASPRS (LAS 1.4, table 17).
+CLASSES = {
+    0: 'never classified',
+    1: 'unclassified',
+    2: 'ground',
+    3: 'low vegetation',
+    4: 'medium vegetation',
+    5: 'high vegetation',
+    6: 'building',
+    7: 'low point (noise)',
+    8: 'key point',
+    9: 'water',
+    10: 'rail',
+    11: 'road surface',
+    13: 'wire guard',
+    14: 'wire conductor',
+    15: 'transmission tower',
+    16: 'wire connector',
+    17: 'bridge deck',
+    18: 'high noise',
+}
 MUCH = 0.005  # share of the points that rarely are outliers
 MOST_GROUPS = 10  # that are listed
 RARE = ('invalid', 'untested', 'spared')  # columns that are left out where all are 0
@@ -119,7 +140,8 @@ def _table_of_classes(reports: Sequence[CleanReport]) -> Table:
             total[number] = (before[0] + counts[0], before[1] + counts[1])
     table = _numbers('class', 'points', 'rejected', 'share')
     for number, (points, rejected) in sorted(total.items()):
-        table.add_row(str(number), f'{points:,}', f'{rejected:,}', f'{rejected / points:.3%}')
+        name = f'{number} {CLASSES.get(number, "")}'.rstrip()
+        table.add_row(name, f'{points:,}', f'{rejected:,}', f'{rejected / points:.3%}')
     return table
 
 

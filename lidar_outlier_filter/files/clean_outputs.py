@@ -50,7 +50,7 @@ def list_clouds(file: CloudFile, output: Path, outliers: Path | None, wanted: Wa
     clouds = [output] if outliers is None else [output, outliers]
     for cloud in clouds:
         if cloud.name.lower().endswith('.copc.laz'):
-            must_be = 'LAZ in the order of the file: no COPC is written'
+            must_be = 'LAZ without an octree, of which untwine or PDAL makes COPC'
             raise CloudError('the output', must_be, cloud)
         if not cloud_file.is_same_format(file.path, cloud):
             raise CloudError('the output', f'in the format of {file.path.name}', cloud)

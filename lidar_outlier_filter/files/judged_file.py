@@ -64,6 +64,12 @@ class JudgedFile:
     high: NDArray[np.bool_]
     seconds: Mapping[str, float]
 
+    @property
+    def units(self) -> list[float]:
+        """The metres that one of x, y and z is in the file."""
+        units = [self.file.metres.get(name, 1.0) for name in self.coordinates]
+        return units + [1.0] * (3 - len(units))
+
 
 def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
     file: CloudFile,

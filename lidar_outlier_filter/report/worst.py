@@ -75,7 +75,8 @@ def find(judged: JudgedFile) -> Worst:
     order = np.argsort(label, kind='stable')
     parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
     groups: list[RejectedGroup] = []
-    for part in sorted(parts, key=len, reverse=True):
+    score = judged.verdict.score[rejected]
+    for part in sorted(parts, key=lambda part: (-len(part), -score[part].max())):
         high = bool(judged.high[part].mean() > 1 / 2)
         size = ALONE if len(part) == 1 else FEW if len(part) < MANY else LARGE
         causes[f'{"above" if high else "below"}, {size}'].append(len(part))
@@ -87,8 +88,6 @@ def find(judged: JudgedFile) -> Worst:
 def _group(judged: JudgedFile, members: NDArray[np.int64], *, high: bool) -> RejectedGroup:
     xyz = judged.loaded.points.xyz[members]
     low, top = xyz.min(axis=0), xyz.max(axis=0)
-    units = [judged.file.metres.get(name, 1.0) for name in judged.coordinates]
-    units += [1.0] * (3 - len(units))
-    x, y, z = ((low + top) / 2 / units).tolist()
+    x, y, z = ((low + top) / 2 / judged.units).tolist()
     across = float(np.hypot(*(top - low)[:2]))
     return RejectedGroup(members, len(members), (x, y, z), across, float(top[2] - low[2]), high)

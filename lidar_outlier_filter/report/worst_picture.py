@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.errors import CloudError, ParameterError, said_by
+from lidar_outlier_filter.errors import CloudError, said_by
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 BELOW, ABOVE, INK = '#0072b2', '#c8500a', '#30343a'
 PANELS = 6  # groups from the side
 MOST_DRAWN = 200_000  # kept points on the map
-AROUND = 12.0  # half the width of a panel, in distances to the eighth neighbour, at least
+# Half the width, the thickness and the height of a panel, in distances to the eighth neighbour: at
+# least.
+AROUND, SLICE, TALL = 16.0, 8.0, 3.0
 SIZE, DPI = (14.0, 9.0), 100  # inches, dots per inch
 
 
@@ -33,14 +35,10 @@ def draw(judged: JudgedFile, worst: Worst, path: Path) -> None:
 
     Raises
     ------
-    ParameterError
-        If its name does not end with .png.
     CloudError
         If it exists, or cannot be written.
 
     """
-    if path.suffix.lower() != '.png':
-        raise ParameterError('--picture', 'a name that ends with .png', path)
     figure = Figure(SIZE, dpi=DPI, facecolor='white', layout='constrained')
     canvas = FigureCanvasAgg(figure)
     grid = figure.add_gridspec(3, 4)
@@ -54,8 +52,6 @@ def draw(judged: JudgedFile, worst: Worst, path: Path) -> None:
     try:
         with path.open('xb') as stream:
             canvas.print_png(stream)  # type: ignore[no-untyped-call]
-    except FileExistsError as err:
-        raise CloudError('the picture', 'a new file', f'{path}, which exists') from err
     except OSError as err:
         raise CloudError(f'the picture {path}', 'written in full', said_by(err)) from err
 
@@ -65,26 +61,31 @@ def _map(axes: Axes, judged: JudgedFile, worst: Worst) -> None:
     xyz, verdict = judged.loaded.points.xyz, judged.verdict
     kept = np.flatnonzero(judged.loaded.points.valid & ~verdict.rejected)
     some = kept[:: max(1, len(kept) // MOST_DRAWN)]
+    unit = np.array(judged.units)
     origin = _origin(judged)
-    place = xyz[some] - origin
-    if len(place):
-        low, high = np.percentile(place[:, 2], [2, 98])
-        x, y, z = place.T
+    if len(some):
+        x, y, z = (xyz[some] / unit - origin).T
+        low, high = np.percentile(z, [2, 98])
         axes.scatter(x, y, s=1, c=z, cmap='Greys_r', vmin=low, vmax=high + 5)
     rejected = np.flatnonzero(verdict.rejected)
     for side, colour, name in ((judged.high, ABOVE, 'above'), (~judged.high, BELOW, 'below')):
-        points = xyz[rejected[side]] - origin
+        points = xyz[rejected[side]] / unit - origin
         label = f'{len(points):,} {name} what is kept around'
         axes.scatter(points[:, 0], points[:, 1], s=14, color=colour, label=label)
     for number, group in enumerate(worst.groups[:PANELS], 1):
-        middle = xyz[group.members].mean(axis=0) - origin
+        middle = group.middle - origin
         axes.annotate(
-            str(number), middle[:2], (8, 8), textcoords='offset points', color=INK, fontsize=13
+            str(number),
+            (middle[0], middle[1]),
+            (8, 8),
+            textcoords='offset points',
+            color=INK,
+            fontsize=13,
         )
     axes.set_aspect('equal')
-    axes.set_xlabel(f'x − {origin[0]:.0f}, m')
-    axes.set_ylabel(f'y − {origin[1]:.0f}, m')
-    axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.07), ncols=2, frameon=False)
+    axes.set_xlabel(f'x − {origin[0]:.0f}, as in the file')
+    axes.set_ylabel(f'y − {origin[1]:.0f}, as in the file')
+    axes.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
 
 
 def _side(axes: Axes, judged: JudgedFile, worst: Worst, group: RejectedGroup, number: int) -> None:
@@ -94,7 +95,7 @@ def _side(axes: Axes, judged: JudgedFile, worst: Worst, group: RejectedGroup, nu
     low, high = own.min(axis=0), own.max(axis=0)
     along = int((high - low)[1] > (high - low)[0])
     wide = np.maximum((high - low) / 2, AROUND * worst.near)
-    wide[1 - along] = max((high - low)[1 - along] / 2, AROUND / 4 * worst.near)  # a slice
+    wide[1 - along] = max((high - low)[1 - along] / 2, SLICE * worst.near)
     middle = (low + high) / 2
     inside = np.ones(len(xyz), np.bool_)
     for axis in range(2):
@@ -103,6 +104,9 @@ def _side(axes: Axes, judged: JudgedFile, worst: Worst, group: RejectedGroup, nu
     kept = inside & ~verdict.rejected
     _dots(axes, xyz[kept] - middle, along, '#8a929c', 3)
     _dots(axes, xyz[inside & verdict.rejected] - middle, along, ABOVE if group.high else BELOW, 14)
+    axes.set_xlim(-wide[along], wide[along])
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(min(bottom, -TALL * worst.near), max(top, TALL * worst.near))
     where = ', '.join(f'{value:.1f}' for value in group.middle)
     points = 'point' if group.count == 1 else 'points'
     axes.set_title(f'{number}: {group.count:,} {points} at {where}', fontsize=10, color=INK)
@@ -115,9 +119,9 @@ def _dots(axes: Axes, xyz: NDArray[np.float64], along: int, colour: str, size: f
 
 
 def _origin(judged: JudgedFile) -> NDArray[np.float64]:
-    """Return a round place near the points, for short numbers."""
-    some = judged.loaded.points.xyz[judged.loaded.points.valid]
-    origin = np.zeros(3)
-    if len(some):
-        origin[:2] = np.floor(some[0, :2] / 1000) * 1000
+    """Return a round place near the points, in their units, for short numbers."""
+    origin, where = np.zeros(3), np.flatnonzero(judged.loaded.points.valid)
+    if len(where):
+        first = judged.loaded.points.xyz[where[0]] / judged.units
+        origin[:2] = np.floor(first[:2] / 1000) * 1000
     return origin
