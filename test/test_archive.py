@@ -142,7 +142,7 @@ def break_line(_drives: Path, output: Path) -> list[str]:
 
 def break_off(_drives: Path, output: Path) -> list[str]:
     """Leave a manifest as it is while a recording is replayed."""
-    entry = lines(output)[0] | {'state': 'failed', 'error': run.BROKEN_OFF}
+    entry = lines(output)[0] | {'state': 'failed', 'error': manifest.BROKEN_OFF}
     with (output / NAME).open('a', encoding='utf-8') as stream:
         stream.write(json.dumps(entry) + '\n')
     return []

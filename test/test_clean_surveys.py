@@ -69,13 +69,50 @@ def test_marks_and_classes(
     assert (np.delete(classes, [LOW, BIRD]) == 2).all()
 
 
+@pytest.mark.parametrize('point_format', range(11))
+def test_marks_of_every_point_format(tmp_path: Path, point_format: int) -> None:
+    """Class 7 and 18, and the flag, are where ASPRS has them; all else is as it was."""
+    suffix = 'las' if point_format % 2 else 'laz'
+    path = write_las(tmp_path / f'a.{suffix}', point_format)
+    before = laspy.read(path)
+    for mark in ('noise', 'withheld'):
+        output = tmp_path / f'{mark}.{suffix}'
+        assert main(['clean', str(path), '--mark', mark, '--output', str(output)]) == 0
+        after = laspy.read(output)
+        for name in before.point_format.dimension_names:
+            changed = np.flatnonzero(np.array(before[name]) != np.array(after[name])).tolist()
+            marked = name == {'noise': 'classification', 'withheld': 'withheld'}[mark]
+            assert changed == ([BIRD, LOW] if marked else [])
+        if mark == 'noise':
+            assert np.array(after.classification)[[BIRD, LOW]].tolist() == [18, 7]
+
+
+def test_the_picture(cloud: Path, capsys: Capture) -> None:
+    """It is a new PNG, also in a dry run; nothing is written over, and no other format."""
+    picture = cloud.with_name('worst.png')
+    arguments = ['clean', str(cloud), '--dry-run', '--picture']
+    assert main([*arguments, str(picture)]) == 0
+    assert picture.read_bytes().startswith(b'\x89PNG')
+    capsys.readouterr()
+    assert main([*arguments, str(picture)]) == 1
+    assert main([*arguments, str(cloud.with_name('worst.gif'))]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert said == [
+        f'--picture must be a new file, got {picture}, which exists',
+        f'--picture must be a name that ends with .png, got {cloud.parent}/worst.gif',
+    ]
+    assert sorted(path.name for path in cloud.parent.iterdir()) == ['a.las', 'worst.png']
+
+
 def test_a_dry_run_writes_nothing(cloud: Path, capsys: Capture) -> None:
     """It prints what would go, by detector and by class."""
     assert main(['clean', str(cloud), '--dry-run']) == 0
     assert [path.name for path in cloud.parent.iterdir()] == ['a.las']
     lines = [line.replace('│', ' ').split() for line in capsys.readouterr().out.splitlines()]
-    assert ['1', '2', '2', '100.000%'] in lines
-    assert ['2', '1,498', '0', '0.000%'] in lines
+    assert ['1', 'unclassified', '2', '2', '100.000%'] in lines
+    assert ['2', 'ground', '1,498', '0', '0.000%'] in lines
+    assert ['below,', 'alone', '1', '1', '1'] in lines
+    assert ['above,', 'alone', '1', '1', '1'] in lines
 
 
 def test_strips_are_judged_alone(tmp_path: Path) -> None:
@@ -85,32 +122,6 @@ def test_strips_are_judged_alone(tmp_path: Path) -> None:
     assert (laspy.read(tmp_path / 'b_cleaned.las').classification == 7).sum() == 2
 
 
-def test_many_files_and_going_on(cloud: Path, capsys: Capture) -> None:
-    """Several files go into a new folder; with --resume only what is missing is done."""
-    for name in ('b.las', 'c.las'):
-        (cloud.parent / name).write_bytes(cloud.read_bytes())
-    folder = cloud.parent / 'out' / 'cleaned'
-    files = [str(cloud.parent / name) for name in ('a.las', 'b.las', 'c.las')]
-    arguments = ['clean', *files, '--output', str(folder)]
-    assert main([*arguments, '--jobs', '2']) == 0
-    written = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert len(written) == 9
-    assert main(arguments) == 1
-    for path in folder.glob('b_*'):
-        path.unlink()
-    capsys.readouterr()
-    assert main([*arguments, '--resume']) == 0
-    said = capsys.readouterr().err.splitlines()
-    assert [line for line in said if 'is done already' in line] == [
-        f'{files[0]} is done already: {folder}/a_cleaned.las',
-        f'{files[2]} is done already: {folder}/c_cleaned.las',
-    ]
-    same = [name for name in written if name.endswith('.las')]
-    assert all((folder / name).read_bytes() == written[name] for name in same)
-    # Other options are another result, which nothing is replaced for.
-    assert main([*arguments, '--resume', '--mark', 'noise']) == 1
-
-
 @pytest.mark.parametrize(
     ('options', 'sentence'),
     [
@@ -118,7 +129,8 @@ def test_many_files_and_going_on(cloud: Path, capsys: Capture) -> None:
         (['--keep-classes', '300'], 'a class must be from 0 to 255, got 300'),
         (['--jobs', '0'], '--jobs must be at least 1, got 0'),
         (['--rejected', 'remove', '--mark', 'noise'], 'how rejected points are marked must be'),
-        (['--output', 'b.copc.laz'], 'the output must be LAZ in the order of the file: no COPC'),
+        (['--resume'], '--resume must be with --output FOLDER, which has the manifest, got none'),
+        (['--output', 'b.copc.laz'], 'the output must be LAZ without an octree, of which untwine or PDAL makes COPC, got'),
     ],
 )
 def test_refused(cloud: Path, options: list[str], sentence: str, capsys: Capture) -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from lidar_outlier_filter.archive.manifest import Entry
-    from lidar_outlier_filter.archive.run import Step
+    from lidar_outlier_filter.archive.step import Step
     from lidar_outlier_filter.archive.workers import Workers
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings('ignore:.*:ResourceWarning')]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 WITHOUT_EFFECT = ('threads', 'save_to')  # on verdicts
+_JUDGE = 'lidar_outlier_filter.recordings.replay'
 
 
 def content_hash(place: Place) -> str:
@@ -48,9 +49,9 @@ def parameters_hash(parameters: FilterParameters, **options: object) -> str:
 
 
 @cache
-def version() -> str:
-    """Return the version of the package with the hash of the code that judges."""
-    return f'{lidar_outlier_filter.__version__}+{kernel_cache.stamp(_JUDGE)[:12]}'
+def version(judge: str = _JUDGE) -> str:
+    """Return the version of the package with the hash of the code that judges: of a module."""
+    return f'{lidar_outlier_filter.__version__}+{kernel_cache.stamp(judge)[:12]}'
 
 
 @cache
@@ -66,6 +67,3 @@ def model_hash() -> str:
 def judging_code() -> str:
     """Return what two processes have in common that judge alike: the code and the models."""
     return f'{version()}+{model_hash()[:12]}'
-
-
-_JUDGE = 'lidar_outlier_filter.recordings.replay'

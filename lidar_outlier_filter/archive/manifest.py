@@ -25,6 +25,7 @@ if sys.platform != 'win32':
 
 NAME = 'manifest.jsonl'
 DONE, FAILED = 'done', 'failed'
+BROKEN_OFF = 'the run that wrote it must be ended, got broken off'  # until a run writes more
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import shutil
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
@@ -20,38 +20,25 @@ from lidar_outlier_filter.archive.fingerprints import (
     parameters_hash,
     version,
 )
-from lidar_outlier_filter.archive.manifest import DONE, FAILED, Entry
+from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, Entry
 from lidar_outlier_filter.archive.places import place_of, published
+from lidar_outlier_filter.archive.proof import is_proved
+from lidar_outlier_filter.archive.step import Step
 from lidar_outlier_filter.archive.workers import SchedulerError
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 from lidar_outlier_filter.files.hidden_folder import hidden_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from lidar_outlier_filter.archive.engine import Engine, Order, Task
     from lidar_outlier_filter.archive.manifest import Manifest
-    from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.recordings.bags import Topic
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
 
 GAP = 2.0  # usual distances of two clouds, from which on clouds are missing between them
-BROKEN_OFF = 'the run that wrote it must be ended, got broken off'
-
-
-@dataclass(frozen=True)
-class Step:
-    """How far a run is: recording ``number`` of ``total``, and messages of it."""
-
-    recording: str
-    number: int
-    total: int
-    done: int
-    messages: int
-    bytes_done: float
-    bytes_total: int
 
 
 def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Task]:
@@ -62,7 +49,7 @@ def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Tas
         'model': model_hash(),
         'state': DONE,
     }
-    return [task for task in tasks if not _is_proved(task, expected, manifest)]
+    return [task for task in tasks if not is_proved(task.place, task.output, expected, manifest)]
 
 
 def replay_all(
@@ -164,31 +151,6 @@ def _built(output: RecordingPath) -> Iterator[Path]:
         if output.exists():
             shutil.rmtree(output)
         (folder / output.name).rename(output)
-
-
-def _is_proved(task: Task, expected: Mapping[str, str], manifest: Manifest) -> bool:
-    """Return whether the manifest has what is expected, of this source and of this output."""
-    entry = manifest.entries.get(str(task.place.path))
-    if entry is None or entry.output != str(task.output):
-        return False
-    if any(getattr(entry, name) != value for name, value in expected.items()):
-        return False
-    try:
-        made = place_of(task.output)
-        same = _is_same(task.place, entry.size, entry.source_state, entry.hash)
-        if not same or not _is_same(made, made.size, entry.output_state, entry.output_hash):
-            return False
-    except (FilterError, OSError):
-        return False
-    if (task.place.state, made.state) != (entry.source_state, entry.output_state):
-        # Hashed anew: the times of the files have changed, as by a copy. Not next time.
-        manifest.add(replace(entry, source_state=task.place.state, output_state=made.state))
-    return True
-
-
-def _is_same(place: Place, size: int, state: str, known: str) -> bool:
-    """Return whether the content is known: by size and times, or, where those differ, by hash."""
-    return place.size == size and (place.state == state or content_hash(place) == known)
 
 
 def _hash_of(order: Order) -> str:

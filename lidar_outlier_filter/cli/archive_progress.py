@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from lidar_outlier_filter.archive.run import Step
+    from lidar_outlier_filter.archive.step import Step
 
     Show = Callable[[Step], None]
 
@@ -48,7 +48,7 @@ def _lines(text: str) -> Show:
         now = monotonic()
         if now >= due or step.number != number:
             due, number = now + LINE_PERIOD, step.number
-            within = f'{step.recording}, {step.done} of {step.messages} messages'
+            within = f'{step.recording}, {step.done} of {step.messages} {step.unit}'
             say(f'{text}: {step.number} of {step.total}: {within}{_rate(step, now - began)}')
 
     return show

@@ -6,10 +6,9 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
@@ -22,20 +21,18 @@ from lidar_outlier_filter.cli.terminal import (
     say,
 )
 from lidar_outlier_filter.core.threads import cores
-from lidar_outlier_filter.errors import FilterError, ParameterError
+from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Sequence
 
-    from rich.table import Table
-
+    from lidar_outlier_filter.archive.many_files import Job, Result
     from lidar_outlier_filter.cli.terminal import Advance, Commands
-    from lidar_outlier_filter.files.clean import Progress
-    from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
+    from lidar_outlier_filter.files.clean_log import Wanted
+    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.report.worst import Worst
 
-MUCH = 0.005  # share of the points that rarely are outliers
-DONE_NOW, LEFT_OUT, FAILED = 'done', 'left out', 'refused'
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # behind the name of a file
 
 
@@ -53,13 +50,58 @@ def add_clean(commands: Commands) -> None:
         'refused, or none of the points of one could be tested.',
     )
     parser.add_argument('files', type=Path, nargs='+', metavar='FILE', help='the clouds')
+    _add_outputs(parser)
+    _add_marks(parser)
+    _add_run(parser)
+    parser.add_argument(
+        '--columns', metavar='X,Y[,Z]', help='the two or three coordinates; default: x,y,z'
+    )
+    parser.add_argument(
+        '--table', metavar='NAME', help='table of a database; default: the only one'
+    )
+    parser.add_argument('--chain', metavar='D[,D…]', help='detectors, in their order')
+    add_parameter_options(parser)
+    parser.set_defaults(run=_clean)
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    """Add the options on where to."""
     parser.add_argument(
         '--output',
         type=Path,
         metavar='PATH',
         help='new file, or a folder for it (for several files: a folder, which is made if there is '
-        'none); default: FILE_cleaned',
+        'none); default: FILE_cleaned. A folder gains manifest.jsonl, a line for each file',
     )
+    parser.add_argument(
+        '--outliers',
+        type=Path,
+        metavar='FILE',
+        help='new file for the rejected points (--rejected separate); default: FILE_outliers',
+    )
+    parser.add_argument(
+        '--dry-run',
+        action='store_true',
+        help='write nothing; print what would be rejected, by detector, class and cause, and the '
+        'largest groups',
+    )
+    parser.add_argument(
+        '--picture',
+        type=Path,
+        metavar='FILE.png',
+        help='draw a map of what is rejected, and the largest groups from the side, as a new PNG; '
+        'also in a dry run',
+    )
+    parser.add_argument(
+        '--resume',
+        action='store_true',
+        help='leave out files that the manifest of the folder proves to be done in the same way, '
+        'and replace what a killed run has left',
+    )
+
+
+def _add_marks(parser: argparse.ArgumentParser) -> None:
+    """Add the options on what becomes of rejected points, and which may be."""
     parser.add_argument(
         '--rejected',
         choices=('mark', 'remove', 'separate'),
@@ -82,6 +124,10 @@ def add_clean(commands: Commands) -> None:
     parser.add_argument(
         '--keep-classes', metavar='C[,C…]', help='classes of LAS whose points stay as they are'
     )
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    """Add the options on how the work is cut."""
     parser.add_argument(
         '--strips',
         action='store_true',
@@ -95,28 +141,6 @@ def add_clean(commands: Commands) -> None:
         help='clean so many of several files at once; default: as many as there are cores',
     )
     parser.add_argument(
-        '--dry-run',
-        action='store_true',
-        help='write nothing; print what would be rejected, by detector and by class',
-    )
-    parser.add_argument(
-        '--resume',
-        action='store_true',
-        help='leave out files whose output is there already, made with the same options',
-    )
-    parser.add_argument(
-        '--outliers',
-        type=Path,
-        metavar='FILE',
-        help='new file for the rejected points (--rejected separate); default: FILE_outliers',
-    )
-    parser.add_argument(
-        '--columns', metavar='X,Y[,Z]', help='the two or three coordinates; default: x,y,z'
-    )
-    parser.add_argument(
-        '--table', metavar='NAME', help='table of a database; default: the only one'
-    )
-    parser.add_argument(
         '--tile',
         type=float,
         default=0.0,
@@ -125,145 +149,132 @@ def add_clean(commands: Commands) -> None:
         'holds a million points or so. The answer is that of one piece, which is the default (0); '
         'that of quadric depends on the side',
     )
-    parser.add_argument('--chain', metavar='D[,D…]', help='detectors, in their order')
-    add_parameter_options(parser)
-    parser.set_defaults(run=_clean)
 
 
 def _clean(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.archive.many_files import LEFT
+    from lidar_outlier_filter.cli.clean_tables import is_untested, say_how
+
     wanted = _wanted(options)
-    if options.output and len(options.files) > 1:
-        _make_folder(options)
-    if options.outliers and len(options.files) > 1:
-        raise ParameterError('--outliers', 'given for one file', f'{len(options.files)} files')
-    if options.jobs < 1:
-        raise ParameterError('--jobs', 'at least 1', options.jobs)
-    results = _clean_all(options, wanted)
-    reports = [result.report for result in results if result.report is not None]
+    folder = _folder(options)
+    _check(options, folder)
+    look = _WorstOfEach(options)
+    if len(options.files) == 1 and folder is None:
+        results = [_clean_one(_job(options.files[0], options, None), wanted, look)]
+    else:
+        from lidar_outlier_filter.cli.clean_many import clean_many
+
+        jobs = [_job(path, options, folder) for path in options.files]
+        noted = None if options.dry_run else folder
+        results = clean_many(jobs, wanted, noted, options.jobs, look, resume=options.resume)
     for result in results:
-        _say_how(result)
-    if reports:
-        _show(reports)
-    good = [result for result in results if result.state != FAILED]
-    if len(good) == len(results) and not any(_is_untested(report) for report in reports):
+        say_how(result)
+    _show(results, look.worst)
+    good = [one for one in results if one.report is not None or one.state == LEFT]
+    untested = [one for one in good if one.report is not None and is_untested(one.report)]
+    if len(good) == len(results) and not untested:
         return DONE
     return INCOMPLETE if good else REFUSED
 
 
-class _Result(NamedTuple):
-    """What became of a file: a report, or why there is none."""
-
-    path: Path
-    state: str
-    report: CleanReport | None = None
-    why: str = ''
-
-
-def _clean_all(options: argparse.Namespace, wanted: Wanted) -> list[_Result]:
-    """Clean the files, some at a time; the results are in the order of the files."""
-    import lidar_outlier_filter.files.clean  # noqa: F401  from here on signals are only noted
-
-    single = len(options.files) == 1
-    with stopping() as leave_if_asked, ExitStack() as bars:
-        advance = None if single else bars.enter_context(progress_bar('cleaning'))
-        finished: list[Path] = []
-
-        def run(path: Path) -> _Result:
-            steps = _StepsOfFile(path, leave_if_asked, bars if single else None)
-            result = _clean_one(path, options, wanted, steps)
-            finished.append(path)
-            if advance is not None:
-                advance(len(finished), len(options.files), path.name)
-            return result
-
-        if single or options.jobs == 1:
-            return [run(path) for path in options.files]
-        with ThreadPoolExecutor(options.jobs) as pool:
-            try:
-                return list(pool.map(run, options.files))
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
-
-
-def _clean_one(
-    path: Path, options: argparse.Namespace, wanted: Wanted, progress: Progress
-) -> _Result:
+def _clean_one(job: Job, wanted: Wanted, look: Callable[[JudgedFile], object]) -> Result:
+    """Clean a single file, with a bar for each step; where it is refused, all is."""
+    from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
+    from lidar_outlier_filter.archive.many_files import Result
     from lidar_outlier_filter.files.clean import clean
-    from lidar_outlier_filter.files.done import is_done
 
-    output, outliers = _outputs(path, options)
-    if options.resume and is_done(path, output, outliers, wanted):
-        return _Result(path, LEFT_OUT, why=f'is done already: {output}')
-    try:
+    with stopping() as leave_if_asked, ExitStack() as bars:
+        steps = _StepBars(job.path.name, leave_if_asked, bars)
         report = clean(
-            path, output, wanted, outliers, progress, lambda slow: say(f'{path}: {slow}')
+            job.path,
+            job.output,
+            wanted,
+            job.outliers,
+            steps,
+            lambda slow: say(f'{job.path}: {slow}'),
+            look,
         )
-    except FilterError as err:
-        return _Result(path, FAILED, why=str(err))
-    return _Result(path, DONE_NOW, report)
+    return Result(job, IS_DONE, report)
 
 
-class _StepsOfFile:
-    """Shows the steps of one file, a bar for each, where there is room for them."""
+class _StepBars:
+    """Shows the steps of one file, a bar for each."""
 
-    def __init__(
-        self, path: Path, leave_if_asked: Callable[[], None], bars: ExitStack | None
-    ) -> None:
-        self._name, self._leave_if_asked, self._bars = path.name, leave_if_asked, bars
+    def __init__(self, name: str, leave_if_asked: Callable[[], None], bars: ExitStack) -> None:
+        self._name, self._leave_if_asked, self._bars = name, leave_if_asked, bars
         self._steps: dict[str, Advance] = {}
 
     def __call__(self, step: str, done: int, total: int) -> None:
         self._leave_if_asked()
-        if self._bars is None:
-            return
         if step not in self._steps:
             self._bars.close()
             self._steps[step] = self._bars.enter_context(progress_bar(f'{self._name}: {step}'))
         self._steps[step](done, total)
 
 
-def _is_untested(report: CleanReport) -> bool:
-    return report.points == report.untested + report.invalid
+class _WorstOfEach:
+    """Looks at the worst of each file, where that is wanted, before anything is written."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self._wanted, self._picture = options.dry_run or options.picture, options.picture
+        self.worst: dict[Path, Worst] = {}
+
+    def __call__(self, judged: JudgedFile) -> None:
+        if not self._wanted:
+            return
+        from lidar_outlier_filter.report.worst import find
+
+        self.worst[judged.file.path] = find(judged)
+        if self._picture is not None:
+            from lidar_outlier_filter.report.worst_picture import draw
+
+            draw(judged, self.worst[judged.file.path], self._picture)
 
 
-def _make_folder(options: argparse.Namespace) -> None:
-    """Make the folder for the outputs of several files, unless nothing is written."""
-    if options.output.exists() and not options.output.is_dir():
-        raise ParameterError('--output of several files', 'a folder', options.output)
+def _folder(options: argparse.Namespace) -> Path | None:
+    """Return the folder that the outputs go into; None: beside the files, or it is a file."""
+    output: Path | None = options.output
+    if output is None or (len(options.files) == 1 and not output.is_dir()):
+        return None
+    if output.exists() and not output.is_dir():
+        raise ParameterError('--output of several files', 'a folder', output)
     if not options.dry_run:
         try:
-            options.output.mkdir(parents=True, exist_ok=True)
+            output.mkdir(parents=True, exist_ok=True)
         except OSError as err:
             got = f'"{err.strerror}"'
-            raise ParameterError(f'--output {options.output}', 'a folder', got) from err
+            raise ParameterError(f'--output {output}', 'a folder', got) from err
+    return output
 
 
-def _classes(text: str | None, option: str) -> tuple[int, ...]:
-    """Read classes, whole numbers with commas between."""
-    names = _names(text or '')
-    if not all(name.isdecimal() for name in names):
-        raise ParameterError(option, 'whole numbers, with commas between', text)
-    return tuple(map(int, names))
+def _check(options: argparse.Namespace, folder: Path | None) -> None:
+    """Refuse options that do not go together."""
+    for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
+        if value and len(options.files) > 1:
+            raise ParameterError(name, 'given for one file', f'{len(options.files)} files')
+    if options.picture and options.picture.suffix.lower() != '.png':
+        raise ParameterError('--picture', 'a name that ends with .png', options.picture)
+    if options.picture and options.picture.exists():
+        raise ParameterError('--picture', 'a new file', f'{options.picture}, which exists')
+    if options.jobs < 1:
+        raise ParameterError('--jobs', 'at least 1', options.jobs)
+    if options.resume and folder is None:
+        raise ParameterError('--resume', 'with --output FOLDER, which has the manifest', 'none')
 
 
-def _say_how(result: _Result) -> None:
-    """Say why a file has no report, or in which way it is not judged as it is."""
-    path, report = result.path, result.report
-    if report is None:
-        say(f'{path} {result.why}' if result.state == LEFT_OUT else result.why)
-        return
-    if report.metres:
-        sizes = ', '.join(f'{name} = {size:.10g} m' for name, size in report.metres.items())
-        say(f'{path} is not in metres ({sizes}): it is judged in metres')
-    if report.coarse:
-        say(f'{path}: {report.coarse}')
-    if report.lack:
-        say(f'{path} has {report.lack}: it is judged without scan lines')
-    if _is_untested(report):
-        say(f'{path}: {" and ".join(report.chain)} could test none of its points')
-    if report.rejected > MUCH * report.points:
-        say(f'{path}: {report.rejected / report.points:.1%} of its points are rejected')
+def _job(path: Path, options: argparse.Namespace, folder: Path | None) -> Job:
+    """Name the outputs after the file, beside it, where nothing else is said."""
+    from lidar_outlier_filter.archive.many_files import Job
+    from lidar_outlier_filter.files.clean_log import SEPARATE
+
+    name = path.stem + CLEANED + path.suffix
+    output = options.output or path.with_name(name)
+    if folder is not None:
+        output = folder / name
+    if options.outliers is None and options.rejected == SEPARATE:
+        stem = output.stem.removesuffix(CLEANED)
+        return Job(path, output, output.with_name(stem + OUTLIERS + output.suffix))
+    return Job(path, output, options.outliers)
 
 
 def _wanted(options: argparse.Namespace) -> Wanted:
@@ -287,68 +298,20 @@ def _wanted(options: argparse.Namespace) -> Wanted:
     )
 
 
+def _classes(text: str | None, option: str) -> tuple[int, ...]:
+    """Read classes, whole numbers with commas between."""
+    names = _names(text or '')
+    if not all(name.isdecimal() for name in names):
+        raise ParameterError(option, 'whole numbers, with commas between', text)
+    return tuple(map(int, names))
+
+
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(',') if name.strip())
 
 
-def _outputs(path: Path, options: argparse.Namespace) -> tuple[Path, Path | None]:
-    """Name the outputs after the file, beside it, where nothing else is said."""
-    from lidar_outlier_filter.files.clean_log import SEPARATE
+def _show(results: Sequence[Result], worst: dict[Path, Any]) -> None:
+    """Print the tables, and what was written."""
+    from lidar_outlier_filter.cli.clean_tables import show
 
-    output = options.output or path.with_name(path.stem + CLEANED + path.suffix)
-    if options.output and options.output.is_dir():
-        output = options.output / (path.stem + CLEANED + path.suffix)
-    if options.outliers is None and options.rejected == SEPARATE:
-        stem = output.stem.removesuffix(CLEANED)
-        return output, output.with_name(stem + OUTLIERS + output.suffix)
-    return output, options.outliers
-
-
-def _show(reports: Sequence[CleanReport]) -> None:
-    """Print the table of the files, and what was written."""
-    from rich.console import Console
-
-    console = Console()
-    console.print(_table(reports))
-    if any(report.by_class for report in reports):
-        console.print(_table_of_classes(reports))
-    for report in reports:
-        for written in report.outputs:
-            console.print(f'written to {written}', markup=False, highlight=False, soft_wrap=True)
-
-
-def _table(reports: Sequence[CleanReport]) -> Table:
-    """Make the table, a row for each file."""
-    from rich.table import Table
-
-    detectors = dict.fromkeys(name for report in reports for name in report.chain)
-    numbers = ('points', 'invalid', 'untested', 'rejected', 'low', 'high', 'spared')
-    table = Table('file', *numbers, *(f'by {name}' for name in detectors), 'seconds')
-    for column in table.columns[1:]:
-        column.justify, column.overflow = 'right', 'fold'
-    for report in reports:
-        by = (report.rejected_by.get(name) for name in detectors)
-        table.add_row(
-            Path(report.input).name,
-            *(f'{getattr(report, name):,}' for name in numbers),
-            *('' if count is None else f'{count:,}' for count in by),
-            f'{sum(report.seconds.values()):.1f}',
-        )
-    return table
-
-
-def _table_of_classes(reports: Sequence[CleanReport]) -> Table:
-    """Make the table of the classes of LAS, of all files together."""
-    from rich.table import Table
-
-    total: dict[int, tuple[int, int]] = {}
-    for report in reports:
-        for number, counts in report.by_class.items():
-            before = total.get(number, (0, 0))
-            total[number] = (before[0] + counts[0], before[1] + counts[1])
-    table = Table('class', 'points', 'rejected', 'share')
-    for column in table.columns:
-        column.justify = 'right'
-    for number, (points, rejected) in sorted(total.items()):
-        table.add_row(str(number), f'{points:,}', f'{rejected:,}', f'{rejected / points:.3%}')
-    return table
+    show(results, worst)

@@ -10,7 +10,6 @@ import numpy as np
 
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files import cloud_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,26 +25,24 @@ CLASSIFICATION = 'classification'
 MOST = 255  # the highest class
 
 
-def read_classes(file: CloudFile) -> Codes:
-    """Read the class of each point.
+def check(file: CloudFile, only: Sequence[int], keep: Sequence[int]) -> None:
+    """Refuse classes that no file, or this one, can have.
 
     Raises
     ------
     CloudError
-        If its format has none.
+        If its format has none, or there is no class of such a number.
 
     """
-    if not file.classes:
+    if (only or keep) and not file.classes:
         raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')
-    parts = [chunk[0] for chunk in cloud_file.read_exact(file, [CLASSIFICATION])]
-    return np.concatenate(parts).astype(np.uint8)
+    for one in (*only, *keep):
+        if not 0 <= one <= MOST:
+            raise CloudError('a class', f'from 0 to {MOST}', one)
 
 
 def untouched(classes: Codes, only: Sequence[int], keep: Sequence[int]) -> Bools:
     """Return which points stay as they are: of other classes than ``only``, or of ``keep``."""
-    for one in (*only, *keep):
-        if not 0 <= one <= MOST:
-            raise CloudError('a class', f'from 0 to {MOST}', one)
     kept = np.isin(classes, keep)
     if only:
         kept |= ~np.isin(classes, only)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,12 +40,15 @@ class Loaded:
         What the scan lines were found by; empty where the file has none.
     lack : str
         What the file lacks, so that it has no lines; empty where they were not asked for.
+    more : columns by name
+        What else was asked for.
 
     """
 
     points: Points
     lines: str
     lack: str
+    more: Columns = field(default_factory=dict)
 
 
 def choose_coordinates(file: CloudFile, wanted: Sequence[str]) -> tuple[str, ...]:
@@ -84,6 +87,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     parameters: FilterParameters,
     *,
     timed: bool,
+    more: Sequence[str] = (),
     allocate: Callable[[tuple[int, ...]], NDArray[np.float64]] = np.empty,
     progress: Callable[[int], object] = bool,
 ) -> Loaded:
@@ -95,6 +99,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     coordinates : two or three columns; of two, z is 0
     parameters : name the columns of time, line and standard deviation
     timed : whether time and lines are wanted
+    more : other columns that are wanted
     allocate : gives the array for the coordinates, in memory or in a file
     progress : is called with how many points have been read
 
@@ -105,7 +110,8 @@ def load(  # noqa: PLR0913  which columns, and where to
         farther away than ``FARTHEST``.
 
     """
-    others = _others(file, parameters) if timed else []
+    of_lines = _others(file, parameters) if timed else []
+    others = list(dict.fromkeys([*of_lines, *more]))
     xyz = allocate((len(file), 3))
     columns: dict[str, NDArray[Any]] = {}
     done = 0
@@ -125,9 +131,10 @@ def load(  # noqa: PLR0913  which columns, and where to
         progress(done)
     valid = returns(xyz)
     zeros = np.zeros(len(file), np.int64)
-    if not timed:
-        return Loaded(Points(xyz, zeros, zeros, valid), '', '')
-    return _with_lines(file, Points(xyz, zeros, zeros, valid), columns, parameters)
+    found = Loaded(Points(xyz, zeros, zeros, valid), '', '')
+    if timed:
+        found = _with_lines(file, found.points, columns, parameters)
+    return replace(found, more={name: columns[name] for name in more})
 
 
 def _others(file: CloudFile, parameters: FilterParameters) -> list[str]:

@@ -92,9 +92,9 @@ def _of_part(
     return groups
 
 
-def connect(xyz: NDArray[np.float64]) -> NDArray[np.int32]:
+def connect(xyz: NDArray[np.float64], cell: float = CELL) -> NDArray[np.int32]:
     """Find the group of each point (N, 3), metres: points in cells that touch are one."""
-    cells, of = np.unique(np.floor(xyz / CELL), axis=0, return_inverse=True)
+    cells, of = np.unique(np.floor(xyz / cell), axis=0, return_inverse=True)
     pairs = cKDTree(cells).query_pairs(TOUCHING, output_type='ndarray')
     ones = np.ones(len(pairs), np.bool_)
     graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), (len(cells), len(cells)))

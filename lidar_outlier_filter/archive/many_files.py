@@ -1,0 +1,240 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Many files cleaned by one call, several at once: what is done is left, each fails for itself.
+
+The manifest is that of an archive. Whoever runs a file is an executor: threads of this process,
+whose kernels use all cores, or the workers of a Dask cluster.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import FIRST_COMPLETED, wait
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from lidar_outlier_filter.archive.fingerprints import (
+    content_hash,
+    model_hash,
+    parameters_hash,
+    version,
+)
+from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, Entry
+from lidar_outlier_filter.archive.places import Place, place_of
+from lidar_outlier_filter.archive.proof import is_proved
+from lidar_outlier_filter.errors import CloudError, FilterError, said_by
+from lidar_outlier_filter.files.clean import clean, list_logs
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from concurrent.futures import Executor, Future
+    from pathlib import Path
+
+    from lidar_outlier_filter.archive.manifest import Manifest
+    from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
+
+LEFT = 'done before'
+STEP = 0.2  # seconds between two looks at whether to go on
+_JUDGE = 'lidar_outlier_filter.files.clean'
+
+
+@dataclass(frozen=True)
+class Job:
+    """A file, and the clouds that are made of it."""
+
+    path: Path
+    output: Path
+    outliers: Path | None = None
+
+    @property
+    def outputs(self) -> list[Path]:
+        """All files that are written of it."""
+        clouds = [self.output] if self.outliers is None else [self.output, self.outliers]
+        return [*clouds, *list_logs(self.output)]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a file: its report where it was cleaned now; why it was not."""
+
+    job: Job
+    state: str
+    report: CleanReport | None = None
+    error: str = ''
+
+
+class _How(NamedTuple):
+    """What decides what is written of a file, as an entry has it."""
+
+    parameters: str
+    version: str
+    model: str
+
+
+class ManyFiles:
+    """Files that are cleaned in the same way."""
+
+    def __init__(
+        self,
+        wanted: Wanted,
+        manifest: Manifest | None = None,
+        work: Callable[..., CleanReport] = clean,
+        *,
+        resume: bool = False,
+    ) -> None:
+        """Note how to clean; ``work`` is :func:`clean` with what shows its progress.
+
+        With a manifest, what becomes of each file is written there. With ``resume``, what it proves
+        to be done is left, and what a killed run has left of an output is replaced.
+        """
+        self._wanted, self._manifest, self._resume = wanted, manifest, resume
+        self._work = work
+        values = FilterParameters().changed(wanted.parameters)
+        options = {k: v for k, v in asdict(wanted).items() if k != 'parameters'}
+        self._how = _How(parameters_hash(values, **options), version(_JUDGE), model_hash())
+
+    def run(
+        self,
+        jobs: Sequence[Job],
+        pool: Executor,
+        at_once: int,
+        tick: Callable[[], object],
+        finished: Callable[[Job], object],
+    ) -> list[Result]:
+        """Clean files, so many at once; the results are in the order of the files.
+
+        ``tick`` is called now and then, and may leave by an exception.
+        """
+        _check_outputs(jobs)
+        results: dict[Path, Result] = {}
+        running: dict[Future[CleanReport], tuple[Job, Entry | None]] = {}
+        waiting = list(reversed(jobs))
+        while waiting or running:
+            while waiting and len(running) < at_once:
+                job = waiting.pop()
+                begun = self._begin(job)
+                if isinstance(begun, Result):
+                    results[job.path] = begun
+                    finished(job)
+                    continue
+                work = partial(self._work, job.path, job.output, self._wanted, job.outliers)
+                running[pool.submit(work)] = job, begun
+            tick()
+            done, _ = wait(running, STEP, FIRST_COMPLETED)
+            for future in done:
+                job, entry = running.pop(future)
+                results[job.path] = self._end(job, entry, future)
+                finished(job)
+        return [results[job.path] for job in jobs]
+
+    def _begin(self, job: Job) -> Entry | Result | None:
+        """Note that a file is begun; None: there is no manifest. A result: it need not be."""
+        if self._manifest is None:
+            return None
+        try:
+            source = place_of(job.path.resolve())
+        except (FilterError, OSError):
+            return None  # whoever opens it says what is wrong
+        output = job.output.resolve()
+        if self._resume and self._is_done(source, output, job):
+            return Result(job, LEFT, error=f'is done already: {job.output}')
+        known = self._manifest.entries.get(str(source.path))
+        begun = known is not None and (known.error, known.output) == (BROKEN_OFF, str(output))
+        for path in job.outputs:
+            if not os.path.lexists(path):
+                continue
+            if not (self._resume and begun):
+                return Result(job, FAILED, error=str(self._exists(path)))
+            path.unlink()
+        entry = Entry(
+            source=str(source.path),
+            size=source.size,
+            hash='',
+            parameters=self._how.parameters,
+            version=self._how.version,
+            model=self._how.model,
+            output=str(output),
+            state=FAILED,
+            source_state=source.state,
+            error=BROKEN_OFF,
+        )
+        self._manifest.add(entry)  # so that what a killed run leaves without another line is ours
+        return entry
+
+    def _exists(self, path: Path) -> CloudError:
+        must_be = 'a new file'
+        if self._resume:
+            must_be += ', or one of this version, made of the same file with the same options'
+        return CloudError('the output', must_be, f'{path}, which exists')
+
+    def _is_done(self, source: Place, output: Path, job: Job) -> bool:
+        """Return whether the manifest proves a file to be cleaned in this way."""
+        if self._manifest is None:
+            return False
+        others = [] if job.outliers is None else [job.outliers]
+        return all(path.is_file() for path in (*others, *list_logs(job.output))) and is_proved(
+            source, output, {**self._how._asdict(), 'state': DONE}, self._manifest
+        )
+
+    def _end(self, job: Job, entry: Entry | None, future: Future[CleanReport]) -> Result:
+        """Note what became of a file."""
+        try:
+            report = future.result()
+            result = Result(job, DONE, report)
+        except FilterError as err:
+            result = Result(job, FAILED, error=str(err))
+        except Exception as err:  # noqa: BLE001  whatever it is, the next file is cleaned
+            wrong = CloudError(f'the file {job.path}', 'cleaned', said_by(err))
+            result = Result(job, FAILED, error=str(wrong))
+        if entry is None or self._manifest is None:
+            return result
+        finished = datetime.now(UTC).isoformat(timespec='seconds')
+        entry = replace(entry, state=result.state, error=result.error or None, finished=finished)
+        if result.report is not None:
+            entry = _proved(entry, result.report, job)
+        self._manifest.add(entry)
+        return result
+
+
+def _proved(entry: Entry, report: CleanReport, job: Job) -> Entry:
+    """Add to the entry of a file what it holds, and what was made of it."""
+    if not report.outputs:
+        return entry
+    source, made = place_of(job.path.resolve()), place_of(job.output.resolve())
+    changed = (source.size, source.state) != (entry.size, entry.source_state)
+    return replace(
+        entry,
+        hash='' if changed else content_hash(source),  # no output is proved to be of such a file
+        topics={'points': _counted(report)},
+        seconds=round(sum(report.seconds.values()), 3),
+        output_hash=content_hash(made),
+        output_state=made.state,
+        worker='this process',
+    )
+
+
+def _counted(report: CleanReport) -> dict[str, Any]:
+    """Give the counts of a report as those of a topic with one cloud."""
+    return {
+        'messages': 1,
+        'points': report.points,
+        'kept': report.points - report.rejected,
+        'rejected': report.rejected,
+        'untested': report.untested,
+        'refused': 0,
+        'rejected_by': dict(report.rejected_by),
+        'gaps': 0,
+    }
+
+
+def _check_outputs(jobs: Sequence[Job]) -> None:
+    """Refuse two files with one output."""
+    known: dict[Path, Path] = {}
+    for job in jobs:
+        if job.output in known:
+            got = f'{known[job.output]} and {job.path}'
+            raise CloudError(f'the output {job.output}', 'that of one file', got)
+        known[job.output] = job.path

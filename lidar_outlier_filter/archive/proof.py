@@ -1,0 +1,46 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether an output is what the manifest says, made of the same source in the same way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.archive.fingerprints import content_hash
+from lidar_outlier_filter.archive.places import place_of
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from lidar_outlier_filter.archive.manifest import Manifest
+    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+
+
+def is_proved(
+    source: Place, output: RecordingPath, expected: Mapping[str, str], manifest: Manifest
+) -> bool:
+    """Return whether the manifest has what is expected, of this source and of this output."""
+    entry = manifest.entries.get(str(source.path))
+    if entry is None or entry.output != str(output):
+        return False
+    if any(getattr(entry, name) != value for name, value in expected.items()):
+        return False
+    try:
+        made = place_of(output)
+        same = _is_same(source, entry.size, entry.source_state, entry.hash)
+        if not same or not _is_same(made, made.size, entry.output_state, entry.output_hash):
+            return False
+    except (FilterError, OSError):
+        return False
+    if (source.state, made.state) != (entry.source_state, entry.output_state):
+        # Hashed anew: the times of the files have changed, as by a copy. Not next time.
+        manifest.add(replace(entry, source_state=source.state, output_state=made.state))
+    return True
+
+
+def _is_same(place: Place, size: int, state: str, known: str) -> bool:
+    """Return whether the content is known: by size and times, or, where those differ, by hash."""
+    return place.size == size and (place.state == state or content_hash(place) == known)
