@@ -72,6 +72,11 @@ class Store:
         self.client.put_object(Bucket=parts.netloc, Key=parts.path[1:], Body=data)
         return address
 
+    def get(self, address: str) -> bytes:
+        """Read the object at an address."""
+        parts = urlsplit(address)
+        return bytes(self.client.get_object(Bucket=parts.netloc, Key=parts.path[1:])['Body'].read())
+
     def keys(self, bucket: str) -> list[str]:
         """List the objects of a bucket."""
         listed = self.client.list_objects_v2(Bucket=bucket)

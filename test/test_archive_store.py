@@ -5,27 +5,30 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import fsspec
 import pytest
 from stores import Store, running_store
 
-from lidar_outlier_filter.archive.places import path_at
+from lidar_outlier_filter.archive import places, run
+from lidar_outlier_filter.archive.fingerprints import content_hash
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
+    from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
     Capture = pytest.CaptureFixture[str]
 
-MCAP, BAG = 'vlp16_mrpt_mcap', 'vlp16_mrpt.bag'
-FAST = ['--set', 'chain=[alpha_beta_gamma]', '--jobs', '1']
+MCAP, BAG, LARGE = 'vlp16_mrpt_mcap', 'vlp16_mrpt.bag', 'hesai_xt32_nebula_mcap'
+CHAIN = 'alpha_beta_gamma'
+FAST = ['--set', f'chain=[{CHAIN}]', '--jobs', '1']
 
 
 @pytest.fixture(scope='module')
@@ -46,29 +49,139 @@ def content(path: RecordingPath) -> list[tuple[str, int, bytes]]:
         return [(topic.name, time, data) for topic, time, data in recording.messages()]
 
 
-def test_from_store_to_store(
-    store: Store, recordings: Path, tmp_path: Path, capsys: Capture
+@pytest.fixture
+def archive(store: Store, recordings: Path) -> list[str]:
+    """Empty the bucket of outputs, and give the command that fills it."""
+    for key in store.keys('cleaned'):
+        store.client.delete_object(Bucket='cleaned', Key=key)
+    large = (recordings / 'bags' / LARGE / f'{LARGE}.mcap').read_bytes()
+    store.put('s3://drives/large.mcap', large)
+    return ['replay', 's3://drives', '--output', 's3://cleaned/all', *FAST]
+
+
+def entries(store: Store) -> dict[str, dict[str, str]]:
+    """Read the manifest: what became of each recording, by its name."""
+    lines = store.get('s3://cleaned/all/manifest.jsonl').splitlines()
+    return {Path(entry['source']).stem: entry for entry in map(json.loads, lines)}
+
+
+def times(store: Store) -> dict[str, object]:
+    """Find when the outputs were written."""
+    return {
+        key: store.client.head_object(Bucket='cleaned', Key=key)['LastModified']
+        for key in store.keys('cleaned')
+        if key.endswith('.mcap')
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings('ignore:.*:ResourceWarning')
+def test_from_store_to_store(  # noqa: PLR0913  fixtures
+    archive: list[str],
+    store: Store,
+    recordings: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Capture,
 ) -> None:
-    """Outputs have the bytes of a replay of this machine; a second run replays nothing."""
-    assert main(['replay', 's3://drives', '--output', 's3://cleaned/all', *FAST]) == 0
-    fast = {'chain': ['alpha_beta_gamma']}
-    for source, name in ((MCAP, 'one'), (BAG, 'two')):
-        replay(recordings / 'bags' / source, tmp_path / name, parameters=fast)
-        assert content(path_at(f's3://cleaned/all/{name}')) == content(tmp_path / name)
-    keys = store.keys('cleaned')
-    assert {'all/manifest.jsonl', 'all/archive.html'} < set(keys)
+    """Two processes give the bytes of a replay here; what changes meanwhile fails alone."""
+    monkeypatch.setattr(places, 'PART', 5 * 2**20)
+
+    def change(place: Place) -> str:
+        if place.path.name == 'two.bag':
+            data = (recordings / 'bags' / BAG).read_bytes()
+            store.put('s3://drives/two.bag', data + data[-1:])
+        return content_hash(place)
+
+    before = len(store.requests.lines)
+    with monkeypatch.context() as patch:
+        patch.setattr(run, 'content_hash', change)
+        assert main([*archive, '--jobs', '2']) == 3
+    for source, name in ((MCAP, 'one'), (LARGE, 'large')):
+        replay(recordings / 'bags' / source, tmp_path / name, parameters={'chain': [CHAIN]})
+        for file in (tmp_path / name).iterdir():
+            assert store.get(f's3://cleaned/all/{name}/{file.name}') == file.read_bytes()
+    found = entries(store)
+    assert {name: entry['state'] for name, entry in found.items()} == {
+        'one': 'done',
+        'large': 'done',
+        'two': 'failed',
+    }
+    assert 'two.bag must be unchanged while it is read' in found['two']['error']
+    assert ':' in found['large']['worker']
+    check_uploads(store.requests.lines[before:], 'all/large/large.mcap', 2)
     assert store.uploads('cleaned') == []
-    lines = path_at('s3://cleaned/all/manifest.jsonl').read_text('utf-8').splitlines()
-    assert [json.loads(line)['source'] for line in lines] == [
-        's3://drives/one',
-        's3://drives/two.bag',
-    ]
+    assert not any(key.startswith('all/two/') for key in store.keys('cleaned'))
+    store.put('s3://drives/two.bag', (recordings / 'bags' / BAG).read_bytes())
+    written, reads = times(store), store.requests.count('GET /drives/large')
+    assert main(archive) == 0
+    assert {key: time for key, time in times(store).items() if 'two' not in key} == written
+    keys, stored = store.keys('cleaned'), store.requests.count('PUT /cleaned/all/two')
     capsys.readouterr()
-    reads = store.requests.count('GET /drives/')
-    assert main(['replay', 's3://drives', '--output', 's3://cleaned/all', *FAST]) == 0
-    assert '0 replayed, 2 done before, 0 failed' in ' '.join(capsys.readouterr())
-    assert store.requests.count('GET /drives/') == reads
+    assert main(archive) == 0
+    assert '0 replayed, 3 done before, 0 failed' in ' '.join(capsys.readouterr())
+    assert store.requests.count('GET /drives/large') == reads
+    assert store.requests.count('PUT /cleaned/all/two') == stored
     assert store.keys('cleaned') == keys
+
+
+def check_uploads(lines: list[str], key: str, parts: int) -> None:
+    """Check that an object is made of parts at once, after them, and metadata come after it."""
+    mine = [line for line in lines if f' /cleaned/{key}' in line and line[:3] != 'GET']
+    puts = [line for line in mine if line.startswith('PUT')]
+    assert len(puts) >= parts
+    assert all('?partNumber=' in line for line in puts)
+    (done,) = numbers(lines, f'POST /cleaned/{key}?uploadId')
+    assert done > max(lines.index(line) for line in puts)
+    (last,) = numbers(lines, f'POST /cleaned/{key.rpartition("/")[0]}/metadata.yaml?uploadId')
+    assert last > done
+    noted = numbers(lines, 'PUT /cleaned/all/manifest.jsonl')
+    assert noted[0] < min(lines.index(line) for line in mine)
+    assert noted[-1] > last
+
+
+def numbers(lines: list[str], start: str) -> list[int]:
+    """Find the requests that begin so."""
+    return [number for number, line in enumerate(lines) if line.startswith(start)]
+
+
+def test_ctrl_c_leaves_its_manifest(
+    archive: list[str], store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was done and what was begun is on the store; the next run does the rest."""
+
+    def interrupt(place: Place) -> str:
+        if place.path.name == 'one':
+            raise KeyboardInterrupt
+        return content_hash(place)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(run, 'content_hash', interrupt)
+        assert main(archive) == 130
+    assert {name: (entry['state'], entry['error']) for name, entry in entries(store).items()} == {
+        'large': ('done', None),
+        'one': ('failed', run.BROKEN_OFF),
+    }
+    written = times(store)
+    assert main(archive) == 0
+    assert times(store)['all/large/large.mcap'] == written['all/large/large.mcap']
+    assert {entry['state'] for entry in entries(store).values()} == {'done'}
+
+
+def test_two_runs_that_write(
+    archive: list[str], store: Store, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """A run ends when another one has written the manifest, which stays as that wrote it."""
+
+    def other(place: Place) -> str:
+        store.put('s3://cleaned/all/manifest.jsonl', b'')
+        return content_hash(place)
+
+    monkeypatch.setattr(run, 'content_hash', other)
+    assert main(archive) == 1
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert 'manifest.jsonl must be written by one run at a time, got two that write' in said
+    assert store.get('s3://cleaned/all/manifest.jsonl') == b''
 
 
 def test_one_recording(store: Store, recordings: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -91,7 +204,10 @@ def test_one_recording(store: Store, recordings: Path, tmp_path: Path, capsys: C
     [
         (['replay', 's3://nowhere/x.mcap'], 's3://nowhere/x.mcap must be reached, got "The spec'),
         (['replay', 's3://nowhere'], 's3://nowhere must be reached, got "The specified bucket'),
-        (['replay', 's3://drives', '--output', 's3://nowhere/out'], 'must be written in full, got'),
+        (
+            ['replay', 's3://drives', '--output', 's3://nowhere/out'],
+            'manifest.jsonl must be reached, got "The spec',
+        ),
         (['replay', 's3://drives', '--output', 's3://drives/out'], 'must be outside of s3://driv'),
         (['info', 's3://nowhere/x.mcap'], 's3://nowhere/x.mcap must be reached, got "The specif'),
     ],

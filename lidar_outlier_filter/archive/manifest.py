@@ -13,12 +13,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, TYPE_CHECKING, Any
 
+from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.errors import RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath
 
 if sys.platform != 'win32':
     import fcntl
@@ -137,12 +138,13 @@ class Manifest:
 def opened_manifest(folder: RecordingPath) -> Iterator[Manifest]:
     """Open the manifest of a folder, which is made where there is none; one run at a time.
 
-    That of a store is a file of this machine meanwhile, and goes there after each change.
+    That of a store is a file of this machine meanwhile, and goes there whole after each line. So
+    it says there, too, what was begun and what is done, however this run ends.
 
     Raises
     ------
     RecordingError
-        If it is no manifest, or another run of this machine uses it, or it cannot be written.
+        If it is no manifest, or another run uses it, or it cannot be written.
 
     """
     if isinstance(folder, Path):
@@ -151,10 +153,27 @@ def opened_manifest(folder: RecordingPath) -> Iterator[Manifest]:
         return
     with TemporaryDirectory(prefix='.lidar_outlier_filter-') as scratch:
         there, here = folder / NAME, Path(scratch, NAME)
+        upload = _Upload(here, there)
         if there.exists():
             here.write_text(there.read_text('utf-8'), 'utf-8')
-        with _opened(here, lambda: there.write_from(here)) as manifest:
+        with _opened(here, upload) as manifest:
             yield manifest
+
+
+class _Upload:
+    """Writes a file to a store again and again, as long as nobody else does."""
+
+    def __init__(self, here: Path, there: RemotePath) -> None:
+        self._here, self._there = here, there
+        self._state = place_of(there).state
+
+    def __call__(self) -> None:
+        """Write it there, in place of what this run has written or found there."""
+        if place_of(self._there).state != self._state:
+            must_be = 'written by one run at a time'
+            raise RecordingError(f'the manifest {self._there}', must_be, 'two that write')
+        self._there.write_from(self._here)
+        self._state = place_of(self._there).state
 
 
 @contextmanager
