@@ -130,7 +130,10 @@ def test_strips_are_judged_alone(tmp_path: Path) -> None:
         (['--jobs', '0'], '--jobs must be at least 1, got 0'),
         (['--rejected', 'remove', '--mark', 'noise'], 'how rejected points are marked must be'),
         (['--resume'], '--resume must be with --output FOLDER, which has the manifest, got none'),
-        (['--output', 'b.copc.laz'], 'the output must be LAZ without an octree, of which untwine or PDAL makes COPC, got'),
+        (
+            ['--output', 'b.copc.laz'],
+            'the output must be LAZ without an octree, of which untwine or PDAL makes COPC, got',
+        ),
     ],
 )
 def test_refused(cloud: Path, options: list[str], sentence: str, capsys: Capture) -> None:
