@@ -36,7 +36,7 @@ from mcap.reader import make_reader
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.bags import LATEST, NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.damaged_sqlite import DamagedDatabase
 from lidar_outlier_filter.recordings.losses import MOST, Losses
 from lidar_outlier_filter.recordings.replay import replay
@@ -366,6 +366,19 @@ def varint(number: int) -> bytes:
     while number := number >> 7:
         data = bytes([number & 127 | 128]) + data
     return data
+
+
+def test_times_that_cannot_be(drives: dict[str, Path], tmp_path: Path) -> None:
+    """A message of a time before 1970, which no bag can have, is lost and counted."""
+    path = copied(drives['db3'], tmp_path)
+    with sqlite3.connect(path) as database:
+        database.execute('UPDATE messages SET timestamp = -5 WHERE id = 3')
+        database.execute('UPDATE messages SET timestamp = ? WHERE id = 5', (LATEST,))
+    database.close()
+    report = salvage(path, tmp_path / 'out')
+    assert report is not None
+    assert report.lost == Losses(1, reasons=['a message of /text has the time -5 ns'])
+    assert LATEST in [time for time, _ in content(tmp_path / 'out')['/text']]
 
 
 def test_log_of_a_database(drives: dict[str, Path], unbroken: Content, tmp_path: Path) -> None:
