@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -141,6 +142,21 @@ def test_what_is_damaged_is_not_taken(drive: Path, out: Path, tmp_path: Path) ->
         counts.append(int(said[0].partition(' ')[0]) if said[0][0].isdigit() else 0)
         shutil.rmtree(out)
     assert counts[0] > counts[1] > counts[2] > 0
+
+
+def test_the_run_that_came_farthest(drive: Path, out: Path) -> None:
+    """Of what several runs left, the most answers are taken; all of it is removed."""
+    (folder,) = out.parent.iterdir()
+    notes = (folder / NOTES).read_text().splitlines(keepends=True)
+    for name in ('a', 'z'):  # one before it, one behind it
+        shutil.copytree(folder, folder.with_name(f'{folder.name[:-1]}{name}'))
+        other = folder.with_name(f'{folder.name[:-1]}{name}') / NOTES
+        other.write_text(''.join(notes[: len(notes) // 2]))
+    said: list[str] = []
+    replay(drive, out, parameters=VALUES['time'], resume=True, inform=said.append)
+    taken, half = int(said[0].partition(' ')[0]), json.loads(notes[len(notes) // 2 - 1])['answers']
+    assert taken > half > 0
+    assert [path.name for path in out.parent.iterdir()] == ['out']
 
 
 def test_another_run_is_refused(drive: Path, out: Path, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from damaged import (
     KINDS,
     PERIOD,
     TEXT,
+    TOPICS,
     Damage,
     check,
     content,
@@ -36,7 +37,7 @@ from mcap.reader import make_reader
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
+from lidar_outlier_filter.recordings.bags import LATEST, NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.damaged_sqlite import DamagedDatabase
 from lidar_outlier_filter.recordings.losses import MOST, Losses
 from lidar_outlier_filter.recordings.replay import replay
@@ -141,6 +142,40 @@ def test_whole_chunks_come_out(
         same = [time for time, _ in found['/lidar'] if not is_near(time, lost)]
         assert len(same) == len(found['/lidar']) - 1
         shutil.rmtree(output)
+
+
+@pytest.mark.parametrize('harm', ['body', 'head', 'disguise'])
+def test_behind_a_damaged_chunk(drives: dict[str, Path], tmp_path: Path, harm: str) -> None:
+    """All other chunks come out, and what only looks like a message among the bytes is none.
+
+    The summary is cut off: what is lost is counted by the index behind the chunk.
+    """
+    path = copied(drives['mcap zstd'], tmp_path)
+    data, chunks, place = bytearray(path.read_bytes()), [], 8
+    while data[place] != 15:  # the end of the data
+        (length,) = struct.unpack_from('<Q', data, place + 1)
+        if data[place] == 6:
+            chunks.append((place, place + 9 + length))
+        place += 9 + length
+    (begin, end), (following, _) = chunks[1:3]
+    first, last = struct.unpack_from('<QQ', data, begin + 9)
+    if harm == 'body':
+        data[end - 1] ^= 255
+    else:
+        data[begin] = 255
+    if harm == 'disguise':
+        at = begin + 60
+        struct.pack_into('<BQHIQQ', data, at, 5, following + 20 - at - 9, 999, 0, 0, 0)
+    path.write_bytes(data[:place])
+    report = salvage(path, tmp_path / 'out')
+    assert report is not None
+    whole, found = content(drives['mcap zstd']), content(tmp_path / 'out')
+    for topic in TOPICS:
+        others = {time for time, _ in whole[topic] if not first <= time <= last}
+        assert others <= {time for time, _ in found[topic]} < {time for time, _ in whole[topic]}
+    if harm == 'body':
+        assert report.lost.messages == 2 * COUNT - sum(len(found[topic]) for topic in TOPICS)
+    assert not any('999' in reason for reason in report.lost.reasons)
 
 
 def test_flipped_bytes(drives: dict[str, Path], unbroken: Content, tmp_path: Path) -> None:
@@ -366,6 +401,19 @@ def varint(number: int) -> bytes:
     while number := number >> 7:
         data = bytes([number & 127 | 128]) + data
     return data
+
+
+def test_times_that_cannot_be(drives: dict[str, Path], tmp_path: Path) -> None:
+    """A message of a time before 1970, which no bag can have, is lost and counted."""
+    path = copied(drives['db3'], tmp_path)
+    with sqlite3.connect(path) as database:
+        database.execute('UPDATE messages SET timestamp = -5 WHERE id = 3')
+        database.execute('UPDATE messages SET timestamp = ? WHERE id = 5', (LATEST,))
+    database.close()
+    report = salvage(path, tmp_path / 'out')
+    assert report is not None
+    assert report.lost == Losses(1, reasons=['a message of /text has the time -5 ns'])
+    assert LATEST in [time for time, _ in content(tmp_path / 'out')['/text']]
 
 
 def test_log_of_a_database(drives: dict[str, Path], unbroken: Content, tmp_path: Path) -> None:
