@@ -10,7 +10,7 @@
 first pass alone, by the weighted sum on the features of a search tree, and with trees that FILE
 has. The kind of sensor that a file is for shows in what it says. ``train`` makes such a file for
 profile scanners, from fewer streets, or with trees of one question, so that no feature's meaning
-depends on another.
+depends on another; beside it, train one of three questions from as many streets.
 """
 # ruff: noqa: INP001, T201  a script, no package
 
@@ -132,14 +132,14 @@ def main() -> None:
     """Judge, or train."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
     commands = parser.add_subparsers(dest='command', required=True)
-    judging_ = commands.add_parser('judge')
-    judging_.add_argument('--presets', nargs='+', choices=PRESETS, default=list(TARGETS))
-    judging_.add_argument('--seeds', nargs='+', type=int, default=[301, 302, 303, 304, 305])
-    judging_.add_argument('--trees', nargs='+', default=[], metavar='NAME=FILE')
-    training = commands.add_parser('train')
-    training.add_argument('output', type=Path, metavar='FILE')
-    training.add_argument('--additive', action='store_true')
-    training.add_argument('--streets', type=int, default=STREETS, metavar='N')
+    of_judge = commands.add_parser('judge')
+    of_judge.add_argument('--presets', nargs='+', choices=PRESETS, default=list(TARGETS))
+    of_judge.add_argument('--seeds', nargs='+', type=int, default=[301, 302, 303, 304, 305])
+    of_judge.add_argument('--trees', nargs='+', default=[], metavar='NAME=FILE')
+    of_train = commands.add_parser('train')
+    of_train.add_argument('output', type=Path, metavar='FILE')
+    of_train.add_argument('--additive', action='store_true')
+    of_train.add_argument('--streets', type=int, default=STREETS, metavar='N')
     options = parser.parse_args()
     if options.command == 'train':
         train(options.output, options.streets, additive=options.additive)
