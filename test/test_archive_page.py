@@ -65,7 +65,7 @@ def test_odd_recordings_come_first_with_their_sentences() -> None:
         ],
         '0023': [
             'no point of /lidar could be tested: lof needs more points',
-            '0 % of the points rejected, median 0.2 % (z -20)',
+            '0 % of the points rejected, median 0.2 % (z −20)',
             '100 % of the points untested, median 0.01 % (z +9,999)',
         ],
         '0008': ['3 of 200 clouds refused'],
@@ -77,9 +77,9 @@ def test_odd_recordings_come_first_with_their_sentences() -> None:
         ],
         '0013': ['2.5 % of the clouds after a gap, median 0 % (z +25)'],
         '0033': [
-            '0 % of the points rejected, median 0.2 % (z -20)',
-            '0 % of the points rejected by evidence, median 0.15 % (z -15)',
-            '0 % of the points rejected by sor, median 0.07 % (z -7)',
+            '0 % of the points rejected, median 0.2 % (z −20)',
+            '0 % of the points rejected by evidence, median 0.15 % (z −15)',
+            '0 % of the points rejected by sor, median 0.07 % (z −7)',
         ],
     }
     assert not any(drive.odd for drive in found[8:])

@@ -5,15 +5,12 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import psutil
 import pytest
+from clusters import COMMAND, cluster, program, worker_processes
+from dask import config
 from drives import FAST, die_of, hashes, replayed, write_drive
 
 from lidar_outlier_filter.archive import workers as module
@@ -59,9 +56,9 @@ def expected(drives: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
 
 
 @pytest.fixture(scope='module')
-def two() -> Iterator[Workers]:
-    """Start two workers."""
-    with local_workers(2) as workers:
+def three() -> Iterator[Workers]:
+    """Start three workers."""
+    with local_workers(3) as workers:
         yield workers
 
 
@@ -88,139 +85,90 @@ def made(output: Path) -> dict[str, dict[str, str]]:
     return {path.name: hashes(path) for path in sorted(output.iterdir()) if path.is_dir()}
 
 
-def children() -> list[psutil.Process]:
-    """List the workers that this process has started."""
-    found = psutil.Process().children(recursive=True)
-    return [one for one in found if any('spawn_main' in word for word in one.cmdline())]
-
-
-def test_two_workers_give_the_same_bytes(
-    drives: Path, expected: dict[str, Any], tmp_path: Path, two: Workers
+def test_three_workers_give_the_same_bytes(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
 ) -> None:
-    """Both judge, nothing is judged by who writes, and a second run has nothing to do."""
-    entries = run(drives, tmp_path, two)
+    """All judge, nothing is judged by who writes, and a second run has nothing to do."""
+    entries = run(drives, tmp_path, three)
     assert made(tmp_path) == expected
     judges = {name for entry in entries for name in entry.worker.split(', ')}
-    assert len(judges) == 2
-    assert run(drives, tmp_path, two) == []
+    assert len(judges) == 3
+    assert run(drives, tmp_path, three) == []
 
 
 def test_workers_of_other_code_are_refused(
-    drives: Path, tmp_path: Path, two: Workers, monkeypatch: pytest.MonkeyPatch
+    drives: Path, tmp_path: Path, three: Workers, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever they judge; in one sentence that says both versions."""
     monkeypatch.setattr(module, 'judging_code', lambda: '0.0.1+abc')
     with pytest.raises(SchedulerError, match=r'the worker .* must be of version 0\.0\.1\+abc'):
-        run(drives, tmp_path, two)
+        run(drives, tmp_path, three)
 
 
 def test_killed_workers_cost_their_pieces(
-    drives: Path, expected: dict[str, Any], tmp_path: Path, two: Workers
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
 ) -> None:
     """SIGKILL, again and again: every recording is there once, byte for byte."""
     killed = []
 
     def kill(step: Step) -> None:
-        if step.done % 50 == 25:
-            process = children()[step.done % 2]
+        if step.done % 80 == 25:
+            process = worker_processes()[step.done % 3]
             killed.append(process.pid)
             process.kill()
 
-    entries = run(drives, tmp_path, two, kill)
+    entries = run(drives, tmp_path, three, kill)
     assert len(set(killed)) >= 4
     assert [entry.state for entry in entries] == ['done'] * 3
     assert made(tmp_path) == expected
 
 
+def test_one_worker_that_never_comes_back(drives: Path, tmp_path: Path) -> None:
+    """Another one is started where Dask has given up on one that died; its bytes are the same."""
+    patience = config.set({'distributed.deploy.lost-worker-timeout': '1ms'})
+    with patience, local_workers(1) as workers:
+        check_moving(drives / 'drive2', tmp_path, workers, worker_processes()[0].kill)
+
+
 def test_a_piece_that_kills_its_workers(
-    drives: Path, expected: dict[str, Any], tmp_path: Path, two: Workers, monkeypatch: Any
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers, monkeypatch: Any
 ) -> None:
     """Its recording fails alone, with a sentence."""
     monkeypatch.setattr(module, 'judge_piece', die_of)
-    entries = run(drives, tmp_path, two)
+    entries = run(drives, tmp_path, three)
     assert [entry.state for entry in entries] == ['done', 'failed', 'done']
     assert 'must be judged without a worker that dies, got 4 that died' in str(entries[1].error)
     assert made(tmp_path) == {name: expected[name] for name in ('drive0', 'drive2')}
 
 
-@pytest.mark.parametrize('jobs', [1, 3])
-def test_other_numbers_of_workers(drives: Path, tmp_path: Path, jobs: int) -> None:
-    """One and three give the same bytes, too, by message and moving."""
+def check_moving(
+    drive: Path, folder: Path, workers: Workers, first: Callable[[], object] = lambda: None
+) -> None:
+    """Compare the bytes by message and moving with those of this process; do something first."""
     given = {**FAST, 'motion.source': 'odometry', 'blocks': 'auto'}
     order = Order(parameters=given, length=1.0)
-    task = Task(place_of(drives / 'drive2'), tmp_path / 'bag')
-    with local_workers(jobs) as workers:
-        Engine([task], order, workers).replay(task, tmp_path / 'bag', lambda _done, _all: None)
-    assert hashes(tmp_path / 'bag') == replayed(drives / 'drive2', tmp_path / 'alone', given)[0]
+    task = Task(place_of(drive), folder / 'bag')
+    first()
+    Engine([task], order, workers).replay(task, folder / 'bag', lambda _done, _all: None)
+    assert hashes(folder / 'bag') == replayed(drive, folder / 'alone', given)[0]
 
 
-class Program:
-    """A process whose lines on stderr can be awaited."""
-
-    def __init__(self, *words: str) -> None:
-        """Start it, in a session of its own."""
-        self.process = subprocess.Popen(
-            [sys.executable, '-P', '-m', *words],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        self.said = ''
-
-    def until(self, text: str) -> str:
-        """Read up to the line that holds a text."""
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self.said += line
-            if text in line:
-                return line
-        pytest.fail(f'{text} never came: {self.said}')
-
-    def rest(self) -> tuple[int, str]:
-        """Wait for the end; return the exit status, and all that was said."""
-        out, err = self.process.communicate(timeout=200)
-        return self.process.returncode, self.said + err + out
-
-    def interrupt(self) -> None:
-        """Press Ctrl-C: every process of the terminal gets the signal."""
-        os.killpg(self.process.pid, signal.SIGINT)
-
-
-@contextmanager
-def program(*words: str) -> Iterator[Program]:
-    """Start a program, and end it with all that it has started."""
-    one = Program(*words)
-    try:
-        yield one
-    finally:
-        if one.process.poll() is None:
-            os.killpg(one.process.pid, signal.SIGKILL)
-        one.process.communicate()
-
-
-@contextmanager
-def cluster() -> Iterator[tuple[str, Program]]:
-    """Start a scheduler and a worker, as users do."""
-    plain = ('--no-dashboard', '--host', '127.0.0.1')
-    with program('distributed.cli.dask_scheduler', *plain, '--port', '0') as scheduler:
-        address = scheduler.until('Scheduler at:').split()[-1]
-        words = (address, '--nthreads', '1', '--no-nanny', '--no-dashboard')
-        with program('distributed.cli.dask_worker', *words) as worker:
-            worker.until('Registered to:')
-            yield address, scheduler
-
-
-COMMAND = 'lidar_outlier_filter.cli.main'
+def test_moving(drives: Path, tmp_path: Path, three: Workers) -> None:
+    """Three give the same bytes, too, by message and moving."""
+    check_moving(drives / 'drive2', tmp_path, three)
 
 
 def test_a_cluster_that_runs(drives: Path, expected: dict[str, Any], tmp_path: Path) -> None:
     """Its workers give the same bytes; when its scheduler goes, what is done stays done."""
     words = (COMMAND, 'replay', str(drives), '--output', str(tmp_path / 'out'), SET)
-    with cluster() as (address, scheduler), program(*words, '--scheduler', address) as one:
-        one.until(': 3 of 3')
-        os.killpg(scheduler.process.pid, signal.SIGKILL)
-        status, said = one.rest()
+    alone = ('replay', str(drives / 'drive2'), '--output', str(tmp_path / 'drive2'), SET)
+    with cluster() as (address, scheduler):
+        assert main([*alone, '--scheduler', address]) == 0
+        with program(*words, '--scheduler', address) as one:
+            one.until(': 3 of 3')
+            scheduler.kill()
+            status, said = one.rest()
+    assert hashes(tmp_path / 'drive2') == expected['drive2']
     assert status == 1
     assert f'the scheduler {address} must be there until the end, got no answer any more' in said
     assert 'Traceback' not in said
@@ -228,8 +176,7 @@ def test_a_cluster_that_runs(drives: Path, expected: dict[str, Any], tmp_path: P
     assert {name: done[name] for name in ('drive0', 'drive1')} == {
         name: expected[name] for name in ('drive0', 'drive1')
     }
-    with cluster() as (address, _):
-        assert main([*words[1:], '--scheduler', address]) == 0
+    assert main([*words[1:], '--jobs', '1']) == 0
     assert made(tmp_path / 'out') == expected
 
 
@@ -254,5 +201,5 @@ def test_ctrl_c_stops_and_goes_on(drives: Path, expected: dict[str, Any], tmp_pa
     left = made(tmp_path)
     assert 0 < len(left) < 3
     assert all(hashed == expected[name] for name, hashed in left.items())
-    assert main(list(words[1:])) == 0
+    assert main([*words[1:-3], '--jobs', '1', SET]) == 0
     assert made(tmp_path) == expected

@@ -171,7 +171,8 @@ def share(part: float, whole: float) -> float:
 
 def signed(z: float) -> str:
     """Write a robust z with its sign, and three digits that count or all before the point."""
-    return f'{z:+.3g}' if abs(z) < 1000 else f'{z:+,.0f}'  # noqa: PLR2004  digits
+    text = f'{z:+.3g}' if abs(z) < 1000 else f'{z:+,.0f}'  # noqa: PLR2004  digits
+    return text.replace('-', '−')
 
 
 def percent(value: float) -> str:

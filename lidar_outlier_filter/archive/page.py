@@ -172,10 +172,10 @@ def _table(
 def _cells(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> Iterator[str]:
     name = escape(drive.source)
     last = escape(drive.source.rstrip('/').rpartition('/')[2])
-    text = '<br>'.join(escape(line) for line in ([drive.error] if drive.error else drive.odd))
     kind = 'failed' if drive.failed else 'odd'
-    note = f'<small class="{kind}">{text}</small>' if text else ''
-    yield f'<th scope="row" title="{name}" data-sort="{name}"><b>{last}</b>{note}</th>'
+    lines = [drive.error] if drive.error else drive.odd
+    notes = ''.join(f'<small class="{kind}">{_unbroken(escape(line))}</small>' for line in lines)
+    yield f'<th scope="row" title="{name}" data-sort="{name}"><b>{last}</b>{notes}</th>'
     if drive.failed:
         yield '<td class="failed" data-sort="inf">failed</td>'
         yield '<td></td>' * (len(COLUMNS) - 2)
@@ -192,6 +192,11 @@ def _cells(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> It
     yield _cell(untested, percent(untested))
     speed = share(drive.duration, drive.seconds)
     yield _cell(speed, f'{speed:.1f}')
+
+
+def _unbroken(line: str) -> str:
+    """Keep a number and its sign on one line."""
+    return line.replace(' %', '\N{NO-BREAK SPACE}%').replace('(z ', '(z\N{NO-BREAK SPACE}')
 
 
 def _cell(value: float, text: str) -> str:

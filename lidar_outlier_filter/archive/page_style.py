@@ -42,7 +42,7 @@ tbody tr { background: var(--ground); }
 tbody tr:nth-child(even) { background: var(--stripe); }
 tbody tr:target { outline: 2px solid var(--odd); outline-offset: -2px; }
 th b { font-weight: 600; }
-th small { display: block; }
+th small { display: block; margin-top: .15rem; line-height: 1.25; }
 th small.odd { color: var(--odd); }
 th small.failed { color: var(--failed); }
 td.odd { color: var(--odd); font-weight: 600; }
@@ -55,6 +55,9 @@ th[aria-sort=descending] button::after { content: ' ↓'; color: inherit; }
 .bar { display: block; width: 6rem; height: 1em; margin-top: .2em; background: var(--line); }
 .bar span { display: flex; height: 100%; min-width: 1px; }
 .bar i { height: 100%; }
+@media (min-width: 60rem) { .totals { grid-template-columns: repeat(5, 1fr); } }
+@media (min-width: 84rem) { .scroll { overflow-x: visible; }
+  thead th { position: sticky; top: 0; background: var(--ground); z-index: 1; } }
 @media (max-width: 40rem) { body { padding: .6rem; } th:first-child { min-width: 9rem;
   max-width: 45vw; }
   .totals { grid-template-columns: repeat(2, 1fr); } }

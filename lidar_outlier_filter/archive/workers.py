@@ -40,9 +40,14 @@ class SchedulerError(FilterError):
 class Workers:
     """The workers of one scheduler."""
 
-    def __init__(self, client: Any, address: str) -> None:
-        """Take Dask's client of the scheduler at an address."""
-        self._client, self._address = client, address
+    def __init__(
+        self, client: Any, address: str, keep: Callable[[], object] = lambda: None
+    ) -> None:
+        """Take Dask's client of the scheduler at an address.
+
+        ``keep`` is called while a piece is waited for, and starts workers that have gone for good.
+        """
+        self._client, self._address, self._keep = client, address, keep
         self._run, self._numbers = uuid4().hex[:8], count()
 
     @property
@@ -74,6 +79,7 @@ class Workers:
         while not future.done():
             tick()
             self.check()
+            self._keep()
             with suppress(TimeoutError, CancelledError):
                 future.exception(timeout=STEP)
         what = f'a piece of {piece.recording.path}'
@@ -158,7 +164,8 @@ def local_workers(jobs: int) -> Iterator[Workers]:
         )
         stack.callback(cluster.close, timeout=PATIENCE)
         client = stack.enter_context(Client(cluster, set_as_default=False))
-        yield Workers(client, cluster.scheduler_address)
+        # Dask gives up on a worker that dies and takes 15 s to come back: this starts another.
+        yield Workers(client, cluster.scheduler_address, lambda: cluster.scale(jobs))
 
 
 @contextmanager

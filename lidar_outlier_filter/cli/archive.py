@@ -292,6 +292,7 @@ def _table(entries: Sequence[Entry]) -> Table:
         '× real time',
     )
     table = Table(*columns)
+    table.columns[0].overflow = 'fold'  # a name is never cut
     for column in table.columns[1:]:
         column.justify = 'right'
     for entry in entries:
