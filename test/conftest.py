@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
     from nodes import Ros
     from sensor_msgs.msg import PointCloud2
+
+    from lidar_outlier_filter.report.gather import Gathered
 
 # A program of its own, which turns compilation off where it is imported.
 collect_ignore = ['covering.py']
@@ -62,3 +65,25 @@ def sweeps(recordings: Path) -> list[PointCloud2]:
 
     stored = clouds(recordings / 'bags' / 'vlp16_mrpt_mcap')
     return [deserialize_message(data, PointCloud2) for data in stored]
+
+
+@pytest.fixture(scope='session')
+def snow(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record two turns in snow."""
+    from lidar_outlier_filter.simulation.demo_street import snow_drive  # noqa: PLC0415
+    from lidar_outlier_filter.simulation.recording import record  # noqa: PLC0415
+
+    path = tmp_path_factory.mktemp('snow') / 'snow'
+    record(replace(snow_drive(), lines=2), path, lines_per_message=1)
+    return path
+
+
+@pytest.fixture(scope='session')
+def found(snow: Path) -> Gathered:
+    """Gather them for a report."""
+    from lidar_outlier_filter.evaluation.judged import CAUSES  # noqa: PLC0415
+    from lidar_outlier_filter.parameters.filter import FilterParameters  # noqa: PLC0415
+    from lidar_outlier_filter.report.gather import gather  # noqa: PLC0415
+    from lidar_outlier_filter.report.sources import RecordedSource  # noqa: PLC0415
+
+    return gather(RecordedSource(snow, FilterParameters()), CAUSES, 10**6)

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import re
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from io import BytesIO
@@ -17,17 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from browsers import chromium
+from naive import groups as naive
 from PIL import Image
 
-from lidar_outlier_filter.evaluation.judged import CAUSES
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report.frames import cut
-from lidar_outlier_filter.report.gather import gather
+from lidar_outlier_filter.report.pack import STEPS, pack
 from lidar_outlier_filter.report.page import MODULES, START, asset, buffers, shell, write_page
-from lidar_outlier_filter.report.sources import RecordedSource
-from lidar_outlier_filter.simulation.demo_street import snow_drive
-from lidar_outlier_filter.simulation.recording import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,20 +43,6 @@ def browser() -> Iterator[Browser]:
     """Start Chromium."""
     with chromium() as opened:
         yield opened
-
-
-@pytest.fixture(scope='module')
-def snow(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Record two turns in snow."""
-    path = tmp_path_factory.mktemp('page') / 'snow'
-    record(replace(snow_drive(), lines=2), path, lines_per_message=1)
-    return path
-
-
-@pytest.fixture(scope='module')
-def found(snow: Path) -> Gathered:
-    """Gather them."""
-    return gather(RecordedSource(snow, FilterParameters()), CAUSES, 10**6)
 
 
 @pytest.fixture(scope='module')
@@ -163,6 +144,39 @@ def test_slider_says_what_a_replay_rejects(
     assert near(pixels(desktop), '#c8500a') > before
     move(desktop, slider.given)
     assert counted(desktop) == found.tally.at[0][slider.given].points
+
+
+@pytest.mark.parametrize('count', [0, 1, 2, 60, 400])
+def test_groups_are_those_of_loops(desktop: Page, count: int) -> None:
+    """Random points, dense and sparse, near and far from the origin."""
+    rng = np.random.default_rng(count)
+    xyz = rng.uniform(-3, 3, (count, 3)) + rng.choice([0.0, 3e6])
+    label = np.array(desktop.evaluate('(one) => [...report.connect(one)]', xyz.ravel().tolist()))
+    ours = {frozenset(np.flatnonzero(label == one).tolist()) for one in np.unique(label)}
+    assert ours == {frozenset(group) for group in naive.connect(xyz.tolist())}
+
+
+def test_groups_follow_the_slider(desktop: Page, found: Gathered) -> None:
+    """Those of the points that the step rejects, frame by frame, the largest first."""
+    slider, frames = found.sliders[0], cut(found)
+    packed = pack(found, frames)
+    step = slider.given - 2
+    move(desktop, step)
+    desktop.wait_for_function('report.state.found.bit === report.state.bit')
+    sizes: list[int] = []
+    for number, (begin, end) in enumerate(pairwise(frames.first.tolist())):
+        a, b, _, last = packed.points[begin:end].T
+        steps = np.stack([a & STEPS, (a >> 21) | ((b & 0x3FF) << 11), b >> 10], axis=1)
+        there = (last & (1 << (slider.first + step))) != 0
+        xyz = packed.origin[number] + steps[there] * packed.step[number]
+        sizes += [len(group) for group in naive.connect(xyz.tolist())]
+    listed = desktop.evaluate('report.state.found.groups.map((one) => one.count)')
+    assert listed == sorted(sizes, reverse=True)[: len(listed)]
+    assert desktop.evaluate('report.state.found.total') == len(sizes) > len(listed)
+    assert f'{slider.name} {slider.values[step]}' in desktop.locator('#groups-about').inner_text()
+    desktop.locator('#groups button').first.click()
+    assert 'score' in desktop.locator('#facts').inner_text()
+    move(desktop, slider.given)
 
 
 def test_click_on_a_point(desktop: Page, found: Gathered) -> None:

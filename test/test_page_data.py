@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from naive import groups as naive
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
@@ -22,12 +21,12 @@ from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report import gather as gathering
 from lidar_outlier_filter.report import keeping
+from lidar_outlier_filter.report.feature_texts import TEXTS
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.gather import gather
-from lidar_outlier_filter.report.groups import connect
 from lidar_outlier_filter.report.header import header, parameter_file, split
 from lidar_outlier_filter.report.pack import REASONS, SCORE_UNIT, STEPS, UNTESTED, pack
-from lidar_outlier_filter.report.reasons import MOST_IN_BLOCK
+from lidar_outlier_filter.report.reasons import FEATURES, MOST_IN_BLOCK, OF_WAY, STRONGEST
 from lidar_outlier_filter.report.sliders import BITS, sliders
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
 from lidar_outlier_filter.simulation.demo_street import snow_drive
@@ -40,21 +39,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.gather import Gathered
 
 MOST = 10**6
-CHAIN = {'chain': ['sor', 'alpha_beta_gamma']}
-
-
-@pytest.fixture(scope='module')
-def snow(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Record two turns in snow."""
-    path = tmp_path_factory.mktemp('snow') / 'snow'
-    record(replace(snow_drive(), lines=2), path, lines_per_message=1)
-    return path
-
-
-@pytest.fixture(scope='module')
-def found(snow: Path) -> Gathered:
-    """Gather them for a report."""
-    return gather(RecordedSource(snow, FilterParameters()), CAUSES, MOST)
+PAIR = ['sor', 'alpha_beta_gamma']
 
 
 def replayed(recording: Path, output: Path, values: Mapping[str, object]) -> int:
@@ -91,16 +76,25 @@ def test_steps_that_scores_do_not_say_are_judged(
         assert np.array_equal(step.by_range, other.by_range)
 
 
-@pytest.mark.parametrize('vote', [0, 2])
-def test_steps_of_a_chain(snow: Path, tmp_path: Path, vote: int) -> None:
-    """Of two detectors one after the other, or together: each step is judged."""
-    values = {**CHAIN, 'vote': vote}
+@pytest.mark.parametrize(
+    ('chain', 'vote'),
+    [
+        (PAIR, 0),
+        (PAIR, 2),
+        pytest.param(['alpha_beta_gamma', 'quadric', 'lof'], 0, marks=pytest.mark.slow),
+    ],
+)
+def test_steps_of_a_chain(tmp_path: Path, chain: list[str], vote: int) -> None:
+    """Of detectors one after the other, or together: each step is judged."""
+    snow = tmp_path / 'snow'
+    record(replace(snow_drive(), lines=1), snow, lines_per_message=1)
+    values = {'chain': chain, 'vote': vote}
     parameters = FilterParameters().changed(values)
     found = gather(RecordedSource(snow, parameters), CAUSES, MOST)
-    assert [slider.detector for slider in found.sliders] == CHAIN['chain']
+    assert [slider.detector for slider in found.sliders] == chain
     for number, slider in enumerate(found.sliders):
         assert slider.first + len(slider.values) <= BITS
-        for step in (0, slider.given, len(slider.values) - 1):
+        for step in (0, len(slider.values) - 1):
             changed = {**values, slider.name: slider.values[step]}
             rejected = replayed(snow, tmp_path / f'{number}-{step}', changed)
             assert found.tally.at[number][step].points == rejected
@@ -162,8 +156,18 @@ def test_reasons_stand_first_and_have_the_score(found: Gathered) -> None:
     )
     assert np.array_equal(np.flatnonzero(kept.reason >= 0), rows)
     assert np.array_equal(packed.reasons[:, 0], kept.score[rows])
-    largest = np.abs(packed.reasons[:, 12:])
+    largest = np.abs(packed.reasons[:, 12 : 12 + STRONGEST])
     assert (np.diff(largest, axis=1) <= 0).all()
+
+
+def test_reasons_of_a_chain(snow: Path) -> None:
+    """Where the default judges what others left, its part of the chain is explained."""
+    parameters = FilterParameters().changed({'chain': ['sor', 'evidence']})
+    found = gather(RecordedSource(snow, parameters), CAUSES, MOST)
+    assert found.ways == ('trees on the scan pattern',)
+    there = found.kept.reason >= 0
+    assert (found.kept.detectors[there & found.kept.rejected] == 64).all()
+    assert np.count_nonzero(there & found.kept.rejected) > 100
 
 
 def test_reasons_are_bounded(snow: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -204,23 +208,27 @@ def test_header_is_json(found: Gathered) -> None:
     assert known['sections'] == len(split(frames))
 
 
+def test_removed_points_are_counted_by_who_and_why(found: Gathered) -> None:
+    """By detector and strongest reason, in words; every feature has a text."""
+    frames = cut(found)
+    known = header(found, frames, pack(found, frames))
+    rejected = found.tally.at[0][found.sliders[0].given].points
+    assert known['removed']['detectors'] == [['evidence', rejected]]
+    listed = sum(count for _, _, count in known['removed']['reasons'])
+    assert listed + known['removed']['others'] == rejected
+    assert all(text for _, text, _ in known['removed']['reasons'])
+    assert [name for name, _ in known['features']] == [*FEATURES, 'others', 'average']
+    assert {way: tuple(texts) for way, texts in TEXTS.items()} == OF_WAY
+
+
 def test_parameter_file_is_read_back(tmp_path: Path) -> None:
     """By the reader of the other commands."""
-    parameters = FilterParameters().changed({**CHAIN, 'lof.threshold': 1e-3, 'halo': 0.02})
+    parameters = FilterParameters().changed({'chain': PAIR, 'lof.threshold': 1e-3, 'halo': 0.02})
     path = tmp_path / 'some.yaml'
     path.write_text(parameter_file(parameters), encoding='utf-8')
     assert FilterParameters().changed(read_yaml(path)) == parameters
     path.write_text(parameter_file(FilterParameters()), encoding='utf-8')
     assert FilterParameters().changed(read_yaml(path)) == FilterParameters()
-
-
-@pytest.mark.parametrize('count', [1, 2, 60, 400])
-def test_groups_are_those_of_loops(count: int) -> None:
-    """Random points, dense and sparse."""
-    xyz = np.random.default_rng(count).uniform(-3, 3, (count, 3))
-    label = connect(xyz)
-    ours = {frozenset(np.flatnonzero(label == one).tolist()) for one in np.unique(label)}
-    assert ours == {frozenset(group) for group in naive.connect(xyz.tolist())}
 
 
 @pytest.mark.parametrize('count', [1, 2, 3, 5, 7])

@@ -77,11 +77,11 @@ def _show(console: Console, info: RecordingInfo) -> None:
     begin = ''
     if info.messages:
         begin = f', from {datetime.fromtimestamp(info.start * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC'
-    text = f'{info.path}: {info.duration:,.1f} s{begin}, {info.messages:,} messages'
+    text = f'{info.path}: {info.duration:,.1f} s{begin}, {_counted(info.messages, "message")}'
     console.print(text, markup=False, highlight=False, soft_wrap=True)
     console.print(_topics(info))
     for topic, cloud in info.clouds.items():
-        console.print(_clouds(topic.name, cloud, info.sample))
+        console.print(_clouds(topic.name, cloud))
     if not info.clouds:
         console.print('No topic has clouds.')
 
@@ -112,12 +112,12 @@ def _number(value: float, unit: str = '') -> str:
     return '' if math.isnan(value) else f'{value:.3g}{unit}'
 
 
-def _clouds(name: str, cloud: CloudInfo, sample: float) -> Table:
+def _clouds(name: str, cloud: CloudInfo) -> Table:
     from rich.table import Table
 
     table = Table(name, '', show_lines=False)
     table.columns[1].overflow = 'fold'
-    for row in (*_form(cloud), *_lines(cloud.geometry), *_verdict(cloud, sample)):
+    for row in (*_form(cloud), *_lines(cloud.geometry), *_verdict(cloud)):
         table.add_row(*row)
     return table
 
@@ -129,9 +129,10 @@ def _form(cloud: CloudInfo) -> Iterator[tuple[str, str]]:
     yield 'points', f'{height} × {width}, {cloud.step} bytes each'
     for text in cloud.found:
         yield 'found', text
-    yield 'header stamps', f'{_number(cloud.stamps.rate)} Hz, {cloud.stamps.gaps:,} gaps'
+    rate = _number(cloud.stamps.rate, ' Hz') or 'no rate'
+    yield 'header stamps', f'{rate}, {_counted(cloud.stamps.gaps, "gap")}'
     if cloud.stamps.jumps:
-        yield '', f'{cloud.stamps.jumps:,} jumps back'
+        yield '', f'{_counted(cloud.stamps.jumps, "jump")} back'
     yield '', f'{cloud.behind:+.3g} s from the first stamp to its bag time'
 
 
@@ -153,7 +154,7 @@ def _lines(found: ScanGeometry | None) -> Iterator[tuple[str, str]]:
     yield 'no return', f'{100 * found.invalid:.3g} %'
 
 
-def _verdict(cloud: CloudInfo, sample: float) -> Iterator[tuple[str, str]]:
+def _verdict(cloud: CloudInfo) -> Iterator[tuple[str, str]]:
     """Say what the defaults make of the sample."""
     report = cloud.report
     if report is None or not report.messages:
@@ -166,14 +167,16 @@ def _verdict(cloud: CloudInfo, sample: float) -> Iterator[tuple[str, str]]:
         share = 100 * report.rejected / report.points
         untested = 100 * report.untested / report.points
         by = ', '.join(f'{name} {count:,}' for name, count in report.rejected_by.items())
-        first = f'the first {sample:.3g} s, {report.points:,} points'
+        first = f'the first {_counted(report.messages, "cloud")}, {report.points:,} points'
         yield 'defaults reject', f'{share:.3g} % of {first} ({by}); {untested:.3g} % untested'
-        speed = report.points / cloud.seconds
-        yield 'speed here', f'{speed / 1e6:.3g} million points/s, {_times(sample, cloud.seconds)}'
+        speed = f'{report.points / cloud.seconds / 1e6:.3g} million points/s'
+        # Of one cloud nobody knows how long it took to measure.
+        times = report.messages / cloud.stamps.rate / cloud.seconds
+        yield 'speed here', ', '.join(filter(None, [speed, _number(times, ' × real time')]))
 
 
-def _times(sample: float, seconds: float) -> str:
-    return f'{sample / seconds:.3g} × real time'
+def _counted(number: int, name: str) -> str:
+    return f'{number:,} {name}' if number == 1 else f'{number:,} {name}s'
 
 
 def _show_file(console: Console, path: Path) -> None:

@@ -44,7 +44,8 @@ class Gathered:
     sliders : one for each detector
     tally : counts of all points
     kept : the points that can be drawn
-    reasons, names : reasons of some, and the names of their features
+    reasons : of some
+    ways : how the default judged, for people
     codes : what the truth means
     has_frames : whether clouds follow each other in time
 
@@ -57,7 +58,7 @@ class Gathered:
     tally: Tally
     kept: Kept
     reasons: list[Reason]
-    names: tuple[str, ...]
+    ways: tuple[str, ...]
     codes: Codes
     has_frames: bool
 
@@ -101,7 +102,7 @@ def gather(
         tally,
         kept,
         keeper.reasons,
-        chain.reasons.names,
+        tuple(sorted(way.value for way in chain.reasons.ways)),
         codes,
         source.has_frames,
     )

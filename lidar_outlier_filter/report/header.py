@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
-from lidar_outlier_filter.report.groups import CELL, find
+from lidar_outlier_filter.report.feature_texts import REST, TEXTS, reason_text
 from lidar_outlier_filter.report.pack import REASONS
+from lidar_outlier_filter.report.reasons import OF_SUM, OF_WAY
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES
 from lidar_outlier_filter.tuning.output import as_yaml, ros_lines
 
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
 MOST_ON_CURVE = 200
 FARTHEST_ORIGIN = 1000.0  # metres
+MOST_LISTED = 8  # reasons
 SECTION = 1 << 20  # points of a buffer, or one frame that has more
 
 
@@ -35,7 +38,6 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
     """Collect all that is not in the buffers."""
     found, tally = gathered.found, gathered.tally
     sections = split(frames)
-    groups, total = find(gathered.kept, frames)
     return {
         'version': __version__,
         'name': gathered.name,
@@ -53,7 +55,7 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'seconds': (found.ends[-1] - found.starts[0]) / SECOND if found.starts else None,
         'gaps': [list(gap) for gap in found.gaps],
         'chain': list(gathered.parameters.chain),
-        'trees': bool(gathered.names),
+        'ways': list(gathered.ways),
         'hasFrames': gathered.has_frames,
         'together': frames.together,
         'sliders': [
@@ -69,31 +71,46 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'curve': _curve(gathered),
         'sections': len(sections),
         'frames': _frames(gathered, frames, packed, sections),
-        'groups': [
-            {
-                'frame': group.frame,
-                'count': group.count,
-                'middle': _rounded(group.middle),
-                'size': _rounded(group.size),
-                'range': round(group.range, 2),
-                'worst': group.worst,
-            }
-            for group in groups
+        'features': [
+            *([name, TEXTS[way][name]] for way, names in OF_WAY.items() for name in names),
+            *REST,
         ],
-        'allGroups': total,
-        'cell': CELL,
-        'features': list(gathered.names),
+        'ofSum': OF_SUM,
         'reasons': list(REASONS),
+        'removed': _removed(gathered),
         'explained': len(packed.reasons),
-        'detectors': detector_colours(),
+        'detectors': detectors(),
         'intensity': list(packed.intensity),
     }
 
 
-def detector_colours() -> list[dict[str, Any]]:
-    """Name each detector, its number in the words of points, and its colour."""
+def _removed(gathered: Gathered) -> dict[str, Any]:
+    """Say which detectors reject how many points at the given settings, and for which reasons."""
+    tally = gathered.tally
+    reasons = sorted(tally.reasons.items(), key=lambda item: -item[1])
+    return {
+        'detectors': [
+            [one.name, tally.detectors[one.name]]
+            for one in DETECTORS.values()
+            if one.name in tally.detectors
+        ],
+        'reasons': [
+            [REASON_NAMES[number], reason_text(number), count]
+            for number, count in reasons[:MOST_LISTED]
+        ],
+        'others': sum(count for _, count in reasons[MOST_LISTED:]),
+    }
+
+
+def detectors() -> list[dict[str, Any]]:
+    """Name each detector, its number in the words of points, its colour, and what it rejects."""
     return [
-        {'name': one.name, 'number': one.bit.bit_length(), 'colour': one.colour}
+        {
+            'name': one.name,
+            'number': one.bit.bit_length(),
+            'colour': one.colour,
+            'rejects': one.rejects.replace('`', ''),
+        }
         for one in DETECTORS.values()
     ]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.report.reasons import NEAR, STRONGEST
+from lidar_outlier_filter.report.reasons import ADDED, NEAR
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -186,10 +186,9 @@ def _nothing() -> Kept:
 
 
 def table(reasons: list[Reason]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Lay out reasons: (R, STRONGEST) features, and what they add; 0 where there are fewer."""
-    features = np.zeros((len(reasons), STRONGEST), np.uint8)
-    added = np.zeros((len(reasons), STRONGEST), np.float32)
+    """Lay out reasons: (R, ADDED) features, and what they add."""
+    features = np.zeros((len(reasons), ADDED), np.uint8)
+    added = np.zeros((len(reasons), ADDED), np.float32)
     for row, reason in enumerate(reasons):
-        features[row, : len(reason.features)] = reason.features
-        added[row, : len(reason.added)] = reason.added
+        features[row], added[row] = reason.features, reason.added
     return features, added

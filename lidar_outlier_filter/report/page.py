@@ -31,7 +31,7 @@ MODULES = {
     name: f'{name}.js'
     for name in (
         *('three', 'data', 'shaders', 'scene', 'flat'),
-        *('charts', 'panel', 'colours', 'keys'),
+        *('charts', 'panel', 'colours', 'groups', 'keys', 'stage'),
     )
 }
 START = 'main.js'
@@ -96,6 +96,8 @@ def shell(  # noqa: PLR0913  what a page is made of
     """
     whole = whole or asset('page.html')
     for mark, text in (
+        ('<!--head-->\n', asset('head.html')),
+        ('<!--view-->\n', asset('view.html')),
         ('<!--title-->', html.escape(title)),
         ('<!--base-->', f' data-base="{html.escape(base)}"' if base else ''),
         ('<!--style-->', f'<style>{asset("style.css")}</style>'),

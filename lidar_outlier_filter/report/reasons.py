@@ -4,26 +4,40 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import explain
-from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.core.detectors.evidence.contributions import contributions
+from lidar_outlier_filter.core.detectors.evidence.declaration import DETECTOR as EVIDENCE
+from lidar_outlier_filter.core.detectors.evidence.declaration import Way
+from lidar_outlier_filter.core.detectors.evidence.detector import PARTS
+from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import REASONS
+from lidar_outlier_filter.core.detectors.evidence.profile_features import PROFILE
+from lidar_outlier_filter.core.detectors.evidence.survey_far import NAMES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.scores import Scores
+    from lidar_outlier_filter.core.seen import Seen
     from lidar_outlier_filter.core.stream_cloud import StreamCloud
-    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 NEAR = 0.8  # scores above this are explained, too
 MOST_IN_BLOCK = 2000  # points that are explained of those judged together
-STRONGEST = 8  # features that are kept of each
+MOST_IN_CLOUD = 20_000  # of a whole cloud
+STRONGEST = 6  # features that are kept of each
+# Features of every way to judge; one name may mean different things. Parts of a sum stand last.
+OF_WAY = {Way.PATTERN: (*REASONS, *PROFILE), Way.SURVEY: NAMES, Way.SUM: PARTS}
+FEATURES = tuple(name for names in OF_WAY.values() for name in names)
+OF_SUM = len(FEATURES) - len(PARTS)
+# Behind them: all other features together, and what trees say on average.
+OTHERS, AVERAGE = len(FEATURES), len(FEATURES) + 1
+ADDED = STRONGEST + 2
 
 
 @dataclass(frozen=True)
@@ -33,8 +47,11 @@ class Reason:
     Attributes
     ----------
     score : that of the chain, float32
-    features : numbers of those that add most or take away most, the largest first
-    added : what each adds to the log-odds
+    features : (ADDED,) uint8
+        Places in ``FEATURES`` of those that add or take away most, the largest first; then
+        ``OTHERS`` and ``AVERAGE``.
+    added : (ADDED,) float32
+        What each adds to the log-odds; from ``OF_SUM`` on, to the score.
 
     """
 
@@ -49,34 +66,31 @@ class NotedReasons:
 
     Attributes
     ----------
-    names : of the features; empty: nothing was explained
+    ways : how the default judged
 
     """
 
-    names: tuple[str, ...] = ()
+    ways: set[Way] = field(default_factory=set)
     _noted: dict[bytes, tuple[int, list[Reason]]] = field(default_factory=dict)
 
-    def note(self, points: Points, verdict: Verdict, parameters: FilterParameters) -> None:
-        """Explain the points of a block that are rejected, or nearly so."""
-        wanted = _chosen(verdict)
+    def note(self, seen: Seen, score: NDArray[np.float64], parameters: FilterParameters) -> None:
+        """Explain the points that the default rejects, or nearly so."""
+        wanted = _chosen(score, MOST_IN_CLOUD if seen.whole else MOST_IN_BLOCK)
         if not wanted.any():
             return
-        threads, sensor = parameters.threads, parameters.evidence.sensor
-        try:
-            found = explain(points, threads, sensor=sensor, wanted=wanted)
-        except FilterError:  # they have no scan pattern: a weighted sum judged them
-            return
-        self.names = found.names
+        points, single = seen.points, score.astype(np.float32)
+        found = contributions(seen, parameters, wanted)
+        self.ways.add(found.way)
+        places = _places(found.way, found.names)
         where = np.flatnonzero(wanted)
-        added = found.added[:, where]
-        order = np.argsort(-np.abs(added), axis=0, kind='stable')[:STRONGEST]
-        largest = np.take_along_axis(added, order, axis=0)
+        order = np.argsort(-np.abs(found.added), axis=0, kind='stable')[:STRONGEST]
+        largest = np.take_along_axis(found.added, order, axis=0)
+        others = found.added.sum(axis=0) - largest.sum(axis=0)
+        added = np.concatenate([largest, [others, found.average]])
+        rest = np.array([OTHERS, AVERAGE], np.uint8)
         for i, key in enumerate(_keys(points, where)):
-            reason = Reason(
-                float(verdict.score[where[i]]),
-                order[:, i].astype(np.uint8),
-                largest[:, i],
-            )
+            features = np.concatenate([places[order[:, i]], rest])
+            reason = Reason(float(single[where[i]]), features, added[:, i])
             self._noted.setdefault(key, (int(points.t[where[i]]), []))[1].append(reason)
 
     def of(self, cloud: StreamCloud) -> dict[int, Reason]:
@@ -102,33 +116,39 @@ class NotedReasons:
 
 
 class ExplainingChain(Chain):
-    """A chain that notes the reasons of what it rejects."""
+    """A chain that notes the reasons of what the default rejects."""
 
     def __init__(self, parameters: FilterParameters) -> None:
-        """Note reasons where the default judges alone: those of trees."""
+        """Note reasons where the default is one of the chain."""
         # Under `scores` detectors give the strongest reason, too; no verdict depends on it.
         super().__init__(parameters.changed({'scores': True}))
         self.reasons = NotedReasons()
-        self._explains = tuple(parameters.chain) == ('evidence',)
+        self._detectors = [
+            replace(one, detect=self._explained) if one is EVIDENCE else one
+            for one in self._detectors
+        ]
 
-    def judge(self, points: Points) -> Verdict:
-        """Judge valid points, and explain some of them."""
-        verdict = super().judge(points)
-        if self._explains:
-            self.reasons.note(points, verdict, self.parameters)
-        return verdict
+    def _explained(self, seen: Seen, parameters: FilterParameters) -> Scores:
+        found = EVIDENCE.detect(seen, parameters)
+        self.reasons.note(seen, found.score, parameters)
+        return found
 
 
-def _chosen(verdict: Verdict) -> NDArray[np.bool_]:
+def _chosen(score: NDArray[np.float64], most: int) -> NDArray[np.bool_]:
     """Choose the rejected points, then those nearest to it, as far as the bound allows."""
-    near = np.flatnonzero(verdict.score > NEAR)
-    if len(near) > MOST_IN_BLOCK:
-        rejected = verdict.rejected[near]
-        order = np.lexsort((np.arange(len(near)) * 7919 % len(near), ~rejected))
-        near = near[order[:MOST_IN_BLOCK]]
-    wanted = np.zeros(len(verdict), np.bool_)
+    near = np.flatnonzero(score > NEAR)
+    if len(near) > most:
+        order = np.lexsort((np.arange(len(near)) * 7919 % len(near), score[near] <= 1))
+        near = near[order[:most]]
+    wanted = np.zeros(len(score), np.bool_)
     wanted[near] = True
     return wanted
+
+
+def _places(way: Way, names: tuple[str, ...]) -> NDArray[np.uint8]:
+    """Find the features of one way in ``FEATURES``."""
+    before = {Way.PATTERN: 0, Way.SURVEY: len(OF_WAY[Way.PATTERN]), Way.SUM: OF_SUM}[way]
+    return np.array([before + OF_WAY[way].index(name) for name in names], np.uint8)
 
 
 def _keys(points: Points, where: NDArray[np.intp]) -> list[bytes]:

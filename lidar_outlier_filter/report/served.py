@@ -16,7 +16,7 @@ from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.messages.cloud import structured
-from lidar_outlier_filter.report.header import detector_colours
+from lidar_outlier_filter.report.header import detectors
 from lidar_outlier_filter.report.live_clouds import KEPT_SECONDS, MOST_IN_FRAME, LiveClouds
 from lidar_outlier_filter.report.pack import REASONS
 from lidar_outlier_filter.report.page import colour_maps, live_page
@@ -155,7 +155,7 @@ class PageServer:
             'mostInFrame': MOST_IN_FRAME,
             'sliders': sliders_of(self.node.parameters),
             'statuses': self.node.statuses(),
-            'detectors': detector_colours(),
+            'detectors': detectors(),
             'reasons': list(REASONS),
             'colours': colour_maps(),
         }

@@ -4,16 +4,20 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.report.sliders import Slider
     from lidar_outlier_filter.report.sources import ReportCloud
@@ -57,6 +61,9 @@ class Tally:
         self.clouds: dict[int, int] = {}  # points of each cloud, by its number
         self.by_cloud: list[list[dict[int, int]]] = [[{} for _ in one.values] for one in sliders]
         self.untested = 0
+        # Points that are rejected at the given settings, by who rejects them, and by their reasons.
+        self.detectors: Counter[str] = Counter()
+        self.reasons: Counter[int] = Counter()
         self.scores = np.zeros((2, SCORE_BINS), np.int64)  # of good or unknown points, and of bad
         self._codes = codes
         self._truth: list[tuple[NDArray[np.float32], Mask]] = []
@@ -67,6 +74,7 @@ class Tally:
         bad, good = self._split(cloud)
         _add(self.all, cloud, np.ones(len(score), np.bool_), bad, good)
         self.clouds[cloud.number] = len(score)
+        self._count_reasons(cloud.verdict)
         known = ~np.isnan(score)
         self.untested += int(np.count_nonzero(~known))
         scaled = np.minimum(score[known], LARGEST_SCORE) * (SCORE_BINS / LARGEST_SCORE)
@@ -76,6 +84,16 @@ class Tally:
         if cloud.code is not None:
             counted = bad | good
             self._truth.append((score[counted], bad[counted]))
+
+    def _count_reasons(self, verdict: Verdict) -> None:
+        bits = verdict.detectors[verdict.rejected]
+        for one in DETECTORS.values():
+            if count := int(np.count_nonzero(bits & one.bit)):
+                self.detectors[one.name] += count
+        numbers, counts = np.unique(verdict.reason[verdict.rejected], return_counts=True)
+        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+            if number:
+                self.reasons[number] += count
 
     def add_step(self, slider: int, step: int, cloud: ReportCloud, rejected: Mask) -> None:
         """Count the points of a cloud that a step rejects."""

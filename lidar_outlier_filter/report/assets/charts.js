@@ -3,7 +3,7 @@
 
 // Figures as SVG, drawn anew at each step of a slider from exact counts.
 
-import { isRejected, place } from 'data';
+import { drawMap } from 'flat';
 
 const SVG = 'http://www.w3.org/2000/svg';
 const WIDTH = 420;
@@ -106,7 +106,7 @@ export class Charts {
     if (this.ranges) this.drawRanges(counts);
     if (this.time) this.drawTime(slider, state);
     if (this.roc) this.drawRoc(slider, state);
-    this.drawMap(state);
+    if (state.box) drawMap(this.canvas, this.data, state.box, state);
   }
 
   drawScores(slider, state) {
@@ -191,51 +191,22 @@ export class Charts {
       }));
     });
   }
-
-  drawMap(state) {
-    const ratio = 420 / 200;
-    const canvas = this.canvas;
-    canvas.width = 840;
-    canvas.height = 400;
-    const view = state.box;
-    if (!view) return;
-    const [dx, dy] = view.extent;
-    const scale = Math.min(canvas.width / (dx * 1.08), canvas.height / (dy * 1.08));
-    const context = canvas.getContext('2d');
-    const style = getComputedStyle(document.documentElement);
-    context.clearRect(0, 0, canvas.width, canvas.height);
-    const there = [0, 0, 0];
-    const draw = (frame, i, size) => {
-      place(frame, i, there);
-      const x = canvas.width / 2 + (there[0] - view.centre[0]) * scale;
-      const y = canvas.height / 2 - (there[1] - view.centre[1]) * scale;
-      context.fillRect(x - size / 2, y - size / 2, size, size);
-    };
-    context.fillStyle = style.getPropertyValue('--low');
-    const each = Math.max(60, Math.ceil(60000 / this.data.frames.length));
-    for (const frame of this.data.frames) {
-      const last = Math.min(frame.count, frame.marked + each);
-      for (let i = 0; i < last; i += 1) draw(frame, i, ratio);
-    }
-    context.fillStyle = style.getPropertyValue('--rejected');
-    for (const frame of this.data.frames) {
-      for (let i = 0; i < frame.marked; i += 1) if (isRejected(frame, i, state.bit)) draw(frame, i, 4);
-    }
-  }
 }
 
-// What each feature adds, as bars to the right (for a rejection) and to the left (against it).
+// What each feature adds, as bars to the right (for a rejection) and to the left (against it), with
+// its name, and what it is.
 export function bars(features) {
-  const height = 21 * features.length + 4;
-  const svg = element('svg', { class: 'bars', viewBox: `0 0 330 ${height}`, role: 'img' });
-  svg.setAttribute('aria-label', features.map(([name, value]) => `${name} ${value.toFixed(2)}`).join(', '));
+  const each = 36;
+  const svg = element('svg', { class: 'bars', viewBox: `0 0 330 ${each * features.length + 4}`, role: 'img' });
+  svg.setAttribute('aria-label', features.map(([[name, text], value]) => `${name}, ${text}: ${value.toFixed(2)}`).join('; '));
   const most = Math.max(...features.map(([, value]) => Math.abs(value)), 1e-6);
-  features.forEach(([name, value], i) => {
-    const y = 21 * i + 2;
+  features.forEach(([[name, text], value], i) => {
+    const y = each * i + 2;
     const width = (Math.abs(value) / most) * 78;
     svg.append(element('text', { x: 0, y: y + 13 }, name));
     svg.append(element('rect', { class: value > 0 ? 'for' : 'against', x: value > 0 ? 200 : 200 - width, y: y + 3, width, height: 12, rx: 1.5 }));
     svg.append(element('text', { class: 'soft', x: 328, y: y + 13, 'text-anchor': 'end' }, `${value > 0 ? '+' : '−'}${Math.abs(value).toFixed(2)}`));
+    svg.append(element('text', { class: 'about', x: 0, y: y + 27 }, text));
   });
   return svg;
 }

@@ -17,8 +17,8 @@ function bytes(text) {
   return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 }
 
-// Colours by reason: those that are the strongest most often have one of their own.
-export function reasonColours(data, state) {
+// Colours by reason: the known ones first, then those that are the strongest most often.
+export function reasonColours(data, state, known = []) {
   const often = new Map();
   for (const frame of data.frames) {
     for (let i = 0; i < frame.marked; i += 1) {
@@ -26,9 +26,10 @@ export function reasonColours(data, state) {
       if (reason) often.set(reason, (often.get(reason) ?? 0) + 1);
     }
   }
-  const order = [...often].sort((a, b) => b[1] - a[1]);
+  for (const reason of known) often.delete(reason);
+  const order = [...known, ...[...often].sort((a, b) => b[1] - a[1]).map(([reason]) => reason)];
   state.others = order.length > REASON_COLOURS.length;
-  return order.slice(0, REASON_COLOURS.length).map(([reason], i) => [reason, REASON_COLOURS[i]]);
+  return order.slice(0, REASON_COLOURS.length).map((reason, i) => [reason, REASON_COLOURS[i]]);
 }
 
 function palette({ header }, state) {
@@ -70,6 +71,7 @@ export function legend(parent, data, state, view, near) {
     for (const one of data.header.detectors) if (data.header.chain.includes(one.name)) dot(detectorColour(one), one.name);
   } else if (state.mode === REASON) {
     for (const [reason, colour] of state.reasons) dot(colour, data.header.reasons[reason - 1]);
+    if (!state.reasons.length) dots.push(node('span', {}, 'no reason is known: the node says them under scores: true'));
     dot(style('--bar'), state.others ? 'others, or kept at the given settings' : 'kept at the given settings');
   } else if (state.mode === TRUTH) {
     dot(style('--near'), 'found');

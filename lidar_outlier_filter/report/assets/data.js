@@ -8,6 +8,7 @@
 export const BITS = 21; // of a point's last word, for the steps of the sliders
 export const UNTESTED = 1023;
 export const SCORE_UNIT = 256;
+export const LARGEST_SCORE = (UNTESTED - 1) / SCORE_UNIT; // and what is larger
 export const BAD = 2;
 export const ROW = 20; // numbers of a point with reasons
 
@@ -95,6 +96,11 @@ export function place(frame, i, out) {
 
 export const stepBit = (slider, step) => (1 << (slider.first + step)) >>> 0;
 export const lineOf = (frame, i) => frame.words[4 * i + 3] >>> BITS;
+export function scoreOf(frame, i) {
+  const score = frame.words[4 * i + 2] & 0x3ff;
+  return score === UNTESTED ? null : score / SCORE_UNIT;
+}
+
 export const isRejected = (frame, i, bit) => (frame.words[4 * i + 3] & bit) !== 0;
 
 // Where the points are, metres, from an even sample: middle and size of 96 % of them, for a view, and
@@ -128,12 +134,11 @@ export function measure(data) {
 export function describe(data, number, i) {
   const frame = data.frames[number];
   const word = frame.words[4 * i + 2];
-  const score = word & 0x3ff;
   const point = {
     frame: number,
     index: i,
     place: place(frame, i, [0, 0, 0]),
-    score: score === UNTESTED ? NaN : score / SCORE_UNIT,
+    score: scoreOf(frame, i) ?? NaN,
     exact: false,
     intensity: intensityOf(data.header, (word >>> 10) & 0x7f),
     reason: data.header.reasons[((word >>> 17) & 0x7f) - 1] ?? '',
@@ -141,6 +146,7 @@ export function describe(data, number, i) {
     truth: (word >>> 28) & 3,
     line: lineOf(frame, i),
     features: [],
+    ofSum: false, // what features add is part of the score
   };
   if (i < frame.explained) {
     const row = data.reasons.subarray(ROW * (frame.row + i), ROW * (frame.row + i + 1));
@@ -149,6 +155,7 @@ export function describe(data, number, i) {
     for (let f = 0; f < 8; f += 1) {
       if (row[12 + f] !== 0) point.features.push([data.header.features[row[4 + f]], row[12 + f]]);
     }
+    point.ofSum = row[4] >= data.header.ofSum;
   }
   return point;
 }

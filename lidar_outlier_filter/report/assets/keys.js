@@ -4,6 +4,7 @@
 // Keys that move the view, and the table that lists all keys.
 
 import { node } from 'panel';
+import { setView } from 'stage';
 
 const TURN = 0.08; // rad
 const FLY = 0.06; // of the distance to what is looked at
@@ -14,7 +15,7 @@ const MOVES = [
 const POINTER = [['drag', 'turn; right button: move'], ['?', 'these keys']];
 
 // `more` are the page's own actions by key, `names` how the table lists them.
-export function listenToKeys(view, setView, more, names) {
+export function listenToKeys(view, more, names) {
   const at = (id) => document.getElementById(id);
   const actions = {
     ArrowLeft: () => view()?.turn(-TURN, 0), ArrowRight: () => view()?.turn(TURN, 0),
@@ -22,7 +23,7 @@ export function listenToKeys(view, setView, more, names) {
     w: () => view()?.fly(FLY, 0, 0), s: () => view()?.fly(-FLY, 0, 0), a: () => view()?.fly(0, -FLY, 0),
     d: () => view()?.fly(0, FLY, 0), e: () => view()?.fly(0, 0, FLY), q: () => view()?.fly(0, 0, -FLY),
     '+': () => view()?.zoom(1.15), '=': () => view()?.zoom(1.15), '-': () => view()?.zoom(1 / 1.15),
-    1: () => setView('orbit'), 2: () => setView('top'), 3: () => setView('side'),
+    1: () => setView(view(), 'orbit'), 2: () => setView(view(), 'top'), 3: () => setView(view(), 'side'),
     ...more,
   };
   const toggle = () => {

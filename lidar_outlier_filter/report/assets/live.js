@@ -5,12 +5,12 @@
 // parameters. Groups, reasons by feature, figures and exact counts are for recordings only.
 
 import { describe, isRejected, measure, neighbours, readFrames, samePointLine } from 'data';
-import { View } from 'scene';
 import { drawFlat } from 'flat';
 import { count, percent } from 'charts';
 import { list, node, showPoint } from 'panel';
-import { DETECTOR, HEIGHT, INTENSITY, MODES, SCORE, colours, legend as drawLegend } from 'colours';
+import { DETECTOR, HEIGHT, INTENSITY, MODES, REASON, SCORE, colours, legend as drawLegend, reasonColours } from 'colours';
 import { listenToKeys } from 'keys';
+import { listenToStage, openView, placeRing, setView } from 'stage';
 
 const at = (id) => document.getElementById(id);
 const PERIOD = 500; // milliseconds from one question to the next
@@ -18,7 +18,7 @@ const LEVELS = ['OK', 'Warning', 'Error', 'Stale'];
 const KEYS = [['space', 'hold, go on']];
 
 const state = { bit: 1, mode: INTENSITY, show: 0, newest: true, hold: false, last: -1, topic: '', point: null, reasons: [], firstFrame: 0, lastFrame: 0 };
-const data = { header: { intensity: [0, 0], explained: 0, features: [], trees: false }, frames: [] };
+const data = { header: { intensity: [0, 0], explained: 0, features: [], ways: [] }, frames: [] };
 let view = null;
 let flat = false; // pictures instead: there is no WebGL
 let sliders = '';
@@ -33,28 +33,19 @@ async function ask(path, asked = {}, options = {}) {
 
 // --- Clouds ----------------------------------------------------------------------------------
 
-function openView() {
-  try {
-    view = new View(at('canvas'), data);
-  } catch (error) {
-    flat = true;
-    const plain = at('canvas').cloneNode();
-    at('canvas').replaceWith(plain);
-    at('shown').textContent = `Pictures only: ${error.message}`;
-    for (const id of ['mode', 'show']) at(id).disabled = true;
-    for (const button of document.querySelectorAll('[data-view]')) button.disabled = true;
-    return;
-  }
-  view.setColours(colours(data, state));
+function open() {
+  view = openView(data, state);
+  flat = !view;
+  if (flat) return;
   view.shared.nearBits.value = 2;
   view.full = true;
   view.listeners.push((drawn) => {
     const frames = data.frames.slice(state.firstFrame, state.lastFrame + 1);
     const all = frames.reduce((sum, frame) => sum + frame.points, 0);
     at('shown').textContent = `${count(drawn)} of ${count(all)} points drawn`;
-    placeRing();
+    ringPoint();
   });
-  setView('orbit');
+  setView(view, 'orbit');
 }
 
 function take(header) {
@@ -65,14 +56,25 @@ function take(header) {
   const first = !view && !flat;
   if (first) {
     data.frames.push(...frames);
-    openView();
+    open();
     legend();
   } else {
     for (const frame of frames) if (view) view.push(frame); else data.frames.push(frame);
     while (data.frames[0].number < header.oldest) if (view) view.shift(); else data.frames.shift();
   }
+  colourReasons();
   clearPoint();
   showFrames();
+}
+
+// A reason that has a colour keeps it.
+function colourReasons() {
+  const known = state.reasons.map(([reason]) => reason);
+  const found = reasonColours(data, state, known);
+  if (found.length === known.length && found.every(([reason], i) => reason === known[i])) return;
+  state.reasons = found;
+  view?.setColours(colours(data, state));
+  legend();
 }
 
 function showFrames() {
@@ -173,7 +175,7 @@ function showTopics(topics) {
 
 // --- A point ---------------------------------------------------------------------------------
 
-function choose({ frame: number, index }) {
+function choose(number, index) {
   const frame = data.frames[number];
   const near = neighbours(frame, index, 8);
   const line = samePointLine(frame, index);
@@ -182,7 +184,7 @@ function choose({ frame: number, index }) {
   showPoint(at('point-text'), data, point, { rejected: isRejected(frame, index, 1), near: near.map(([, d]) => d), inLine: line.length });
   view.setMarks(0, frame, near.map(([i]) => i));
   view.setMarks(1, frame, line.length > 3000 ? line.filter((_, i) => i % Math.ceil(line.length / 3000) === 0) : line);
-  placeRing();
+  ringPoint();
 }
 
 function clearPoint() {
@@ -190,21 +192,12 @@ function clearPoint() {
   state.point = null;
   at('point-text').replaceChildren(node('p', { class: 'quiet' }, 'Hold the picture, then click a point.'));
   for (const which of [0, 1]) view?.setMarks(which, null, []);
-  placeRing();
+  ringPoint();
 }
 
-function placeRing() {
-  const there = state.point && view ? view.project(state.point.place) : null;
-  at('ring').hidden = !there;
-  if (there) [at('ring').style.left, at('ring').style.top] = there.map((value) => `${value}px`);
-}
+const ringPoint = () => placeRing(view, state.point?.place);
 
 // --- Controls --------------------------------------------------------------------------------
-
-function setView(name) {
-  view?.look(name);
-  for (const button of document.querySelectorAll('[data-view]')) button.setAttribute('aria-pressed', button.dataset.view === name);
-}
 
 function setNewest(newest) {
   state.newest = newest;
@@ -219,15 +212,8 @@ function hold() {
 }
 
 function listen() {
-  for (const i of [INTENSITY, HEIGHT, SCORE, DETECTOR]) at('mode').append(node('option', { value: i }, MODES[i]));
-  for (const name of ['mode', 'show']) {
-    at(name).addEventListener('change', () => {
-      state[name] = Number(at(name).value);
-      view?.set(name, state[name]);
-      legend();
-    });
-  }
-  for (const button of document.querySelectorAll('[data-view]')) button.addEventListener('click', () => setView(button.dataset.view));
+  for (const i of [INTENSITY, HEIGHT, SCORE, DETECTOR, REASON]) at('mode').append(node('option', { value: i }, MODES[i]));
+  listenToStage(data, state, { legend, choose, view: () => view, redraw: showFrames });
   at('newest').addEventListener('click', () => setNewest(true));
   at('all').addEventListener('click', () => setNewest(false));
   at('hold').addEventListener('click', hold);
@@ -236,19 +222,7 @@ function listen() {
     forget();
     showFrames();
   });
-  listenToKeys(() => view, setView, { ' ': hold }, KEYS);
-  let down = null;
-  at('canvas').addEventListener('pointerdown', (event) => { down = [event.offsetX, event.offsetY]; });
-  at('canvas').addEventListener('pointerup', (event) => {
-    if (!view || !down || Math.hypot(event.offsetX - down[0], event.offsetY - down[1]) > 4) return;
-    const found = view.pick(event.offsetX, event.offsetY, 1);
-    if (found) choose(found);
-  });
-  matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
-    view?.setColours(colours(data, state));
-    legend();
-    showFrames();
-  });
+  listenToKeys(() => view, { ' ': hold }, KEYS);
 }
 
 async function poll() {

@@ -2,12 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 
 import { PageSource, ServedSource, describe, isRejected, load, measure, neighbours, samePointLine, stepBit } from 'data';
-import { View } from 'scene';
 import { drawFlat } from 'flat';
 import { Charts, count, percent } from 'charts';
-import { list, node, showFound, showGroups, showPoint } from 'panel';
-import { INTENSITY, MODES, REASON, TRUTH, colours, legend as drawLegend, reasonColours } from 'colours';
+import { list, node, showFound, showGroups, showPoint, showRemoved } from 'panel';
+import { INTENSITY, MODES, REASON, TRUTH, legend as drawLegend, reasonColours } from 'colours';
+import { connect, findGroups } from 'groups';
 import { listenToKeys } from 'keys';
+import { listenToStage, openView, placeRing, setView } from 'stage';
 
 const at = (id) => document.getElementById(id);
 const NEAR_STEPS = 2; // "near the threshold": rejected by one of so many stricter steps
@@ -23,6 +24,7 @@ let view = null;
 let charts;
 let playing = 0;
 let flatPending = false;
+let finding = 0;
 
 function legend() {
   drawLegend(at('legend'), data, state, view, `kept, rejected ${NEAR_STEPS} steps stricter`);
@@ -88,6 +90,7 @@ function setStep(number, step) {
   at('yaml').textContent = slider.yaml[state.step];
   at('lines').textContent = slider.lines[state.step].join('\n') || '# nothing to set: these are the defaults';
   charts.update(state);
+  listGroups();
   if (state.point) choose(state.point.frame, state.point.index);
   redraw();
 }
@@ -152,18 +155,36 @@ function choose(number, index) {
     const each = Math.ceil(line.length / 3000);
     view.setMarks(1, frame, line.filter((i, k) => k % each === 0 && !isRejected(frame, i, state.bit)));
   }
-  placeRing();
+  ringPoint();
 }
 
-function placeRing() {
-  const ring = at('ring');
-  const there = state.point && view ? view.project(describe(data, state.point.frame, state.point.index).place) : null;
-  ring.hidden = !there;
-  if (there) [ring.style.left, ring.style.top] = there.map((value) => `${value}px`);
+function ringPoint() {
+  placeRing(view, state.point ? describe(data, state.point.frame, state.point.index).place : null);
+}
+
+// Finding groups takes longer than a slider may.
+function listGroups() {
+  clearTimeout(finding);
+  finding = setTimeout(() => {
+    if (state.found.bit === state.bit) return;
+    state.group = -1;
+    state.found = { bit: state.bit, ...findGroups(data, state.bit) };
+    groupsAgain();
+  }, 100);
+}
+
+function groupsAgain() {
+  const slider = data.header.sliders[state.slider];
+  const settings = state.step === slider.given ? 'at the given settings' : `at ${slider.name} ${slider.texts[state.step]}`;
+  showGroups(at('groups'), at('groups-about'), data, state.found, settings, (number) => {
+    chooseGroup(number);
+    // In one column the list is far below the points that it flies to.
+    if (matchMedia('(max-width: 1000px)').matches) at('stage').scrollIntoView();
+  });
 }
 
 function chooseGroup(number) {
-  const { groups } = data.header;
+  const { groups } = state.found;
   if (!groups.length) return;
   state.group = (number + groups.length) % groups.length;
   const group = groups[state.group];
@@ -174,16 +195,12 @@ function chooseGroup(number) {
     } else button.removeAttribute('aria-current');
   });
   if (state.single) setFrames(true, group.frame);
-  if (view) view.flyTo(group.middle, Math.max(...group.size, 2));
+  const middle = group.low.map((low, a) => (low + group.high[a]) / 2);
+  if (view) view.flyTo(middle, Math.max(...group.high.map((high, a) => high - group.low[a]), 2));
   choose(group.frame, group.worst);
 }
 
 // --- Start -----------------------------------------------------------------------------------
-
-function setView(name) {
-  if (view) view.look(name);
-  for (const button of document.querySelectorAll('[data-view]')) button.setAttribute('aria-pressed', button.dataset.view === name);
-}
 
 function listen() {
   const { header } = data;
@@ -192,24 +209,17 @@ function listen() {
     if (i === TRUTH && !header.hasTruth) continue;
     at('mode').append(node('option', { value: i }, name));
   }
-  at('mode').addEventListener('change', () => {
-    state.mode = Number(at('mode').value);
-    view?.set('mode', state.mode);
-    legend();
+  listenToStage(data, state, {
+    legend, choose, view: () => view,
+    redraw: () => { charts.update(state); redraw(); },
   });
-  at('show').addEventListener('change', () => {
-    state.show = Number(at('show').value);
-    view?.set('show', state.show);
-    legend();
-  });
-  for (const button of document.querySelectorAll('[data-view]')) button.addEventListener('click', () => setView(button.dataset.view));
   at('whole').addEventListener('click', () => setFrames(false));
   at('single').addEventListener('click', () => setFrames(true));
   at('play').addEventListener('click', play);
   at('frame').max = data.frames.length - 1;
   at('frame').addEventListener('input', () => setFrames(true, Number(at('frame').value)));
   at('time').hidden = data.frames.length < 2;
-  listenToKeys(() => view, setView, {
+  listenToKeys(() => view, {
     '[': () => setFrames(true, state.frame - 1), ']': () => setFrames(true, state.frame + 1), ' ': play,
     g: () => chooseGroup(state.group + 1),
     '<': () => setStep(state.slider, state.step - 1), '>': () => setStep(state.slider, state.step + 1),
@@ -217,19 +227,6 @@ function listen() {
   for (const button of document.querySelectorAll('[data-copy]')) {
     button.addEventListener('click', () => copy(at(button.dataset.copy), button));
   }
-  let down = null;
-  at('canvas').addEventListener('pointerdown', (event) => { down = [event.offsetX, event.offsetY]; });
-  at('canvas').addEventListener('pointerup', (event) => {
-    if (!view || !down || Math.hypot(event.offsetX - down[0], event.offsetY - down[1]) > 4) return;
-    const found = view.pick(event.offsetX, event.offsetY, state.bit);
-    if (found) choose(found.frame, found.index);
-  });
-  matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
-    view?.setColours(colours(data, state));
-    charts.update(state);
-    legend();
-    redraw();
-  });
 }
 
 async function copy(from, button) {
@@ -245,24 +242,14 @@ async function copy(from, button) {
   setTimeout(() => { button.textContent = 'Copy'; }, 1500);
 }
 
-function openView() {
-  try {
-    view = new View(at('canvas'), data);
-  } catch (error) {
-    const plain = at('canvas').cloneNode(); // one that had another context has no 2-D
-    at('canvas').replaceWith(plain);
-    at('shown').textContent = `Pictures only: ${error.message}`;
-    for (const id of ['mode', 'show']) at(id).disabled = true;
-    for (const button of document.querySelectorAll('[data-view]')) button.disabled = true;
-    return;
+function showDrawn(drawn) {
+  if (!times.first) {
+    view.finish();
+    times.first = performance.now();
   }
-  view.setColours(colours(data, state));
-  view.listeners.push((drawn) => {
-    if (!times.first) times.first = performance.now();
-    const { header } = data;
-    at('shown').textContent = `${count(drawn)} of ${count(header.all.points)} points drawn`;
-    placeRing();
-  });
+  const rest = view.full ? '' : ', the rest follows';
+  at('shown').textContent = `${count(drawn)} of ${count(data.header.all.points)} points drawn${rest}`;
+  ringPoint();
 }
 
 async function start() {
@@ -278,22 +265,24 @@ async function start() {
     return;
   }
   state.reasons = reasonColours(data, state);
-  openView();
+  view = openView(data, state);
+  view?.listeners.push(showDrawn);
   times.opened = performance.now();
   const { middle, whole } = view ?? measure(data);
   state.box = { centre: middle, extent: whole };
   charts = new Charts(at('charts'), data);
   makeSliders();
   listen();
-  showGroups(at('groups'), at('groups-about'), data, (number) => {
-    chooseGroup(number);
-    // In one column the list is far below the points that it flies to.
-    if (matchMedia('(max-width: 1000px)').matches) at('stage').scrollIntoView();
-  });
+  showRemoved(at('removed-text'), data.header);
   showFound(document.querySelector('#found dl'), data.header);
   at('footer').textContent = `lidar-outlier-filter ${data.header.version}. Everything is in this file.`;
-  setView('orbit');
-  const most = data.header.groups[0]?.frame ?? 0;
+  setView(view, 'orbit');
+  state.slider = 0;
+  state.step = data.header.sliders[0].given;
+  state.bit = stepBit(data.header.sliders[0], state.step);
+  state.found = { bit: state.bit, ...findGroups(data, state.bit) };
+  groupsAgain();
+  const most = state.found.groups[0]?.frame ?? 0;
   // Frames that lie on each other are shown one by one, those of a drive together.
   setFrames(!data.header.together, most);
   legend();
@@ -304,4 +293,4 @@ async function start() {
 }
 
 start();
-window.report = { state, times, choose, setStep, setFrames, view: () => view, data: () => data };
+window.report = { state, times, choose, connect, setStep, setFrames, view: () => view, data: () => data };

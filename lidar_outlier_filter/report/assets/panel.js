@@ -3,8 +3,9 @@
 
 // What the page says of a point, of the groups, and of the source.
 
-import { BAD } from 'data';
+import { BAD, LARGEST_SCORE } from 'data';
 import { bars, count, percent } from 'charts';
+import { CELL } from 'groups';
 
 export function node(name, attributes = {}, ...children) {
   const made = document.createElement(name);
@@ -22,12 +23,18 @@ export function list(parent, rows) {
 
 const metres = (values) => values.map((value) => value.toFixed(2)).join(', ');
 
+function scoreText({ score, exact }) {
+  if (Number.isNaN(score)) return 'untested';
+  if (exact) return score.toPrecision(4);
+  return score >= LARGEST_SCORE ? `${score.toFixed(2)} or more` : `about ${score.toFixed(2)}`;
+}
+
 // A point: its fields, its score, why, its neighbours.
 export function showPoint(parent, data, point, about) {
   const { header } = data;
   const detector = header.detectors.find((one) => one.number === point.detector);
   const rows = [
-    ['score', Number.isNaN(point.score) ? 'untested' : `${point.exact ? point.score.toPrecision(4) : `about ${point.score.toFixed(2)}`}`],
+    ['score', scoreText(point)],
     ['verdict', about.rejected ? `rejected${detector ? ` by ${detector.name}` : ''}` : 'kept'],
     ['x, y, z', `${metres(point.place)} m`],
   ];
@@ -42,34 +49,64 @@ export function showPoint(parent, data, point, about) {
   const facts = node('dl', { id: 'facts' });
   list(facts, rows);
   parent.replaceChildren(facts);
-  if (point.features.length) {
-    parent.append(node('h3', {}, 'Why: what features add to the log-odds'), bars(point.features));
-  } else if (header.trees) {
-    const text = header.explained === 1 ? '1 point is' : `${count(header.explained)} points are`;
-    parent.append(node('p', { class: 'quiet', style: 'margin-top:8px' }, `No reasons here: ${text} explained, rejected or near the threshold.`));
-  }
+  parent.append(...why(header, point, detector));
 }
 
-export function showGroups(parent, about, data, choose) {
-  const { groups, allGroups } = data.header;
-  const listed = groups.length < allGroups ? `The largest ${groups.length} of ${count(allGroups)}` : `${count(allGroups)}`;
+// What each feature adds, or why that is not said.
+function why(header, point, detector) {
+  if (point.features.length) {
+    const title = point.ofSum ? 'Why: parts of the score, rejected above 1' : 'Why: what adds up to the log-odds';
+    return [node('h3', {}, title), bars(point.features)];
+  }
+  let text = '';
+  if (detector && detector.name !== 'evidence') {
+    text = `${detector.name} rejects what ${detector.rejects}. It measures one thing: the score is that ÷ its critical value.`;
+  } else if (header.explained) {
+    text = `No reasons here: ${count(header.explained)} ${header.explained === 1 ? 'point is' : 'points are'} explained, rejected or near the threshold.`;
+  }
+  return text ? [node('p', { class: 'quiet why' }, text)] : [];
+}
+
+// Which detectors reject how many points at the given settings, and for which reasons.
+export function showRemoved(parent, { removed, chain }) {
+  const row = (name, text, number) => node('li', {}, node('div', {}, node('b', {}, name), text ? node('small', {}, text) : ''), node('span', {}, count(number)));
+  const found = new Map(removed.detectors);
+  parent.append(node('p', { class: 'quiet' }, 'At the given settings.'));
+  parent.append(node('ul', { class: 'removed' }, ...chain.map((name) => row(name, '', found.get(name) ?? 0))));
+  if (!removed.reasons.length) return;
+  parent.append(node('h3', {}, 'By the strongest reason'));
+  const reasons = removed.reasons.map(([name, text, number]) => row(name, text, number));
+  if (removed.others) reasons.push(row('others', '', removed.others));
+  parent.append(node('ul', { class: 'removed' }, ...reasons));
+}
+
+// The largest groups of rejected points. `settings` says at which settings.
+export function showGroups(parent, about, data, { groups, total }, settings, choose) {
+  const { header } = data;
+  const listed = groups.length < total ? `The largest ${groups.length} of ${count(total)}` : `${count(total)}`;
+  const drawn = header.drawn < header.all.points ? ' that are drawn' : '';
   about.textContent = groups.length
-    ? `${listed}, at the given settings: rejected points in touching cells of ${data.header.cell} m${data.header.together ? '' : ', frame by frame'}.` : 'No point is rejected at the given settings.';
-  groups.forEach((group, i) => {
-    const size = Math.max(...group.size);
+    ? `${listed}, ${settings}: rejected points${drawn} in touching cells of ${CELL} m${header.together ? '' : ', frame by frame'}.`
+    : `No point is rejected ${settings}.`;
+  parent.replaceChildren(...groups.map((group, i) => {
+    const wide = Math.max(...group.high.map((value, a) => value - group.low[a]));
+    const text = [];
+    if (wide >= 0.005) text.push(`${wide.toFixed(2)} m wide`);
+    // Where points were moved, their range is not their distance from the origin.
+    if (header.hasRange && !header.moved) text.push(`${group.range.toFixed(1)} m away`);
     const button = node('button', { type: 'button' },
       node('b', {}, `${count(group.count)} ${group.count === 1 ? 'point' : 'points'}`),
-      node('span', {}, `${size >= 0.005 ? `${size.toFixed(2)} m wide` : ''}${size >= 0.005 && data.header.hasRange ? ', ' : ''}${data.header.hasRange ? `${group.range.toFixed(1)} m away` : ''}`));
+      node('span', {}, text.join(', ')));
     button.addEventListener('click', () => choose(i));
-    parent.append(node('li', {}, button));
-  });
+    return node('li', {}, button);
+  }));
 }
 
 export function showFound(parent, header) {
   const rows = [];
   if (header.topic) rows.push(['topic', header.topic]);
   rows.push(['read as', header.convention || 'no cloud had a valid point']);
-  rows.push(['judged by', `${header.chain.join(', ')}${header.trees ? ', trees on the scan pattern' : ''}`]);
+  rows.push(['judged by', `${header.chain.join(', ')}${header.ways.length ? `: ${header.ways.join('; ')}` : ''}`]);
   if (header.hasFrames) {
     const rate = header.period ? `, one in ${Number((1000 * header.period).toPrecision(3))} ms` : '';
     rows.push(['clouds', `${count(header.clouds)}${rate}${header.seconds ? `, ${header.seconds.toFixed(2)} s` : ''}`]);

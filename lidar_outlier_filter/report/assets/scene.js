@@ -11,6 +11,7 @@ import {
 import { isRejected, measure, place } from 'data';
 import { FRAGMENT, MARK_FRAGMENT, MARK_VERTEX, VERTEX } from 'shaders';
 
+const SETTLED = 180; // milliseconds without a move before all points are drawn
 const SOFTWARE = /swiftshader|llvmpipe|software|basic render/i;
 
 export class View {
@@ -21,6 +22,7 @@ export class View {
     const gl = canvas.getContext('webgl2', { antialias: false, powerPreference: 'high-performance' });
     if (!gl) throw new Error('no WebGL 2');
     this.renderer = new WebGLRenderer({ canvas, context: gl, antialias: false });
+    this.renderer.debug.checkShaderErrors = false;
     const info = gl.getExtension('WEBGL_debug_renderer_info');
     const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : '';
     this.software = SOFTWARE.test(name);
@@ -237,10 +239,10 @@ export class View {
     this.moved();
   }
 
+  // A picture of some points first, at once; of all of them when nothing has moved for a while.
   moved() {
     this.full = false;
     clearTimeout(this.settling);
-    this.settling = setTimeout(() => { this.full = true; this.draw(); }, 180);
     this.draw();
   }
 
@@ -255,6 +257,7 @@ export class View {
     let visible = 0;
     this.objects.forEach((object, i) => { if (object.visible) visible += this.data.frames[i].count; });
     const share = this.full ? 1 : Math.min(1, this.budget / Math.max(visible, 1));
+    if (share === 1) this.full = true;
     let drawn = 0;
     this.objects.forEach((object, i) => {
       const frame = this.data.frames[i];
@@ -263,7 +266,16 @@ export class View {
       if (object.visible) drawn += count;
     });
     this.renderer.render(this.scene, this.camera);
+    // The pause begins behind the picture, which may take longer itself.
+    clearTimeout(this.settling);
+    if (!this.full) this.settling = setTimeout(() => { this.full = true; this.draw(); }, SETTLED);
     for (const listener of this.listeners) listener(drawn, visible);
+  }
+
+  // Wait until the picture is there: drawing only asks for it.
+  finish() {
+    const gl = this.renderer.getContext();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
   }
 
   // Where a point is on the screen, CSS pixels; null: behind the eye.

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,7 @@ from lidar_outlier_filter.parameters.detectors import Evidence
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.evidence.pattern import FoundPattern
     from lidar_outlier_filter.core.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -29,16 +31,34 @@ if TYPE_CHECKING:
     Numbers = NDArray[np.uint8]
 
 
+class Way(Enum):
+    """How the default judges a cloud, for people."""
+
+    PATTERN = 'trees on the scan pattern'
+    SURVEY = 'trees on the neighbours of each point'
+    SUM = 'a weighted sum of features'
+
+
+def choose(seen: Seen, parameters: FilterParameters) -> tuple[Way, FoundPattern | None]:
+    """Choose how points are judged, and find their scan pattern where that does it."""
+    points, sensor = seen.points, parameters.evidence.sensor
+    if sensor == 'survey' or (seen.whole and not has_lines(points)):
+        return Way.SURVEY, None
+    found = find_either(points, sensor, seen.threads)
+    if found is not None:
+        return Way.PATTERN, found
+    if sensor == 'auto' and seen.whole and not spins(points):
+        # Airborne scanners, and others whose mirrors swing.
+        return Way.SURVEY, None
+    return Way.SUM, None
+
+
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
     points, threshold = seen.points, parameters.evidence.threshold
-    sensor = parameters.evidence.sensor
-    if sensor == 'survey' or (seen.whole and not has_lines(points)):
+    way, found = choose(seen, parameters)
+    if way is Way.SURVEY:
         return _as_survey(seen, parameters)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None
-    found = find_either(points, sensor, seen.threads)
-    if found is None and sensor == 'auto' and seen.whole and not spins(points):
-        # Airborne scanners, and others whose mirrors swing.
-        return _as_survey(seen, parameters)
     if found is None:
         return Scores(detect(seen.neighbourhood, points, parameters, reason), reason=reason)
     score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)

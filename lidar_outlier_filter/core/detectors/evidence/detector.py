@@ -72,6 +72,9 @@ if TYPE_CHECKING:
     Numbers = NDArray[np.uint8]
 
 
+PARTS = (*FEATURES, 'slanted')  # of a score
+
+
 def neighbours() -> int:
     """Return the length of the lists of neighbours that :func:`detect` asks for."""
     return K
@@ -82,6 +85,7 @@ def detect(
     points: Points,
     parameters: FilterParameters,
     reason: Numbers | None = None,
+    parts: Floats | None = None,
 ) -> Floats:
     """Score every point by the weighted sum of its features.
 
@@ -94,6 +98,8 @@ def detect(
     points : the same, in the order in which they were given
     parameters : ``evidence``, the weights of either sensor, ``gap_factor``
     reason : (N,) is filled with numbers of ``REASON_NAMES``; 0 for points that are not rejected
+    parts : (N, 9), of zeros, is filled with what each of ``PARTS`` adds to the score; where their
+        sum is negative, the score is 0
 
     Returns
     -------
@@ -128,6 +134,7 @@ def detect(
     statistic = weigh(result.contributions, _weights(weights)) / threshold
     where = neighbourhood.order
     number = None if reason is None else strongest_of_sum(result.contributions, _weights(weights))
+    _note_parts(parts, where, result, _weights(weights) / threshold)
     for _ in range(weights.passes - 1):
         rejected = statistic > 1
         left = np.flatnonzero(~rejected)
@@ -140,6 +147,7 @@ def detect(
         result = compute_again(scan, result, nearest, rejected)
         again = weigh(result.contributions, _weights(weights)) / threshold
         where, statistic = where[left], np.where(result.wanted, again, statistic[left])
+        _note_parts(parts, where, result, _weights(weights) / threshold)
         if number is not None:
             newly = strongest_of_sum(result.contributions, _weights(weights))
             number = np.where(result.wanted, newly, number[left])
@@ -147,10 +155,23 @@ def detect(
         straight = straightness(scan, result.usual.spacing) / parameters.evidence.threshold
         if number is not None:
             number[straight > statistic] = SLANTED
+        if parts is not None:
+            by_group = np.flatnonzero(straight > statistic)
+            parts[where[by_group]] = 0.0
+            parts[where[by_group], -1] = straight[by_group]
         statistic = np.fmax(statistic, straight)
     score[where] = statistic
     _note(reason, where, statistic, number)
     return score
+
+
+def _note_parts(
+    parts: Floats | None, where: NDArray[np.intp], result: Features, weights: Floats
+) -> None:
+    """Note what each feature adds to the scores that were computed, if anyone asks."""
+    if parts is not None:
+        wanted = np.flatnonzero(result.wanted)
+        parts[where[wanted], : len(FEATURES)] = result.contributions[wanted] * weights
 
 
 def _note(

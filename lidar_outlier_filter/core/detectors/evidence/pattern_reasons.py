@@ -122,7 +122,7 @@ def explain(
     added = np.zeros_like(values)
     contribute(model.first, values, explained & ~again, added)
     contribute(model.again, values, explained & again, added)
-    average = np.where(again, _average(model.again), _average(model.first))
+    average = np.where(again, average_of(model.again), average_of(model.first))
     back = np.empty(len(points), np.int64)
     back[pattern.order[there]] = np.flatnonzero(there)
     names = (*FEATURES, *PROFILE, *AGAIN) if found.profile else REASONS
@@ -142,7 +142,8 @@ def _features(prepared: Prepared, first: FirstPass) -> Singles:
     return np.concatenate([values[:COUNT], own, values[COUNT:]])
 
 
-def _average(trees: Trees) -> float:
+def average_of(trees: Trees) -> float:
+    """Return what trees say on average, log-odds."""
     return float(trees.start + trees.value.mean(axis=1, dtype=np.float64).sum())
 
 

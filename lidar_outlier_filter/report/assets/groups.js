@@ -1,0 +1,97 @@
+// SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+// SPDX-License-Identifier: Apache-2.0
+
+// Groups of rejected points that lie together, at any step of a slider.
+
+import { isRejected, place, scoreOf } from 'data';
+
+export const CELL = 0.25; // metres: points in cells that touch, also at a corner, are one group
+const MOST = 200; // that are listed
+// Half of the cells around one: the other half finds it.
+const BESIDE = [];
+for (let n = 0; n < 13; n += 1) BESIDE.push([Math.floor(n / 9) - 1, (Math.floor(n / 3) % 3) - 1, (n % 3) - 1]);
+
+// The largest groups, and how many there are: of frames that lie beside each other together, of
+// others frame by frame.
+export function findGroups(data, bit) {
+  const parts = data.header.together ? [[...data.frames.keys()]] : [...data.frames.keys()].map((number) => [number]);
+  let groups = [];
+  let total = 0;
+  for (const part of parts) {
+    const found = ofPart(data, part, bit);
+    total += found.length;
+    groups = [...groups, ...found].sort((a, b) => b.count - a.count).slice(0, MOST);
+  }
+  return { groups, total };
+}
+
+function ofPart(data, numbers, bit) {
+  const members = [];
+  const where = [];
+  const there = [0, 0, 0];
+  for (const number of numbers) {
+    const frame = data.frames[number];
+    for (let i = 0; i < frame.marked; i += 1) {
+      if (isRejected(frame, i, bit)) {
+        members.push([number, i]);
+        where.push(...place(frame, i, there));
+      }
+    }
+  }
+  const groups = new Map();
+  connect(where).forEach((label, m) => {
+    const [number, i] = members[m];
+    let group = groups.get(label);
+    if (!group) {
+      group = { count: 0, low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity], range: Infinity, score: -2 };
+      groups.set(label, group);
+    }
+    group.count += 1;
+    const xyz = where.slice(3 * m, 3 * m + 3);
+    for (let a = 0; a < 3; a += 1) {
+      group.low[a] = Math.min(group.low[a], xyz[a]);
+      group.high[a] = Math.max(group.high[a], xyz[a]);
+    }
+    group.range = Math.min(group.range, Math.hypot(...xyz));
+    const score = scoreOf(data.frames[number], i) ?? -1;
+    if (score > group.score) Object.assign(group, { score, frame: number, worst: i });
+  });
+  return [...groups.values()];
+}
+
+// A number for each point, the same for those of one group. `where` has three numbers for each.
+export function connect(where) {
+  const count = where.length / 3;
+  const cells = Float64Array.from(where, (value) => Math.floor(value / CELL));
+  let size = 16;
+  while (size < 2 * count) size *= 2;
+  const table = new Int32Array(size).fill(-1); // by cell its first point
+  const up = Int32Array.from({ length: count }, (_, i) => i); // leads to the number of the group
+  const slot = (x, y, z) => {
+    let at = (Math.imul(x | 0, 73856093) ^ Math.imul(y | 0, 19349663) ^ Math.imul(z | 0, 83492791)) & (size - 1);
+    while (table[at] >= 0) {
+      const k = 3 * table[at];
+      if (cells[k] === x && cells[k + 1] === y && cells[k + 2] === z) break;
+      at = (at + 1) & (size - 1);
+    }
+    return at;
+  };
+  const root = (one) => {
+    let i = one;
+    while (up[i] !== i) i = up[i] = up[up[i]];
+    return i;
+  };
+  for (let i = 0; i < count; i += 1) {
+    const at = slot(cells[3 * i], cells[3 * i + 1], cells[3 * i + 2]);
+    if (table[at] < 0) table[at] = i; else up[i] = table[at];
+  }
+  for (const i of table) {
+    if (i < 0) continue;
+    const [x, y, z] = cells.subarray(3 * i, 3 * i + 3);
+    for (const [dx, dy, dz] of BESIDE) {
+      const other = table[slot(x + dx, y + dy, z + dz)];
+      if (other >= 0) up[root(other)] = root(i);
+    }
+  }
+  return Int32Array.from({ length: count }, (_, i) => root(i));
+}
