@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 import pytest
-from drives import FAST, die_of, hashes, replayed, write_drive
+from drives import FAST, die_of, faults_of_a_cloud, hashes, replayed, write_drive
 
+from lidar_outlier_filter.archive import worker_start
 from lidar_outlier_filter.archive import workers as module
 from lidar_outlier_filter.archive.engine import Engine, Order, Task
 from lidar_outlier_filter.archive.manifest import opened_manifest
@@ -103,6 +104,13 @@ def test_two_workers_give_the_same_bytes(
     judges = {name for entry in entries for name in entry.worker.split(', ')}
     assert len(judges) == 2
     assert run(drives, tmp_path, two) == []
+
+
+def test_workers_keep_memory_and_leave_the_writer_first(two: Workers) -> None:
+    """A cloud's memory is there for the next; who writes has the processor when it can go on."""
+    faults = two.client.submit(faults_of_a_cloud, pure=False).result()
+    assert faults < 1000  # of 10 000 pages
+    assert [one.nice() for one in children()] == [psutil.Process().nice() + worker_start.NICER] * 2
 
 
 def test_workers_of_other_code_are_refused(
