@@ -28,8 +28,10 @@ from lidar_outlier_filter.archive.workers import Workers, local_workers
 from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.stream.compiling import make_ready
+from lidar_outlier_filter.stream.memory import keep_memory
 
-MEGABYTE = 1e6
+MEGABYTE, SECOND = 1e6, 1e9
+LENGTH = 5.0  # seconds of the pieces that are judged alone
 
 
 def timed(task: Task, order: Order, workers: Workers | None) -> tuple[float, str]:
@@ -78,6 +80,7 @@ def main() -> None:
     options = parser.parse_args()
     values = {**read_parameters(options.params, options.settings), 'threads': 1}
     order = Order(parameters=values)
+    keep_memory()  # as the command does
     make_ready(order.filter)
     options.folder.mkdir()
     task = Task(place_of(options.recording.resolve()), options.folder.resolve() / 'bag')
@@ -92,11 +95,11 @@ def main() -> None:
             same = 'the same bytes' if found == expected else 'OTHER BYTES'
             factor = f'{alone / elapsed:.2f} × as fast'
             print(f'{jobs} workers: {elapsed:.1f} s, {factor}, {same}, {memory():.0f} MB at most')
-    judged = [judge_piece(piece) for piece in cut(task.place, (), values)[:3]]
+    judged = [judge_piece(piece) for piece in cut(task.place, (), values, LENGTH)[:3]]
     sent = sum(len(packed) for one in judged for packed in one.verdicts.values())
-    print(f'{sum(one.seconds for one in judged) / len(judged):.2f} s per piece of 5 s')
+    print(f'{sum(one.seconds for one in judged) / len(judged):.2f} s per piece of {LENGTH:g} s')
     with Recording(options.recording) as source:
-        share = sent / len(judged) / (task.place.size * 5e9 / source.duration)
+        share = sent / len(judged) / (task.place.size * LENGTH * SECOND / source.duration)
     print(f'{sent / len(judged) / MEGABYTE:.3f} MB of verdicts per piece, {share:.3%} of its bytes')
     print(f'load average {os.getloadavg()[0]:.1f} after')
     options.folder.rmdir()

@@ -129,6 +129,29 @@ def test_pieces_cover_all_times(tmp_path: Path) -> None:
         cut(place, topics=['/other'])
 
 
+def test_pieces_shrink_towards_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """None is longer than asked for, nor than half of what each worker has left."""
+    monkeypatch.setattr(module, 'LEAST', 1)
+    monkeypatch.setattr(module, 'SHORTEST', 0.1)
+    place = place_of(write_drive(tmp_path / 'drive'))
+    pieces = cut(place, length=0.5, workers=2)
+    assert [piece.start for piece in pieces[1:]] == [piece.stop for piece in pieces[:-1]]
+    assert (pieces[0].start, pieces[-1].stop) == (None, None)
+    bounds = [
+        BEGIN,
+        *(piece.stop for piece in pieces if piece.stop is not None),
+        BEGIN + 3 * SECOND,
+    ]
+    steps = np.diff(bounds)
+    assert steps[0] == SECOND // 2
+    assert (np.diff(steps[:-1]) <= 0).all()
+    for number, step in enumerate(steps[:-1]):
+        left = steps[number:].sum()
+        assert step == max(SECOND // 10, min(SECOND // 2, left // 4))
+    assert SECOND // 10 <= steps[-1] < SECOND // 5
+    assert len(cut(place, length=0.5)) == 6
+
+
 @pytest.mark.parametrize('sensor', SENSORS)
 @pytest.mark.parametrize('name', DETECTORS)
 def test_numbers_of_lines_do_not_count(name: str, sensor: str) -> None:

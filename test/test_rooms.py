@@ -47,7 +47,7 @@ OUTSIDE = {
     'recordings': ('lz4', 'numpy', 'rosbags', 'yaml'),
     'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow'),
     'ros': ('numpy', 'rclpy', *MESSAGES),
-    'archive': ('distributed', 'fsspec', 'numpy'),
+    'archive': ('dask', 'distributed', 'fsspec', 'numpy'),
     'simulation': ('numpy', 'rich', 'rosbags', 'scipy'),
     'evaluation': ('PIL', 'matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),
     'tuning': ('numpy', 'rosbags', 'rich', 'scipy', 'yaml'),

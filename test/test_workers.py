@@ -11,8 +11,9 @@ import psutil
 import pytest
 from clusters import COMMAND, cluster, program, worker_processes
 from dask import config
-from drives import FAST, die_of, hashes, replayed, write_drive
+from drives import FAST, die_of, faults_of_a_cloud, hashes, replayed, write_drive
 
+from lidar_outlier_filter.archive import worker_start
 from lidar_outlier_filter.archive import workers as module
 from lidar_outlier_filter.archive.engine import Engine, Order, Task
 from lidar_outlier_filter.archive.manifest import opened_manifest
@@ -94,6 +95,14 @@ def test_three_workers_give_the_same_bytes(
     judges = {name for entry in entries for name in entry.worker.split(', ')}
     assert len(judges) == 3
     assert run(drives, tmp_path, three) == []
+
+
+def test_workers_keep_memory_and_leave_the_writer_first(three: Workers) -> None:
+    """A cloud's memory is there for the next; who writes has the processor when it can go on."""
+    faults = three.client.submit(faults_of_a_cloud, pure=False).result()
+    assert faults < 1000  # of 10 000 pages
+    nice = psutil.Process().nice() + worker_start.NICER
+    assert [one.nice() for one in worker_processes()] == [nice] * 3
 
 
 def test_workers_of_other_code_are_refused(

@@ -86,6 +86,8 @@ class Engine:
         self._parameters = order.filter
         self._cut: dict[str, list[Piece]] = {}
         self._queue = None
+        self._last = tasks[-1].place if tasks else None
+        self._workers = workers
         self.judged = self.judged_here = 0
         if workers is not None and self._can_be_cut():
             make_ready(self._parameters)  # before workers would compile the same at once
@@ -104,9 +106,12 @@ class Engine:
         """Cut a recording; one that cannot be read has no pieces: who writes it says why."""
         name = str(place.path)
         if name not in self._cut:
-            order = self._order
+            order, count = self._order, 0
+            if self._workers is not None and place is self._last:
+                count = max(1, self._workers.count)
+            how = (order.topics, order.parameters, order.length, order.largest)
             try:
-                pieces = cut(place, order.topics, order.parameters, order.length, order.largest)
+                pieces = cut(place, *how, workers=count)
             except FilterError:
                 pieces = []
             self._cut[name] = pieces

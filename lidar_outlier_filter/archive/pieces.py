@@ -13,6 +13,7 @@ import socket
 import threading
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.recordings.bags import Topic
 
-LENGTH = 5.0  # seconds of bag time of a piece
+LENGTH = 10.0  # seconds of bag time of a piece
+SHORTEST = 1.5  # of pieces at the end of the last recording, so that all workers end together
 LEAST = 8  # messages of a piece, on average: one without costs as much as one with many
 SLACK = 0.5  # seconds read before a piece beyond what is computed: clouds come late, and span time
 
@@ -72,14 +74,19 @@ class JudgedPiece:
     code: str
 
 
-def cut(
+def cut(  # noqa: PLR0913  what a piece is made of
     place: Place,
     topics: Collection[str] = (),
     parameters: Mapping[str, object] | None = None,
     length: float = LENGTH,
     largest: int = LARGEST,
+    *,
+    workers: int = 0,
 ) -> list[Piece]:
     """Cut a recording into pieces of about so many seconds of bag time.
+
+    Where ``workers`` are given, nothing follows that they could judge meanwhile: then pieces become
+    shorter towards the end, each half of what every worker has left.
 
     Raises
     ------
@@ -89,13 +96,40 @@ def cut(
     """
     with staged(place) as path, Recording(path, largest) as source:
         chosen = tuple(topic.name for topic in choose_clouds(source, topics, 'a topic to filter'))
-        most = max(1, source.message_count // LEAST)
         # The length of a recording is one more than the distance of its first and last message.
-        count = max(1, min(most, -(-(source.duration - 1) // round(length * SECOND))))
-        inner = [source.start + source.duration * number // count for number in range(1, count)]
+        duration, begin = source.duration - 1, source.start
+        least = duration * LEAST // max(source.message_count, 1)
+    steps = _even(duration, round(length * SECOND), least)
+    if workers:
+        steps = _shrinking(duration, round(length * SECOND), least, workers)
+    inner = [begin + sum(steps[:number]) for number in range(1, len(steps))]
     bounds = [None, *inner, None]
     given = dict(parameters or {})
-    return [Piece(place, chosen, given, bounds[i], bounds[i + 1], largest) for i in range(count)]
+    return [Piece(place, chosen, given, *pair, largest) for pair in pairwise(bounds)]
+
+
+def _even(duration: int, length: int, least: int) -> list[int]:
+    """Cut a duration into stretches of a length at most, but of ``least`` where there are several.
+
+    All are nanoseconds.
+    """
+    count = max(1, min(duration // max(least, 1), -(-duration // length)))
+    ends = [duration * number // count for number in range(count + 1)]
+    return [end - begin for begin, end in pairwise(ends)]
+
+
+def _shrinking(duration: int, length: int, least: int, workers: int) -> list[int]:
+    """Cut a duration into stretches that shrink, each half of what every worker has left.
+
+    None is longer than ``length``, or shorter than ``least`` and ``SHORTEST``.
+    """
+    least = max(least, min(length, round(SHORTEST * SECOND)))
+    steps: list[int] = []
+    left = duration
+    while left >= 2 * least:
+        steps.append(max(least, min(length, left // (2 * workers))))
+        left -= steps[-1]
+    return [*steps, left]
 
 
 def starts(pieces: Sequence[Piece]) -> list[int]:

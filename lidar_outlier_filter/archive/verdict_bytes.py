@@ -7,7 +7,6 @@ from __future__ import annotations
 import struct
 import zlib
 from dataclasses import fields
-from hashlib import sha256
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
 
 
 _HEAD = struct.Struct('<IHHH?')  # points, passes, bits of detectors, bits of undecided, scores
+_DIGEST = struct.Struct(f'<{1 + len(fields(Points))}q')  # points, and a CRC of each column or -1
 _FAST = 1  # level of zlib: most bits are 0, so that others gain little
 _REJECTED = 2.0  # stands for any score above 1 where scores are left out
 
@@ -27,17 +27,18 @@ _REJECTED = 2.0  # stands for any score above 1 where scores are left out
 def digest(points: Points) -> bytes:
     """Return what tells these points from all others that a chain would judge differently.
 
+    It is the number of points with a CRC of each column. Other points of the same recording that
+    are as many have other times and places: a CRC always sees a change of up to 32 bits in a row,
+    and misses any other once in 2^32, in each of these columns. SHA-256 takes three times as long.
     Scan lines are compared with each other only: their numbers count from the first one's.
     """
-    found = sha256()
+    found = [len(points)]
     for column in fields(Points):
         values = getattr(points, column.name)
-        found.update(b'-' if values is None else b'+')
         if column.name == 'line':
             values = values - values[:1] if len(values) else values
-        if values is not None:
-            found.update(np.ascontiguousarray(values).data)
-    return found.digest()
+        found.append(-1 if values is None else zlib.crc32(np.ascontiguousarray(values).data))
+    return _DIGEST.pack(*found)
 
 
 def pack(verdict: Verdict, passes: int, *, scores: bool) -> bytes:

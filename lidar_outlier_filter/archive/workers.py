@@ -30,6 +30,11 @@ if TYPE_CHECKING:
 RETRIES = 2  # of a piece that failed on a worker, as for want of a network
 AHEAD = 2  # pieces of each worker that are judged, or wait, while one is written
 PATIENCE = 30.0  # seconds for a scheduler to answer
+# Dask looks at what its processes do a hundred times in a second: 2 % of their time.
+QUIET = {
+    'distributed.worker.profile.enabled': False,
+    'distributed.admin.system-monitor.interval': '5s',
+}
 STEP = 0.5  # seconds between two looks at whether to go on waiting
 
 
@@ -38,7 +43,7 @@ class SchedulerError(FilterError):
 
 
 class Workers:
-    """The workers of one scheduler."""
+    """The workers of one scheduler; ``client`` is Dask's."""
 
     def __init__(
         self, client: Any, address: str, keep: Callable[[], object] = lambda: None
@@ -47,21 +52,26 @@ class Workers:
 
         ``keep`` is called while a piece is waited for, and starts workers that have gone for good.
         """
-        self._client, self._address, self._keep = client, address, keep
+        self.client, self._address, self._keep = client, address, keep
         self._run, self._numbers = uuid4().hex[:8], count()
+
+    @property
+    def count(self) -> int:
+        """How many pieces they judge at once."""
+        with self._answering():
+            threads: dict[str, int] = self.client.nthreads()
+        return sum(threads.values())
 
     @property
     def ahead(self) -> int:
         """How many pieces they shall have at once, with those that are done."""
-        with self._answering():
-            threads: dict[str, int] = self._client.nthreads()
-        return AHEAD * sum(threads.values()) + 1
+        return AHEAD * self.count + 1
 
     def submit(self, piece: Piece) -> Any:
         """Send a piece to be judged; what comes first is judged first."""
         key = f'judge_piece-{self._run}-{next(self._numbers)}'
         with self._answering():
-            return self._client.submit(judge_piece, piece, key=key, retries=RETRIES, pure=False)
+            return self.client.submit(judge_piece, piece, key=key, retries=RETRIES, pure=False)
 
     def wait(self, future: Any, piece: Piece, tick: Callable[[], object]) -> JudgedPiece:
         """Wait for a piece; ``tick`` is called now and then, and may leave by an exception.
@@ -111,13 +121,13 @@ class Workers:
             If it has gone.
 
         """
-        if self._client.status != 'running':
+        if self.client.status != 'running':
             raise SchedulerError(*self._gone())
 
     def give_up(self, future: Any) -> None:
         """Forget a piece; where nobody answers, there is nothing to forget."""
         with suppress(SchedulerError), self._answering():
-            self._client.cancel([future], force=True)
+            self.client.cancel([future], force=True)
 
     @contextmanager
     def _answering(self) -> Iterator[None]:
@@ -151,17 +161,19 @@ def local_workers(jobs: int) -> Iterator[Workers]:
     """
     with ExitStack() as stack:
         _require()
+        from dask import config
         from distributed import Client, LocalCluster
 
-        cluster = LocalCluster(
-            n_workers=jobs,
-            threads_per_worker=1,
-            processes=True,
-            host='127.0.0.1',
-            dashboard_address=':0',  # any port: others may use the usual one
-            silence_logs=logging.CRITICAL,
-            preload=[worker_start.__name__],
-        )
+        with config.set(QUIET):
+            cluster = LocalCluster(
+                n_workers=jobs,
+                threads_per_worker=1,
+                processes=True,
+                host='127.0.0.1',
+                dashboard_address=':0',  # any port: others may use the usual one
+                silence_logs=logging.CRITICAL,
+                preload=[worker_start.__name__],
+            )
         stack.callback(cluster.close, timeout=PATIENCE)
         client = stack.enter_context(Client(cluster, set_as_default=False))
         # Dask gives up on a worker that dies and takes 15 s to come back: this starts another.

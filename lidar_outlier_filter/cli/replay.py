@@ -98,7 +98,9 @@ def add_replay(commands: Commands) -> None:
 def _replay(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.archive.places import SUFFIXES, path_at
     from lidar_outlier_filter.cli.archive import is_archive, replay_archive, replay_one
+    from lidar_outlier_filter.stream.memory import keep_memory
 
+    keep_memory()
     if options.largest_message < 1:
         raise RecordingError('--largest-message', 'at least 1 MB', options.largest_message)
     if is_archive(options.recording):
