@@ -378,6 +378,11 @@ def test_rows_that_share_their_pages(tmp_path: Path, kind: str) -> None:
     losses, begin = Losses(), time.process_time()
     assert list(DamagedDatabase(path, 10**9, losses).messages()) == []
     assert time.process_time() - begin < 5
+    first_one = {
+        'messages': 'row 128 has lost pages',
+        'definitions': 'row 129 of page 2 is damaged',
+    }
+    assert losses.reasons[0] == f'drive.db3: {first_one[kind]}'
     assert len(losses.reasons) == MOST
     assert losses.more + MOST >= 10 * LEAVES - 1
     assert losses.messages == {'messages': 10 * LEAVES, 'definitions': 0}[kind]
