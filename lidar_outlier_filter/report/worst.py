@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
-from lidar_outlier_filter.report.groups import connect
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.judged_file import JudgedFile
 
 MANY = 10  # points of a large group
+TOUCHING = 1.8  # cells apart, of the middles: √3 and a little
 MOST = 100  # groups that are kept of a file
 ALONE, FEW, LARGE = 'alone', f'in groups of 2 to {MANY - 1}', f'in groups of {MANY} and more'
 
@@ -91,3 +94,13 @@ def _group(judged: JudgedFile, members: NDArray[np.int64], *, high: bool) -> Rej
     x, y, z = ((low + top) / 2 / judged.units).tolist()
     across = float(np.hypot(*(top - low)[:2]))
     return RejectedGroup(members, len(members), (x, y, z), across, float(top[2] - low[2]), high)
+
+
+def connect(xyz: NDArray[np.float64], cell: float) -> NDArray[np.int32]:
+    """Find the group of each point (N, 3), metres: points in cells that touch are one."""
+    cells, of = np.unique(np.floor(xyz / cell), axis=0, return_inverse=True)
+    pairs = cKDTree(cells).query_pairs(TOUCHING, output_type='ndarray')
+    ones = np.ones(len(pairs), np.bool_)
+    graph = coo_array((ones, (pairs[:, 0], pairs[:, 1])), (len(cells), len(cells)))
+    label: NDArray[np.int32] = connected_components(graph, directed=False)[1]
+    return label[of.reshape(-1)]
