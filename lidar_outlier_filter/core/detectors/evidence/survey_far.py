@@ -170,13 +170,15 @@ def _write_group(scale: float, count: int, lane: int, room: FarRoom, values: Sin
     group, longest, before, against, first = count, 0.0, 0, 0.0, 0.0
     for joined in range(count):
         # What is left is kept together at the begin.
-        left, best = count - joined, 0
+        left, best, least = count - joined, 0, np.inf
         for m in range(left):
             dx, dy, dz = place[0, m] - x, place[1, m] - y, place[2, m] - z
-            reach[m] = min(reach[m], (dx * dx + dy * dy) + dz * dz)
-        for m in range(1, left):
-            best = m if reach[m] < reach[best] else best
-        edge = np.sqrt(reach[best])
+            squared = (dx * dx + dy * dy) + dz * dz
+            reach[m] = min(reach[m], squared)
+        for m in range(left):
+            if reach[m] < least:
+                best, least = m, reach[m]
+        edge = np.sqrt(least)
         first = edge if joined == 0 else first
         if edge > longest:
             against = edge / ((longest if joined > 0 else scale) + LEAST)

@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Peers at their best thresholds on clouds without scan lines, beside the default as it is.
+
+    scripts/environment python benchmarks/survey_peers.py [--data ../shared/data] [--seeds 41 42]
+
+The peers are the statistical and the radius filter of PDAL (filters.outlier) and the isolated
+voxels of LAStools (lasnoise), written anew. Each gets the best threshold of every single cloud,
+which nobody knows in the field. F1 is printed, and the share of the good points that is lost. Of
+our detectors the best one is beside them, with its defaults.
+"""
+# ruff: noqa: INP001, T201  a script, no package
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
+from lidar_outlier_filter.results.real_clouds import labelled
+from lidar_outlier_filter.results.samples import simulated
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.results.samples import Sample
+
+    Floats = NDArray[np.float64]
+    Bools = NDArray[np.bool_]
+
+MEAN_K, MIN_K = 8, 2  # the defaults of PDAL
+VOXELS = 2.0 ** np.arange(-1.0, 8.0)  # sides, typical distances to the eighth neighbour
+FEW = 5  # points in a voxel and the 26 around it, the default of lasnoise
+PRESETS = ('kang-urban', 'kang-mountain', 'pirotti-sfm', 'pirotti-fcd', 'sotoodeh-hod')
+
+
+class Best(NamedTuple):
+    """F1, and the share of the good points that is lost."""
+
+    f1: float
+    lost: float
+
+
+def judged(rejected: Bools, bad: Bools) -> Best:
+    """Count what is rejected."""
+    both = int((rejected & bad).sum())
+    f1 = 2.0 * both / max(int(rejected.sum()) + int(bad.sum()), 1)
+    return Best(f1, float(rejected[~bad].mean()))
+
+
+def best(score: Floats, bad: Bools) -> Best:
+    """Return what the threshold of a score gives that has the highest F1."""
+    order = np.argsort(-score, kind='stable')
+    found = np.cumsum(bad[order])
+    f1 = 2.0 * found / (np.arange(1, len(bad) + 1) + bad.sum())
+    last = np.append(np.diff(score[order]) != 0, True)  # equal scores go together
+    at = int(np.argmax(np.where(last, f1, 0.0)))
+    return Best(float(f1[at]), float((at + 1 - found[at]) / max(int((~bad).sum()), 1)))
+
+
+def statistical(xyz: Floats, bad: Bools) -> Best:
+    """Judge by the mean distance to eight neighbours."""
+    return best(cKDTree(xyz).query(xyz, MEAN_K + 1)[0][:, 1:].mean(axis=1), bad)
+
+
+def radius(xyz: Floats, bad: Bools) -> Best:
+    """Judge by the distance to the second neighbour: the radius that does not hold two."""
+    return best(cKDTree(xyz).query(xyz, MIN_K + 1)[0][:, -1], bad)
+
+
+def voxels(xyz: Floats, bad: Bools) -> Best:
+    """Reject where 27 voxels hold few points, at the best of several sides."""
+    typical = typical_scale(xyz, np.arange(len(xyz)))
+    return max(judged(_isolated(xyz, side * typical), bad) for side in VOXELS)
+
+
+def _isolated(xyz: Floats, side: float) -> Bools:
+    place = np.floor((xyz - xyz.min(axis=0)) / side).astype(np.int64) + 1
+    count = place.max(axis=0) + 2
+    step = np.array([count[1] * count[2], count[2], 1])
+    number, inverse, held = np.unique(place @ step, return_inverse=True, return_counts=True)
+    total = np.zeros(len(number), np.int64)
+    for offset in np.ndindex(3, 3, 3):
+        wanted = number + (np.array(offset) - 1) @ step
+        at = np.minimum(np.searchsorted(number, wanted), len(number) - 1)
+        total += np.where(number[at] == wanted, held[at], 0)
+    return total[inverse] <= FEW
+
+
+def default(xyz: Floats, bad: Bools) -> Best:
+    """Judge as `clean` does."""
+    asked = {'evidence.sensor': 'survey'}
+    return judged(detect_outliers(xyz, parameters=asked).outlier, bad)
+
+
+def ours(xyz: Floats, bad: Bools) -> Best:
+    """Judge by each of our detectors that needs no lines, and keep the best."""
+    chains = ('lof', 'sor', 'hierarchical', 'elevation')
+    found = [detect_outliers(xyz, parameters={'chain': (one,)}).outlier for one in chains]
+    return max(judged(rejected, bad) for rejected in found)
+
+
+WAYS = {
+    'default': default,
+    'best of ours': ours,
+    'statistical': statistical,
+    'radius': radius,
+    'voxels': voxels,
+}
+
+
+def clouds(data: Path, presets: list[str], seeds: list[int]) -> Iterator[tuple[str, Floats, Bools]]:
+    """Simulate clouds, and read those with classes."""
+    samples = (one for preset in presets for seed in seeds for one in simulated(preset, seed))
+    for sample in samples:
+        yield f'{sample.name}, seed {sample.seed}', _places(sample), sample.data.bad
+    for path in sorted((data / 'clouds').glob('*.laz')):
+        found = labelled(path)
+        if found is not None:
+            yield path.name, _places(found), found.data.bad
+
+
+def _places(sample: Sample) -> Floats:
+    return np.concatenate([cloud.xyz for cloud in sample.data.clouds])
+
+
+def main() -> None:
+    """Print a row of a table for each cloud."""
+    parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
+    parser.add_argument('--data', type=Path, default=Path('../shared/data'), metavar='DIR')
+    parser.add_argument('--seeds', type=int, nargs='+', default=[41, 42], metavar='N')
+    parser.add_argument('--presets', nargs='*', choices=PRESETS, default=PRESETS, metavar='P')
+    options = parser.parse_args()
+    print('| cloud |', ' | '.join(WAYS), '|')
+    print('| --- |', ' | '.join('---:' for _ in WAYS), '|')
+    for name, xyz, bad in clouds(options.data, options.presets, options.seeds):
+        found = [way(xyz, bad) for way in WAYS.values()]
+        cells = (f'{one.f1:.3f} ({one.lost:.2g})' for one in found)
+        print(f'| `{name}` |', ' | '.join(cells), '|', flush=True)
+
+
+if __name__ == '__main__':
+    main()
