@@ -107,7 +107,7 @@ def as_recorded(
     combinations = [*product(JOBS, (SHORTEST, WHOLE))]
     given = [case for case in cases(config) if not case.is_for_two and not _moves(case)]
     before, pieces.LEAST = pieces.LEAST, 1  # or recordings of half a second would be one piece
-    for number, (drive, case) in [*enumerate(product(found, given))][share]:
+    for number, (drive, case) in enumerate([*product(found, given)][share]):
         chosen = [combinations[number % len(combinations)]]
         _compare(seen, drive, case, chosen, pools, folder)
     pieces.LEAST = before
@@ -128,19 +128,18 @@ def repeated(
     lengths = ', '.join('whole' if length == WHOLE else f'{length:g} s' for length in LENGTHS)
     full = Matrix(f'VLP-16, {SECONDS:g} s, {lengths}: every combination')
     some = Matrix(f'six other sensors, {SECONDS:g} s, {lengths}: one combination each')
-    chosen = [*enumerate(cases(config))][share]
+    chosen = cases(config)[share]
     one, two = _drives(folder, 0, sensors)
-    for _, case in chosen:
+    for case in chosen:
         drive = two if case.is_for_two else one
         _compare(full, drive, case, combinations, pools, folder)
     yield full
     for place in range(1, len(sensors)):
         one, two = _drives(folder, place, sensors)
-        for number, case in chosen:
-            if (number + place) % 2:
-                drive = two if case.is_for_two else one
-                combination = combinations[(number // 2 + 4 * place) % len(combinations)]
-                _compare(some, drive, case, [combination], pools, folder)
+        for case in chosen[place % 2 :: 2]:
+            drive = two if case.is_for_two else one
+            combination = combinations[some.pairs % len(combinations)]
+            _compare(some, drive, case, [combination], pools, folder)
     yield some
 
 

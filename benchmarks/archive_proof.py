@@ -13,8 +13,8 @@ memory     of a worker, for 20 s and 12 min of one sensor, and for 20 s of the l
 
 Everything is compared with the hashes of the replay in one process. Exit status 1 if any differs.
 FOLDER is made. ``kills`` leaves its archive there, for ``scheduler`` and ``again``, and goes on
-with it where it was broken off; it needs 8 GB, as ``memory`` does. ``--few`` takes every eighth
-case and 12 recordings, for 4 minutes. ``--share 2/5`` takes the second fifth of the cases.
+where it was broken off; it needs 8 GB, as ``memory`` does. ``--few`` takes every eighth case and
+12 recordings, for 4 minutes. ``--share 2/5`` takes the second fifth of the cases of ``bytes``.
 """
 
 # ruff: noqa: INP001, T201  a script, no package
