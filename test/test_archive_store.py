@@ -14,6 +14,7 @@ from stores import Store, running_store
 
 from lidar_outlier_filter.archive import places, run
 from lidar_outlier_filter.archive.fingerprints import content_hash
+from lidar_outlier_filter.archive.manifest import BROKEN_OFF
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.replay import replay
@@ -160,7 +161,7 @@ def test_ctrl_c_leaves_its_manifest(
         assert main(archive) == 130
     assert {name: (entry['state'], entry['error']) for name, entry in entries(store).items()} == {
         'large': ('done', None),
-        'one': ('failed', run.BROKEN_OFF),
+        'one': ('failed', BROKEN_OFF),
     }
     written = times(store)
     assert main(archive) == 0
