@@ -104,7 +104,9 @@ class _ManyFilesProgress:
         def note(part: str, done: int, total: int) -> None:
             self._leave_if_asked()
             share = (PARTS.index(part) + done / max(total, 1)) / len(PARTS)
-            self._shares[path] = share, done, total
+            _, _, points = self._shares.get(path, (0.0, 0, 0))
+            # In one piece nobody knows how far the judging is.
+            self._shares[path] = share, done, total or points
 
         def say_slow(slow: SlowDetector) -> None:
             say(f'{path}: {slow}')
