@@ -37,6 +37,7 @@ SENSORS = ('vlp16_mrpt_mcap', 'hdl32_mrpt_mcap', 'vlp32_nebula_db3', 'os0_32.bag
 LENGTH = 20.0  # seconds of a recording
 SECTOR = 22.0  # degrees of each sweep that is kept
 KILLS = 10
+LAST = 0.95  # of the bytes: a kill after the last message would be none
 CHAIN = {'chain': ['alpha_beta_gamma']}
 SOME = 6  # recordings, for the cluster
 SET = f'--set=chain={json.dumps(CHAIN["chain"])}'
@@ -90,7 +91,7 @@ def with_kills(
     tasks = [Task(place_of(path), output / path.name) for path in sorted(drives.iterdir())]
     rng = random.Random(seed)  # noqa: S311  no secret
     total = sum(task.place.size for task in tasks)
-    killer = Killer(sorted(rng.uniform(0, total) for _ in range(KILLS)), rng)
+    killer = Killer(sorted(rng.uniform(0, LAST * total) for _ in range(KILLS)), rng)
     with opened_manifest(output) as manifest, local_workers(2) as workers:
         todo = pending(tasks, order, manifest)
         engine = Engine(todo, order, workers)
