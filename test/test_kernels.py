@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Medians in kernels are numpy's."""
+"""Medians in kernels are numpy's, and Python calls only kernels that it can call."""
 
 from time import process_time
 
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.kernels import median, select
+from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel, median, select
 
 
 @pytest.mark.parametrize('count', [*range(1, 34), 100, 101])
@@ -42,3 +42,32 @@ def test_waves(name: str) -> None:
         return process_time() - begin
 
     assert min(seconds(values) for _ in range(3)) < 10 * min(seconds(mixed) for _ in range(3))
+
+
+@inner_kernel
+def _double(value: float) -> float:
+    return 2.0 * value
+
+
+@kernel
+def _quadruple(value: float) -> float:
+    return _double(_double(value))
+
+
+@inlined_kernel
+def _increased(value: float) -> float:
+    return value + 1.0
+
+
+def test_python_cannot_call_an_inner_kernel() -> None:
+    """It has no entry that could be called, and says so, compiled or not."""
+    with pytest.raises(TypeError, match=r'^_double is an inner kernel: only kernels can call it$'):
+        _double(1.0)
+    assert _quadruple(3.0) == 12.0
+    with pytest.raises(TypeError, match='_double is an inner kernel'):
+        _double(1.0)
+
+
+def test_python_can_call_an_inlined_kernel() -> None:
+    """Then it is compiled for itself."""
+    assert _increased(2.0) == 3.0

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numba
 
@@ -28,7 +28,40 @@ def kernel(function: Function) -> Function:
     No fast-math flag: it would forbid NaN, and let the answer depend on the machine. What is cached
     is valid for the sources that it was made from, those of other files too.
     """
-    compiler = numba.njit(cache=True, nogil=True, error_model='numpy')
+    return _compile(function)
+
+
+def inner_kernel(function: Function) -> Function:
+    """Compile a kernel that only other kernels call.
+
+    It has no entry for Python, which takes longer to compile than many a kernel. Called by Python
+    it raises TypeError.
+    """
+    compiled = _compile(function, no_cpython_wrapper=True)
+
+    def refuse(*_arguments: object) -> None:
+        raise TypeError(f'{function.__name__} is an inner kernel: only kernels can call it')
+
+    if hasattr(compiled, 'py_func'):  # numba's, which would jump to an entry that is not there
+        compiled._insert = lambda *_arguments: None  # type: ignore[attr-defined]  # noqa: SLF001
+        compiled._compile_for_args = refuse  # type: ignore[attr-defined]  # noqa: SLF001
+    return compiled
+
+
+def inlined_kernel(function: Function) -> Function:
+    """Put a kernel into those that call it, instead of compiling it by itself.
+
+    Whatever a kernel calls is optimized again with it, and so on: each level between the one that
+    Python calls and those that do the work costs as much as the first. It pays for kernels that do
+    little but call others; of long ones numba makes copies slowly.
+    """
+    return _compile(function, inline='always')
+
+
+def _compile(function: Function, **more: object) -> Function:
+    # Nobody calls kernels from C.
+    options: dict[str, Any] = {'error_model': 'numpy', 'no_cfunc_wrapper': True, **more}
+    compiler = numba.njit(cache=True, nogil=True, **options)
     try:
         compiled = compiler(function)
     except RuntimeError:  # numba finds no folder that can be written

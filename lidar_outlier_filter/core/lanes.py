@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Ints = NDArray[np.int64]
+    Singles = NDArray[np.float32]
 
 LANES = 32  # twice what compilers unroll a loop to; more would not fit into the nearest cache
 
@@ -52,6 +53,12 @@ def network(count: int, wanted: range) -> Ints:
             needed.update(pair)
             kept.append(pair)
     return np.array(kept[::-1], np.int64).reshape(-1, 2)
+
+
+@inner_kernel
+def rows_of_singles(count: int) -> Singles:
+    """Make so many rows of lanes, single precision; one kernel, because numba has one per count."""
+    return np.empty((count, LANES), np.float32)
 
 
 @kernel

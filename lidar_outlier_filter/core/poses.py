@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.points import FARTHEST, SECOND, Points
 from lidar_outlier_filter.errors import PoseError
 
@@ -216,7 +216,7 @@ def _move(
     return result
 
 
-@kernel
+@inner_kernel
 def _slerp(q0: Floats, q1: Floats, share: float, result: Floats) -> None:
     """Interpolate between unit quaternions along the shorter arc (Shoemake 1985)."""
     dot = 0.0

@@ -34,7 +34,7 @@ SECONDS: Mapping[str, int] = {
     'sor': 6,
     'hierarchical': 4,
     'elevation': 8,
-    'evidence': 55,
+    'evidence': 33,
 }
 SHARED_SECONDS = 10
 APART = 'evidence'  # has other kernels for each kind of sensor

@@ -35,7 +35,7 @@ from lidar_outlier_filter.core import threads
 from lidar_outlier_filter.core.detectors.declaration import Detector, Measured
 from lidar_outlier_filter.core.detectors.dials import NEIGHBOURS, Threshold, decades, each, plain
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
-from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.core.scores import Scores
@@ -262,7 +262,7 @@ def _densities(
             density[p] = _density(p, near.more, 0, first, last, xyz, square)
 
 
-@kernel
+@inner_kernel
 def _density(
     p: int,
     lists: NDArray[np.int32],
@@ -291,7 +291,7 @@ def _ratios(begin: int, end: int, near: _Near, density: Floats, factor: Floats) 
             factor[p] = _mean(density, near.more, 0, first, last) / density[p]
 
 
-@kernel
+@inner_kernel
 def _mean(values: Floats, lists: NDArray[np.int32], row: int, first: int, last: int) -> float:
     total = 0.0
     for m in range(first, last):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,7 +28,6 @@ BRIGHTEST = np.float32(8.0)
 UNKNOWN = np.float32(-1.0)
 
 
-@kernel
 def write_brightness(order: Ints, reach: Singles, intensity: Singles, bright: Singles) -> None:
     """Write the brightness (M,) of each place; ``UNKNOWN`` where nothing is usual.
 
@@ -40,29 +39,44 @@ def write_brightness(order: Ints, reach: Singles, intensity: Singles, bright: Si
     bright : (M,) is written
 
     """
-    usual = _usual(order, reach, intensity)
+    count = np.zeros(len(EDGES) + 1, np.int64)
+    values = np.empty((len(count), len(order) // EVERY + 1), np.float32)
+    _collect(order, reach, intensity, count, values)
+    usual = np.zeros(len(count), np.float32)  # 0 where there are too few
+    for b in np.flatnonzero(count >= ENOUGH):
+        usual[b] = np.median(values[b, : count[b]])
+    _compare(order, reach, intensity, usual, bright)
+
+
+@inner_kernel
+def _bin(reach: np.float32) -> int:
+    """Count the edges that are nearer."""
+    count = 0
+    for edge in range(len(EDGES)):
+        count += EDGES[edge] < reach
+    return count
+
+
+@kernel
+def _collect(order: Ints, reach: Singles, intensity: Singles, count: Ints, values: Singles) -> None:
+    """Collect intensities between edges."""
+    for k in range(0, len(order), EVERY):
+        i = order[k]
+        if i >= 0 and intensity[i] >= 0:
+            b = _bin(reach[k])
+            values[b, count[b]] = intensity[i]
+            count[b] += 1
+
+
+@kernel
+def _compare(
+    order: Ints, reach: Singles, intensity: Singles, usual: Singles, bright: Singles
+) -> None:
+    """Divide intensities by what is usual."""
     for k in range(len(order)):
         i = order[k]
         bright[k] = UNKNOWN
         if i >= 0:
-            median, value = usual[np.searchsorted(EDGES, reach[k])], intensity[i]
-            if median > 0 and value >= 0:
-                bright[k] = min(value / median, BRIGHTEST)
-
-
-@kernel
-def _usual(order: Ints, reach: Singles, intensity: Singles) -> Singles:
-    """Return the median intensity between edges; 0 where there are too few."""
-    count = np.zeros(len(EDGES) + 1, np.int64)
-    values = np.empty((len(EDGES) + 1, len(order) // EVERY + 1), np.float32)
-    for k in range(0, len(order), EVERY):
-        i = order[k]
-        if i >= 0 and intensity[i] >= 0:
-            b = np.searchsorted(EDGES, reach[k])
-            values[b, count[b]] = intensity[i]
-            count[b] += 1
-    usual = np.zeros(len(count), np.float32)
-    for b in range(len(count)):
-        if count[b] >= ENOUGH:
-            usual[b] = np.median(values[b, : count[b]])
-    return usual
+            middle, value = usual[_bin(reach[k])], intensity[i]
+            if middle > 0 and value >= 0:
+                bright[k] = min(value / middle, BRIGHTEST)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN, write_brightness
 from lidar_outlier_filter.core.scan_lines import is_interleaved, line_starts, order_by_line
 
@@ -296,10 +296,10 @@ def _rate(azimuth: Floats, t: Ints, first: Ints) -> float:
             rates[count] = turned / span
             count += 1
             taken += 1
-    return float(np.median(rates[:count])) if count > 0 else 0.0
+    return median(rates, count) if count > 0 else 0.0
 
 
-@kernel
+@inner_kernel
 def _wrap(angle: float) -> float:
     return float(angle - TURN * np.rint(angle / TURN))
 
@@ -355,11 +355,13 @@ def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
                 break
 
 
-@kernel
+@inner_kernel
 def _merge(lines: OrderedLines, low: int, high: int, phase: Floats, up: Floats) -> None:
     """Sort one line, whatever its order; what is equal stays in its order."""
     count, size = high - low, 1
-    place, merged = np.arange(low, high), np.empty(high - low, np.int64)
+    place, merged = np.empty(count, np.int64), np.empty(count, np.int64)
+    for k in range(count):
+        place[k] = low + k
     while size < count:
         for begin in range(0, count, 2 * size):
             middle, end = min(begin + size, count), min(begin + 2 * size, count)
@@ -373,12 +375,14 @@ def _merge(lines: OrderedLines, low: int, high: int, phase: Floats, up: Floats) 
                     j += 1
         place, merged = merged, place
         size *= 2
-    lines.order[low:high] = lines.order[place]
-    turned, sine = phase[place], up[place]
-    phase[low:high], up[low:high] = turned, sine
+    turned, sine = np.empty(count), np.empty(count)
+    for k in range(count):
+        merged[k], turned[k], sine[k] = lines.order[place[k]], phase[place[k]], up[place[k]]
+    for k in range(count):
+        lines.order[low + k], phase[low + k], up[low + k] = merged[k], turned[k], sine[k]
 
 
-@kernel
+@inner_kernel
 def _is_before(lines: OrderedLines, phase: Floats, a: int, b: int) -> bool:
     if phase[a] != phase[b]:
         return bool(phase[a] < phase[b])
@@ -401,16 +405,17 @@ def _typical(up: Floats, phase: Floats, first: Ints, elevation: Floats, step: Fl
         stride = max((end - begin) // SAMPLES, 1)
         count = 0
         for k in range(begin, end, stride):
-            if count < SAMPLES:
+            # Nearer than what squares to more than 0, a return has no elevation.
+            if count < SAMPLES and not np.isnan(up[k]):
                 some[count] = up[k]
                 count += 1
-        elevation[line] = np.median(some[:count])
+        elevation[line] = median(some, count) if count > 0 else 0.0
         count = 0
         for k in range(begin + 1, end, stride):
             if count < SAMPLES and phase[k] > phase[k - 1]:
                 some[count] = phase[k] - phase[k - 1]
                 count += 1
-        step[line] = np.median(some[:count]) if count > 0 else 1.0
+        step[line] = median(some, count) if count > 0 else 1.0
 
 
 @kernel

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -107,7 +107,7 @@ def sort(
         _sort(order, few, few_place, count, best, best_place)
 
 
-@kernel
+@inner_kernel
 def _rank(few: Floats, few_place: Ints, count: int, best: Floats, best_place: Ints) -> bool:
     """Sort by counting for each of the few how many are nearer; False, and unsorted, with ties.
 
@@ -135,10 +135,11 @@ def _rank(few: Floats, few_place: Ints, count: int, best: Floats, best_place: In
     return total == count * (count - 1) // 2 + (size - count) * count
 
 
-@kernel
+@inner_kernel
 def _sort(order: Ints, few: Floats, few_place: Ints, count: int, best: Floats, place: Ints) -> None:
     """Sort by distance, then index: Shell's sort with Knuth's steps."""
-    best[:count], place[:count] = few[:count], few_place[:count]
+    for i in range(count):
+        best[i], place[i] = few[i], few_place[i]
     step = 1
     while step < count // 3:
         step = 3 * step + 1

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -218,13 +218,13 @@ def _prune(tree: Tree, tree_first: Ints, tree_last: Ints, xyz: Floats) -> Tree:
     return _trimmed(Tree(low, high, first, last, child), count)
 
 
-@kernel
+@inner_kernel
 def _empty_tree(nodes: int) -> Tree:
     ints = np.empty((3, nodes), np.int64)
     return Tree(np.empty((nodes, 3)), np.empty((nodes, 3)), ints[0], ints[1], ints[2])
 
 
-@kernel
+@inner_kernel
 def _trimmed(tree: Tree, count: int) -> Tree:
     """Copy the nodes that have been made, and let go of the room for more."""
     return Tree(
@@ -256,7 +256,7 @@ def _halve(
     return _cut(a, a_index, b, b_index, first, last, low, high, patience)
 
 
-@kernel
+@inner_kernel
 def _bound(points: Floats, first: int, last: int, low: Floats, high: Floats) -> None:
     """Find the smallest box around points."""
     x0 = y0 = z0 = np.inf
@@ -269,7 +269,7 @@ def _bound(points: Floats, first: int, last: int, low: Floats, high: Floats) -> 
     high[0], high[1], high[2] = x1, y1, z1
 
 
-@kernel
+@inner_kernel
 def _cut(
     points: Floats,
     index: Index,
@@ -315,7 +315,7 @@ def _cut(
     return middle, patience
 
 
-@kernel
+@inner_kernel
 def _count_below(points: Floats, first: int, last: int, axis: int, cut: float) -> int:
     count = 0
     for i in range(first, last):
@@ -323,7 +323,7 @@ def _count_below(points: Floats, first: int, last: int, axis: int, cut: float) -
     return count
 
 
-@kernel
+@inner_kernel
 def _middle(points: Floats, first: int, last: int, axis: int, low: float) -> float:
     """Find a cut at the median, or right above the lowest points if they are more than half."""
     cut = median(points[first:last, axis].copy(), last - first)
@@ -372,8 +372,11 @@ def _grow(
         if middle == i:
             child[node] = -1
             if here:
-                a[i:j] = b[i:j]
-                a_index[i:j] = b_index[i:j]
+                # One by one: for slices numba compiles the text of an error about their shapes.
+                for m in range(i, j):
+                    a_index[m] = b_index[m]
+                    for axis in range(3):
+                        a[m, axis] = b[m, axis]
             continue
         child[node] = count
         for side in range(2):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.smallest import (
     STROKE,
     SURPLUS,
@@ -104,7 +104,7 @@ def search_some(
             index[i, j] = room.best_place[j]
 
 
-@kernel
+@inner_kernel
 def _pick(wanted: Bools, begin: int, end: int, queries: Ints) -> int:
     """List the wanted points of a range, and return how many there are."""
     count = 0
@@ -114,7 +114,7 @@ def _pick(wanted: Bools, begin: int, end: int, queries: Ints) -> int:
     return count
 
 
-@kernel
+@inner_kernel
 def _batch(
     xyz: Floats,
     tree: Tree,
@@ -154,7 +154,7 @@ def _batch(
     return 0.0, guess
 
 
-@kernel
+@inner_kernel
 def _round(
     xyz: Floats,
     queries: Ints,
@@ -199,7 +199,7 @@ def _round(
     return left, further, guess, total
 
 
-@kernel
+@inner_kernel
 def _around(xyz: Floats, queries: Ints, count: int) -> Box:
     """Return the box around some points."""
     x0 = y0 = z0 = np.inf
@@ -211,7 +211,7 @@ def _around(xyz: Floats, queries: Ints, count: int) -> Box:
     return x0, y0, z0, x1, y1, z1
 
 
-@kernel
+@inner_kernel
 def _collect(
     xyz: Floats, tree: Tree, home: int, box: Box, reach: float, k: int, room: Room
 ) -> tuple[int, int]:
@@ -247,7 +247,7 @@ def _collect(
     return count, own
 
 
-@kernel
+@inner_kernel
 def _measure(
     near_x: Floats,
     near_y: Floats,
@@ -263,7 +263,7 @@ def _measure(
         distance[i] = (dx * dx + dy * dy) + dz * dz
 
 
-@kernel
+@inner_kernel
 def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, room: Room) -> int:
     """Find the few candidates of point q by going through the tree from near to far."""
     x, y, z = xyz[q]
@@ -293,23 +293,28 @@ def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, room: Room) -> 
     return count
 
 
-@kernel
+@inner_kernel
 def _shorten(order: Ints, count: int, k: int, room: Room) -> tuple[int, float]:
     """Drop candidates that cannot be among the k nearest; return how many are left, and a bound."""
     few, place, best, best_place = room.few, room.few_place, room.best, room.best_place
-    limit = tighten(few, count, k, 0.0, few[:count].max(), count)
+    farthest = 0.0
+    for i in range(count):
+        farthest = max(farthest, few[i])
+    limit = tighten(few, count, k, 0.0, farthest, count)
     kept = choose(few, place, count, limit, best, best_place)
-    few[:kept], place[:kept] = best[:kept], best_place[:kept]
+    for i in range(kept):
+        few[i], place[i] = best[i], best_place[i]
     if kept > len(few) // 4:
         # So many are tied; one behind the k-th is enough to decide.
         sort(order, few, place, kept, best, best_place)
         kept = k + 1
-        few[:kept], place[:kept] = best[:kept], best_place[:kept]
+        for i in range(kept):
+            few[i], place[i] = best[i], best_place[i]
         limit = few[k - 1]
     return kept, limit
 
 
-@kernel
+@inner_kernel
 def _write(q: int, few: int, room: Room, lists: Lists) -> None:
     """Write the row of a point: the first k of its few candidates."""
     order, index, tied = lists

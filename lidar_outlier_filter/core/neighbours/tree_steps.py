@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Room(NamedTuple):
     gaps: Floats
 
 
-@kernel
+@inner_kernel
 def make_room(k: int, levels: int) -> Room:
     """Make room for searches of k neighbours in a tree of so many levels."""
     floats = np.empty((6, ROOM + ROOM_EACH * k))
@@ -75,12 +75,14 @@ def make_room(k: int, levels: int) -> Room:
 @kernel
 def height(tree: Tree) -> int:
     """Count the levels of a tree."""
-    level = np.ones(len(tree.child), np.int64)
+    level = np.empty(len(tree.child), np.int64)
+    most = level[0] = 1
     for node in range(len(level)):
         child = tree.child[node]
+        most = max(most, level[node])
         if child >= 0:
             level[child] = level[child + 1] = level[node] + 1
-    return int(level.max())
+    return most
 
 
 @kernel
@@ -100,7 +102,7 @@ def leaves(tree: Tree) -> Ints:
     return found[:count].copy()
 
 
-@kernel
+@inner_kernel
 def gap(tree: Tree, node: int, box: Box) -> float:
     """Return the squared distance between a box, which may be a point, and that of a node."""
     dx = max(tree.low[node, 0] - box[3], box[0] - tree.high[node, 0], 0.0)
@@ -109,7 +111,7 @@ def gap(tree: Tree, node: int, box: Box) -> float:
     return float((dx * dx + dy * dy) + dz * dz)
 
 
-@kernel
+@inner_kernel
 def seen(tree: Tree, leaf: int, k: int) -> int:
     """Return where the points of a leaf end that can be among anybody's k nearest, or tied.
 
@@ -120,7 +122,7 @@ def seen(tree: Tree, leaf: int, k: int) -> int:
     return int(last if last - first <= LEAF else min(last, first + k + 2))
 
 
-@kernel
+@inner_kernel
 def push(tree: Tree, node: int, box: Box, nodes: Ints, gaps: Floats, waiting: int) -> int:
     """Put the children of a node on the stack, the nearer one on top."""
     near = tree.child[node]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, push
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Index = NDArray[np.int32]
 
 
-@kernel
+@inner_kernel
 def squared(xyz: Floats, p: int, q: int) -> float:
     """Return the squared distance of two points, in the order of operations of the search."""
     dx, dy, dz = xyz[p, 0] - xyz[q, 0], xyz[p, 1] - xyz[q, 1], xyz[p, 2] - xyz[q, 2]
@@ -84,7 +84,7 @@ def list_within(
         _walk(xyz, tree, stack, which[i], limits[i], index[offsets[i] : offsets[i + 1]])
 
 
-@kernel
+@inner_kernel
 def _walk(xyz: Floats, tree: Tree, stack: Ints, q: int, limit: float, found: Index) -> int:
     """Count the points within the limit, and list as many as there is room for, in their order."""
     x, y, z = xyz[q]

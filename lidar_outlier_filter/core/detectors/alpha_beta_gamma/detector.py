@@ -33,7 +33,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
     X,
     empty_series,
 )
-from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -227,7 +227,7 @@ def _line_precision(
     return result
 
 
-@kernel
+@inner_kernel
 def _one_precision(
     standard: NDArray[np.float64], begin: int, end: int, floor: float, scratch: NDArray[np.float64]
 ) -> float:
@@ -274,7 +274,7 @@ def _scores(
     return result, rank
 
 
-@kernel
+@inner_kernel
 def _window_score(
     standard: NDArray[np.float64],
     m: int,
@@ -366,7 +366,7 @@ def _unlink(
     return spoiled[:kept]
 
 
-@kernel
+@inner_kernel
 def _chain_length(link: NDArray[np.int64], k: int, most: int) -> int:
     """Count the points along the links to the end of the segment; most + 1 if there are more."""
     length = 0

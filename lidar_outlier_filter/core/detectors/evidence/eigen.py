@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Vector = tuple[float, float, float, float]  # and its squared length
 
 
-@kernel
+@inner_kernel
 def eigenvalues(moment: Floats, value: Floats) -> None:
     """Write the eigenvalues, ascending: (3, lanes) (Smith 1961)."""
     lanes = moment.shape[1]
@@ -48,7 +48,7 @@ def eigenvalues(moment: Floats, value: Floats) -> None:
         value[2, lane] = mean if equal else high
 
 
-@kernel
+@inner_kernel
 def eigenvectors(moment: Floats, value: Floats, narrow: float, vector: Floats) -> None:
     """Write one unit eigenvector of each: the longest product of two rows of matrix - eigenvalue.
 
@@ -69,7 +69,7 @@ def eigenvectors(moment: Floats, value: Floats, narrow: float, vector: Floats) -
         vector[2, lane] = best[2] / length
 
 
-@kernel
+@inner_kernel
 def _longer(x: float, y: float, z: float, best: Vector) -> Vector:
     square = x * x + y * y + z * z
     return (x, y, z, square) if square > best[3] else best

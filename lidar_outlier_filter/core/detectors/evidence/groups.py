@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.surface import K
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -116,7 +116,7 @@ def _join(xyz: Floats, nearest: NDArray[np.int32], reach: Floats, after: Ints) -
     return root
 
 
-@kernel
+@inner_kernel
 def _find(root: Ints, i: int) -> int:
     while root[i] != i:
         root[i] = root[root[i]]

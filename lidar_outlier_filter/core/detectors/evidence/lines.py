@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.lanes import LANES, fill, network, sort
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def follow(
         step[i], along[i] = nearer, best
 
 
-@kernel
+@inner_kernel
 def _around(wanted: Bools, begin: int, end: int) -> Bools:
     """Return of a range of points which are up to WINDOW places away from a wanted one."""
     result = np.zeros(end - begin, np.bool_)
@@ -73,13 +73,13 @@ def _around(wanted: Bools, begin: int, end: int) -> Bools:
     return result
 
 
-@kernel
+@inner_kernel
 def _gap(xyz: Floats, i: int, j: int) -> float:
     x, y, z = xyz[j, 0] - xyz[i, 0], xyz[j, 1] - xyz[i, 1], xyz[j, 2] - xyz[i, 2]
     return float(np.sqrt((x * x + y * y) + z * z))
 
 
-@kernel
+@inner_kernel
 def _difference(xyz: Floats, t: Ints, i: int, j: int, k: int) -> float:
     """Measure how far a point is from the straight way through two others, at its own time."""
     span = t[k] - t[j]

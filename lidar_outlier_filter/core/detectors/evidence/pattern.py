@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import write_features
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import (
     PATTERN_MODEL,
     PROFILE_MODEL,
@@ -23,20 +22,12 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_model import (
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
     FirstPass,
     count_scores,
-    write_scores,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
-    Prepared,
-    gather,
-    make_window,
-    prepare,
+from lidar_outlier_filter.core.detectors.evidence.pattern_values import (
+    make_pattern_room,
+    write_values,
 )
-from lidar_outlier_filter.core.detectors.evidence.profile_features import (
-    COUNT_ALL,
-    COUNT_PROFILE,
-    make_pairs,
-    write_profile,
-)
+from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared, prepare
 from lidar_outlier_filter.core.detectors.evidence.profile_groups import find_groups
 from lidar_outlier_filter.core.detectors.evidence.reasons import strongest_of_trees
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
@@ -134,9 +125,12 @@ def judge(
 def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
     """Give each place its log-odds; those of places without a point are 0."""
     pattern = prepared.pattern
-    score = np.zeros(len(pattern.order), np.float32)
+    places, unknown = len(pattern.order), np.empty(0, np.float32)
+    score = np.zeros(places, np.float32)
+    # All are doubtful, and there are no scores that anybody looks at.
+    nothing = FirstPass(np.zeros(places, np.float32), np.empty(0, np.int32), unknown, 0.0)
     pool.run(
-        lambda i, j: _first(prepared, trees, i, j, score),
+        lambda i, j: _judge(prepared, nothing, False, -np.float32(np.inf), trees, i, j, score),  # noqa: FBT003
         len(pattern.first),
         LINES_AT_ONCE,
         threads,
@@ -150,7 +144,7 @@ def second_pass(
     """Return the log-odds (M,) of each place: of these trees, where the first are ``doubtful``."""
     result, low = first.score.copy(), np.float32(doubtful)
     pool.run(
-        lambda i, j: _again(prepared, first, trees, low, i, j, result),
+        lambda i, j: _judge(prepared, first, True, low, trees, i, j, result),  # noqa: FBT003
         len(prepared.pattern.first),
         LINES_AT_ONCE,
         threads,
@@ -159,33 +153,19 @@ def second_pass(
 
 
 @kernel
-def _first(prepared: Prepared, trees: Trees, begin: int, end: int, score: Singles) -> None:
-    pattern, window, pairs = prepared.pattern, make_window(), make_pairs()
-    values, total = np.empty((COUNT_ALL, LANES), np.float32), np.empty(LANES, np.float32)
-    for line in range(begin, end):
-        for k in range(pattern.first[line], pattern.last[line], LANES):
-            gather(prepared, line, k, window)
-            write_features(pattern, line, k, window, values)
-            if len(prepared.groups) > 0:
-                write_profile(prepared, line, k, window, pairs, values)
-            add_up(trees, values, total)
-            for lane in range(min(pattern.last[line] - k, LANES)):
-                score[k + lane] = total[lane]
-
-
-@kernel
-def _again(
+def _judge(
     prepared: Prepared,
     first: FirstPass,
-    trees: Trees,
+    second: bool,
     doubtful: np.float32,
+    trees: Trees,
     begin: int,
     end: int,
     result: Singles,
 ) -> None:
-    pattern, window, pairs = prepared.pattern, make_window(), make_pairs()
-    values, total = np.empty((COUNT_ALL, LANES), np.float32), np.empty(LANES, np.float32)
-    score, more = first.score, COUNT_PROFILE if len(prepared.groups) > 0 else 0
+    """Write what trees say of the points of lines begin to end whose score is doubtful."""
+    pattern, room, total = prepared.pattern, make_pattern_room(), np.empty(LANES, np.float32)
+    score = first.score
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
             count = min(pattern.last[line] - k, LANES)
@@ -194,12 +174,8 @@ def _again(
                 asked |= score[k + lane] > doubtful
             if not asked:
                 continue
-            gather(prepared, line, k, window)
-            write_features(pattern, line, k, window, values)
-            if len(prepared.groups) > 0:
-                write_profile(prepared, line, k, window, pairs, values)
-            write_scores(prepared, first, line, k, window, values[more:])
-            add_up(trees, values, total)
+            write_values(prepared, first, second, line, k, room)
+            add_up(trees, room.values, total)
             for lane in range(count):
                 if score[k + lane] > doubtful:
                     result[k + lane] = total[lane]

@@ -37,8 +37,8 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
     gather,
     make_window,
 )
-from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.lanes import LANES
+from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel
+from lidar_outlier_filter.core.lanes import LANES, rows_of_singles
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,7 +88,7 @@ PLACES_OWN, PLACES_OTHER, PLACES = F(2 * OWN), F(SIZE - 2 * OWN), F(SIZE)
 def measure(prepared: Prepared, begin: int, end: int, out: Singles) -> None:
     """Write the features of all points of lines begin to end: (COUNT, M)."""
     pattern, window = prepared.pattern, make_window()
-    values = np.empty((COUNT, LANES), np.float32)
+    values = rows_of_singles(COUNT)
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
             gather(prepared, line, k, window)
@@ -96,7 +96,7 @@ def measure(prepared: Prepared, begin: int, end: int, out: Singles) -> None:
             copy_points(values, pattern.last[line] - k, out[:, k:])
 
 
-@kernel
+@inner_kernel
 def copy_points(values: Singles, count: int, out: Singles) -> None:
     """Write the features of the first ``count`` lanes, or of all of them."""
     for f in range(len(values)):
@@ -104,7 +104,7 @@ def copy_points(values: Singles, count: int, out: Singles) -> None:
             out[f, lane] = values[f, lane]
 
 
-@kernel
+@inlined_kernel
 def write_features(
     pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles
 ) -> None:
@@ -119,19 +119,19 @@ def write_features(
     _ranges(pattern, line, k, window, values)
 
 
-@kernel
+@inlined_kernel
 def level_within(unit: Number, level: Number) -> Number:
     """Return how far apart ranges are that still are the same, of what beams are apart, m."""
     return SAME * unit + level
 
 
-@kernel
+@inlined_kernel
 def width(array: Singles) -> int:
     """Return the number of lanes of an array."""
     return int(array.shape[1])
 
 
-@kernel
+@inner_kernel
 def _count(pattern: Pattern, line: int, k: int, window: PatternWindow) -> None:
     """Count returns before, behind and at the same range, and find the nearest of all."""
     reach, gap = pattern.range[k : k + LANES], pattern.gap[line]
@@ -165,7 +165,7 @@ def _count(pattern: Pattern, line: int, k: int, window: PatternWindow) -> None:
             best[NEAR - 1, lane] = min(best[NEAR - 1, lane], value)
 
 
-@kernel
+@inner_kernel
 def _along(pattern: Pattern, line: int, k: int, values: Singles) -> None:
     """Write what three predictions along the ring say of the range."""
     step, noise = pattern.step[line], pattern.noise[line]
@@ -187,7 +187,7 @@ def _along(pattern: Pattern, line: int, k: int, values: Singles) -> None:
         values[4, lane] = min(middle / unit, MOST)
 
 
-@kernel
+@inner_kernel
 def _off(
     r: Number, p: Number, ra: Number, pa: Number, rb: Number, pb: Number, most: Number
 ) -> Number:
@@ -202,7 +202,7 @@ def _off(
     return off if good else MOST
 
 
-@kernel
+@inner_kernel
 def _distances(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
     """Write how far the nearest returns are: in the ring, in other rings, and of all."""
     reach, step, gap = pattern.range[k : k + LANES], pattern.step[line], pattern.gap[line]
@@ -222,7 +222,7 @@ def _distances(pattern: Pattern, line: int, k: int, window: PatternWindow, value
         values[9, lane] = min(five / FIVE, MOST)
 
 
-@kernel
+@inner_kernel
 def _shares(window: PatternWindow, values: Singles) -> None:
     """Write shares of the window, and how rough it is."""
     sums = window.sums
@@ -242,7 +242,7 @@ def _shares(window: PatternWindow, values: Singles) -> None:
         values[24, lane] = sums[SPARSE, lane] / PLACES
 
 
-@kernel
+@inner_kernel
 def _ranges(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
     """Write range and brightness, the background's range, and predictions across the rings."""
     reach, gap, noise = pattern.range[k : k + LANES], pattern.gap[line], pattern.noise[line]

@@ -30,8 +30,8 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
     make_window,
     place_of,
 )
-from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.lanes import LANES
+from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel
+from lidar_outlier_filter.core.lanes import LANES, rows_of_singles
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -78,7 +78,7 @@ class FirstPass(NamedTuple):
         Points with a score above 0 up to each place.
     share : (M,) float32
         Of all points as far as each.
-    whole : float32
+    whole : float
         Of all points.
 
     """
@@ -86,7 +86,7 @@ class FirstPass(NamedTuple):
     score: Singles
     before: Places
     share: Singles
-    whole: np.float32
+    whole: float
 
 
 @kernel
@@ -106,16 +106,19 @@ def count_scores(pattern: Pattern, score: Singles) -> FirstPass:
         count[b] += there
         above[b] += flag
         of[k] = b
+    points = outliers = 0
+    for b in range(BINS):
+        points, outliers = points + count[b], outliers + above[b]
     for k in range(places):
         share[k] = above[of[k]] / max(count[of[k]], 1)
-    return FirstPass(score, before, share, np.float32(above.sum() / max(count.sum(), 1)))
+    return FirstPass(score, before, share, float(np.float32(outliers / max(points, 1))))
 
 
 @kernel
 def measure_again(prepared: Prepared, first: FirstPass, begin: int, end: int, out: Singles) -> None:
     """Write the features of all points of lines begin to end: (COUNT_AGAIN, M)."""
     pattern, window = prepared.pattern, make_window()
-    values = np.empty((COUNT_AGAIN, LANES), np.float32)
+    values = rows_of_singles(COUNT_AGAIN)
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
             gather(prepared, line, k, window)
@@ -124,7 +127,7 @@ def measure_again(prepared: Prepared, first: FirstPass, begin: int, end: int, ou
             copy_points(values, pattern.last[line] - k, out[:, k:])
 
 
-@kernel
+@inlined_kernel
 def write_scores(
     prepared: Prepared, first: FirstPass, line: int, k: int, window: PatternWindow, values: Singles
 ) -> None:
@@ -146,7 +149,7 @@ def write_scores(
     _write_shares(prepared.near, first, k, values)
 
 
-@kernel
+@inner_kernel
 def _sum_scores(
     prepared: Prepared, score: Singles, line: int, k: int, window: PatternWindow, total: Singles
 ) -> None:
@@ -181,7 +184,7 @@ def _sum_scores(
             total[BEFORE + 1, lane] += before
 
 
-@kernel
+@inner_kernel
 def _copy_scores(near: Places, score: Singles, k: int, slot: int, scores: Singles) -> None:
     """Write the scores of one slot of the windows."""
     if slot < 2 * OWN:
@@ -195,12 +198,12 @@ def _copy_scores(near: Places, score: Singles, k: int, slot: int, scores: Single
             scores[lane] = score[others[lane] + m]
 
 
-@kernel
+@inlined_kernel
 def _mean(total: Number, count: Number) -> Number:
     return total / count if count > ZERO else UNKNOWN
 
 
-@kernel
+@inner_kernel
 def _write_shares(near: Places, first: FirstPass, k: int, values: Singles) -> None:
     """Write the shares of points with a score above 0."""
     low, high = first.before[k - STRETCH :], first.before[k + STRETCH + 1 :]

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.lanes import LANES
+from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel
+from lidar_outlier_filter.core.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE, Pattern
 
 if TYPE_CHECKING:
@@ -93,17 +93,17 @@ class PatternWindow(NamedTuple):
     inverse: Singles
 
 
-@kernel
+@inlined_kernel
 def make_window() -> PatternWindow:
     """Make room for one thread."""
     return PatternWindow(
-        np.empty((SIZE, LANES), np.float32),
-        np.empty((SIZE, LANES), np.float32),
-        np.empty((QUANTITIES, LANES), np.float32),
-        np.empty((2 * OWN * QUANTITIES, LANES), np.float32),
-        np.empty((NEAR, LANES), np.float32),
-        np.empty((SUMS, LANES), np.float32),
-        np.empty((2 * RINGS, LANES), np.float32),
+        rows_of_singles(SIZE),
+        rows_of_singles(SIZE),
+        rows_of_singles(QUANTITIES),
+        rows_of_singles(2 * OWN * QUANTITIES),
+        rows_of_singles(NEAR),
+        rows_of_singles(SUMS),
+        rows_of_singles(2 * RINGS),
     )
 
 
@@ -166,7 +166,7 @@ def find_beside(pattern: Pattern, begin: int, end: int, near: Places) -> None:
                 near[m, k] = j + 1 if phase[j + 1] - mine < mine - phase[j] else j
 
 
-@kernel
+@inlined_kernel
 def gather(prepared: Prepared, line: int, k: int, window: PatternWindow) -> None:
     """Write the windows of the points of a line from place k on.
 
@@ -182,13 +182,13 @@ def gather(prepared: Prepared, line: int, k: int, window: PatternWindow) -> None
         _gather_other(rows, rough, near[ring, k : k + LANES], ring, max(step, gap), window)
 
 
-@kernel
+@inlined_kernel
 def place_of(k: int, slot: int) -> int:
     """Return the place of a slot of a window in the point's own ring: before it, then after."""
     return k + (slot - OWN if slot < OWN else slot - OWN + 1)
 
 
-@kernel
+@inner_kernel
 def _gather_own(
     rows: tuple[Singles, ...], rough: Singles, k: int, step: Number, window: PatternWindow
 ) -> None:
@@ -212,13 +212,13 @@ def _gather_own(
                 count[lane] += ONE if row[lane] < FAR else ZERO
 
 
-@kernel
+@inner_kernel
 def _copy(values: Singles, row: Singles) -> None:
     for lane in range(len(row)):
         row[lane] = values[lane]
 
 
-@kernel
+@inner_kernel
 def _gather_other(
     rows: tuple[Singles, ...],
     rough: Singles,
@@ -243,7 +243,7 @@ def _gather_other(
         count[lane] += ONE if good else ZERO
 
 
-@kernel
+@inner_kernel
 def _compare(window: PatternWindow, most: Number, begin: int, rows: int, there: Singles) -> None:
     """Compare points with the returns beside them: slots of the window from ``begin`` on.
 
@@ -264,7 +264,7 @@ def _compare(window: PatternWindow, most: Number, begin: int, rows: int, there: 
             there[lane] += ONE if good else ZERO
 
 
-@kernel
+@inner_kernel
 def _is_in_step(others: Places) -> bool:
     """Return whether returns of another ring follow each other as those of the ring itself do."""
     same = True
@@ -273,7 +273,7 @@ def _is_in_step(others: Places) -> bool:
     return same
 
 
-@kernel
+@inner_kernel
 def _line_up(values: Singles, others: Places, in_step: bool, side: Singles) -> None:
     """Put what is around the places ``others`` beside each other, row by row."""
     for m in range(len(side)):

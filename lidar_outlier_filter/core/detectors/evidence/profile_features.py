@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, copy_points
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import COUNT_AGAIN
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
@@ -31,10 +29,11 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
     make_window,
 )
 from lidar_outlier_filter.core.detectors.evidence.profile_groups import GROUPS
-from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.lanes import LANES, network, sort
+from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel
+from lidar_outlier_filter.core.lanes import LANES, network, rows_of_singles, sort
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.evidence.pattern_window import PatternWindow, Prepared
@@ -56,16 +55,10 @@ ALL = network(PAIRS, range(PAIRS))
 
 
 @kernel
-def make_pairs() -> Singles:
-    """Make room for one thread."""
-    return np.empty((PAIRS, LANES), np.float32)
-
-
-@kernel
 def measure_profile(prepared: Prepared, begin: int, end: int, out: Singles) -> None:
     """Write the features of all points of lines begin to end: (COUNT_PROFILE, M)."""
-    pattern, window, pairs = prepared.pattern, make_window(), make_pairs()
-    values = np.empty((COUNT_ALL, LANES), np.float32)
+    pattern, window, pairs = prepared.pattern, make_window(), rows_of_singles(PAIRS)
+    values = rows_of_singles(COUNT_ALL)
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
             gather(prepared, line, k, window)
@@ -73,7 +66,7 @@ def measure_profile(prepared: Prepared, begin: int, end: int, out: Singles) -> N
             copy_points(values[FIRST : FIRST + COUNT_PROFILE], pattern.last[line] - k, out[:, k:])
 
 
-@kernel
+@inlined_kernel
 def write_profile(
     prepared: Prepared, line: int, k: int, window: PatternWindow, pairs: Singles, values: Singles
 ) -> None:
@@ -92,7 +85,7 @@ def write_profile(
             values[FIRST + 2 + row, lane] = some[lane]
 
 
-@kernel
+@inner_kernel
 def _predict_own(
     prepared: Prepared, line: int, k: int, window: PatternWindow, pairs: Singles
 ) -> None:
@@ -114,7 +107,7 @@ def _predict_own(
             row[lane] = min(max(off, -MOST), MOST) + MOST if good else MISSING
 
 
-@kernel
+@inner_kernel
 def _predict_other(
     prepared: Prepared, line: int, k: int, window: PatternWindow, pairs: Singles
 ) -> None:
@@ -135,7 +128,7 @@ def _predict_other(
                 row[lane] = min(max(off, -MOST), MOST) + MOST if good else MISSING
 
 
-@kernel
+@inner_kernel
 def _write_right(pairs: Singles, row: Singles) -> None:
     """Write the share of the pairs that predict the range."""
     for lane in range(len(row)):
@@ -146,7 +139,7 @@ def _write_right(pairs: Singles, row: Singles) -> None:
         row[lane] = right / count if count > ZERO else -ONE
 
 
-@kernel
+@inner_kernel
 def _write_median(pairs: Singles, row: Singles) -> None:
     """Write the median of those that are there, sorted, less MOST; 0 for none."""
     for lane in range(len(row)):

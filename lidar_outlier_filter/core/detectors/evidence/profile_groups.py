@@ -19,7 +19,7 @@ import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import OTHER, RINGS
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def find_segments(pattern: Pattern, reach: float) -> Segments:
     return Segments(of, size[:count].copy())
 
 
-@kernel
+@inner_kernel
 def _is_close(pattern: Pattern, line: int, k: int, j: int, reach: float) -> bool:
     """Return whether place j is within reach of place k, which is of the line."""
     most = reach * (pattern.range[k] * pattern.gap[line] + pattern.apart[line])
@@ -149,7 +149,7 @@ def join(pattern: Pattern, near: Places, reach: float, segments: Segments) -> Pl
     return _number(root, tied, segments)
 
 
-@kernel
+@inner_kernel
 def _root(root: NDArray[np.int64], i: int) -> int:
     while root[i] != i:
         root[i] = root[root[i]]
@@ -157,7 +157,7 @@ def _root(root: NDArray[np.int64], i: int) -> int:
     return int(i)
 
 
-@kernel
+@inner_kernel
 def _number(root: NDArray[np.int64], tied: Bools, segments: Segments) -> Places:
     """Give a number to each free group that is large enough."""
     count, size = np.zeros(len(root), np.int64), segments.size
@@ -206,7 +206,7 @@ def _sum_up(pattern: Pattern, segments: Segments, group: Places, count: int) -> 
     return sums
 
 
-@kernel
+@inner_kernel
 def _close_line(line_sums: Floats, g: int, sums: Floats) -> None:
     """Add the mean of what a line saw of a group, as often as it saw it, and begin anew."""
     n, x, y, z = line_sums[0, g], line_sums[1, g], line_sums[2, g], line_sums[3, g]

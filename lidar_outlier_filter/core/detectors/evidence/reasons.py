@@ -16,30 +16,15 @@ import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.detectors.evidence import features as weighted
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import (
-    COUNT,
-    FEATURES,
-    write_features,
+from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN, FirstPass
+from lidar_outlier_filter.core.detectors.evidence.pattern_values import (
+    make_pattern_room,
+    write_values,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
-    AGAIN,
-    FirstPass,
-    write_scores,
-)
-from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
-    Prepared,
-    gather,
-    make_window,
-)
-from lidar_outlier_filter.core.detectors.evidence.profile_features import (
-    COUNT_ALL,
-    COUNT_PROFILE,
-    PROFILE,
-    make_pairs,
-    write_profile,
-)
+from lidar_outlier_filter.core.detectors.evidence.profile_features import COUNT_PROFILE, PROFILE
 from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.lanes import LANES
 from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE
 
@@ -49,6 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.evidence.pattern_model import PatternModel
+    from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared
 
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
@@ -127,9 +113,8 @@ def _explain(
     end: int,
     reason: Numbers,
 ) -> None:
-    pattern, window, pairs = prepared.pattern, make_window(), make_pairs()
-    means = find_means(both[0]), find_means(both[1])
-    values, added = np.empty((COUNT_ALL, LANES), np.float32), np.empty(len(rows), np.float32)
+    pattern, room, added = prepared.pattern, make_pattern_room(), np.empty(len(rows), np.float32)
+    means, values = (find_means(both[0]), find_means(both[1])), room.values
     more = COUNT_PROFILE if len(prepared.groups) > 0 else 0
     own = COUNT + more  # the row of the point's own result of the first pass
     for line in range(begin, end):
@@ -137,11 +122,7 @@ def _explain(
             count = min(pattern.last[line] - k, LANES)
             if not wanted[k : k + count].any():
                 continue
-            gather(prepared, line, k, window)
-            write_features(pattern, line, k, window, values)
-            if len(prepared.groups) > 0:
-                write_profile(prepared, line, k, window, pairs, values)
-            write_scores(prepared, first, line, k, window, values[more:])
+            write_values(prepared, first, True, line, k, room)  # noqa: FBT003
             for lane in range(count):
                 if wanted[k + lane]:
                     strongest = own
@@ -152,7 +133,7 @@ def _explain(
                     reason[k + lane] = rows[strongest]
 
 
-@kernel
+@inner_kernel
 def _find_strongest(
     trees: Trees, means: Singles, rows: Numbers, features: Singles, added: Singles
 ) -> int:
@@ -165,7 +146,7 @@ def _find_strongest(
     return int(added.argmax())
 
 
-@kernel
+@inner_kernel
 def find_means(trees: Trees) -> Singles:
     """Return the mean (T, 15) of the values that are possible at each place of full trees.
 
@@ -180,7 +161,7 @@ def find_means(trees: Trees) -> Singles:
     return means
 
 
-@kernel
+@inner_kernel
 def add_up_reasons(trees: Trees, means: Singles, features: Singles, added: Singles) -> None:
     """Add what each feature (F,) of a point adds to its log-odds."""
     for tree in range(len(trees.feature)):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.eigen import eigenvalues, eigenvectors
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.lanes import LANES, fill, network, sort
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def measure(
             _fit(points, near, weight, residual, plane, aside, out)
 
 
-@kernel
+@inner_kernel
 def _gather(points: Ints, xyz: Floats, nearest: Index, near: Floats) -> None:
     """Put the neighbours side by side, relative to their points."""
     for lane in range(len(points)):
@@ -116,7 +116,7 @@ def _gather(points: Ints, xyz: Floats, nearest: Index, near: Floats) -> None:
             near[2, m, lane] = xyz[j, 2] - z
 
 
-@kernel
+@inner_kernel
 def _distances(
     points: Ints,
     near: Floats,
@@ -149,7 +149,7 @@ def _distances(
         out.other[i] = distance[first, lane] if first < K else BEYOND * distance[K - 1, lane]
 
 
-@kernel
+@inner_kernel
 def _fit(
     points: Ints,
     near: Floats,
@@ -179,7 +179,7 @@ def _fit(
         out.off[i], out.scale[i] = abs(plane[3, lane]), scale[lane]
 
 
-@kernel
+@inner_kernel
 def _residuals(near: Floats, plane: Floats, residual: Floats, copy: Floats) -> None:
     """Write distances from the surface twice, because the search for their median reorders one."""
     for m in range(K):
@@ -189,7 +189,7 @@ def _residuals(near: Floats, plane: Floats, residual: Floats, copy: Floats) -> N
             residual[m, lane] = copy[m, lane] = abs(height + plane[3, lane])
 
 
-@kernel
+@inner_kernel
 def _weigh(weight: Floats, scale: Floats) -> None:
     """Turn residuals into weights."""
     for m in range(K):
@@ -198,7 +198,7 @@ def _weigh(weight: Floats, scale: Floats) -> None:
             weight[m, lane] = 1 / (1 + ratio * ratio) ** 2
 
 
-@kernel
+@inner_kernel
 def _fit_weighted(near: Floats, weight: Floats, plane: Floats, aside: Floats) -> None:
     """Write the normals of the weighted neighbours, and the heights of the points above them.
 
@@ -234,7 +234,7 @@ def _fit_weighted(near: Floats, weight: Floats, plane: Floats, aside: Floats) ->
     _heights(mean, value, plane, aside)
 
 
-@kernel
+@inner_kernel
 def _heights(mean: Floats, value: Floats, plane: Floats, aside: Floats) -> None:
     for lane in range(len(aside)):
         if not value[1, lane] > NARROW * value[2, lane]:
@@ -248,7 +248,7 @@ def _heights(mean: Floats, value: Floats, plane: Floats, aside: Floats) -> None:
         aside[lane] = np.sqrt(along / spread) if spread > 0 else 0.0
 
 
-@kernel
+@inner_kernel
 def _turn(lane: int, mean: Floats, plane: Floats) -> None:
     """Replace the direction of a line by that of its normal that the point lies on."""
     sx, sy, sz = mean[0, lane], mean[1, lane], mean[2, lane]

@@ -54,7 +54,7 @@ from lidar_outlier_filter.core.detectors.evidence.survey_near import (
     off_plane,
     write_heights,
 )
-from lidar_outlier_filter.core.kernels import kernel, select
+from lidar_outlier_filter.core.kernels import inner_kernel, select
 from lidar_outlier_filter.core.lanes import LANES
 
 if TYPE_CHECKING:
@@ -114,14 +114,14 @@ class FarRoom(NamedTuple):
     place: Floats
 
 
-@kernel
+@inner_kernel
 def make_room() -> FarRoom:
     """Make room for points that are measured side by side."""
     near, lists = survey_near.make_room(), np.empty((2, MOST))
     return FarRoom(near, lists[0], lists[1], np.empty(LANES), np.empty((3, MOST)))
 
 
-@kernel
+@inner_kernel
 def write_far(far: Far, points: Ints, rows: Ints, room: FarRoom, values: Singles) -> None:
     """Write all features (COUNT, LANES) of points, whose neighbours are in these rows."""
     near, scale = far.near, room.scale
@@ -141,7 +141,7 @@ def write_far(far: Far, points: Ints, rows: Ints, room: FarRoom, values: Singles
             values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
 
 
-@kernel
+@inner_kernel
 def _write_distances(
     near: Near, p: int, others: Index, lane: int, room: FarRoom, values: Singles
 ) -> float:
@@ -161,7 +161,7 @@ def _write_distances(
     return scale
 
 
-@kernel
+@inner_kernel
 def _write_group(scale: float, count: int, lane: int, room: FarRoom, values: Singles) -> None:
     """Join the neighbours one by one (Prim's spanning tree), and write what distances say."""
     place, reach = room.place, room.reach
@@ -194,7 +194,7 @@ def _write_group(scale: float, count: int, lane: int, room: FarRoom, values: Sin
     values[BEGIN + 8, lane], values[BEGIN + 9, lane] = against, group
 
 
-@kernel
+@inner_kernel
 def _write_planes(
     far: Far, points: Ints, rows: Ints, count: int, row: int, room: FarRoom, values: Singles
 ) -> None:
@@ -212,7 +212,7 @@ def _write_planes(
         values[row + 2, lane] = off / (flat + SMOOTH * scale)
 
 
-@kernel
+@inner_kernel
 def _write_heights(scale: float, count: int, lane: int, room: FarRoom, values: Singles) -> None:
     """Write the features of z."""
     z, some, work = room.place[2], min(SOME, count), room.reach
@@ -228,7 +228,7 @@ def _write_heights(scale: float, count: int, lane: int, room: FarRoom, values: S
     values[HEIGHTS + 11, lane] = -high / scale if high > -np.inf else 0.0
 
 
-@kernel
+@inner_kernel
 def between(place: Floats, away: Floats, some: int) -> tuple[float, float]:
     """Return the lowest and highest z, from the point, between two opposite neighbours.
 
@@ -246,7 +246,7 @@ def between(place: Floats, away: Floats, some: int) -> tuple[float, float]:
     return low, high
 
 
-@kernel
+@inner_kernel
 def _gather(xyz: Floats, p: int, others: Index, place: Floats) -> None:
     """Write where the neighbours are, from the point."""
     for m in range(len(others)):
@@ -254,7 +254,7 @@ def _gather(xyz: Floats, p: int, others: Index, place: Floats) -> None:
             place[axis, m] = xyz[others[m], axis] - xyz[p, axis]
 
 
-@kernel
+@inner_kernel
 def _write_odds(
     odds: Singles, nearest: Index, p: int, others: Index, lane: int, values: Singles
 ) -> None:

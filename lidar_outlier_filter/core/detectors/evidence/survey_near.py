@@ -42,7 +42,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.eigen import eigenvalues, eigenvectors
-from lidar_outlier_filter.core.kernels import kernel, median, select
+from lidar_outlier_filter.core.kernels import inner_kernel, median, select
 from lidar_outlier_filter.core.lanes import LANES
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class NearRoom(NamedTuple):
     table: Ints
 
 
-@kernel
+@inner_kernel
 def make_room() -> NearRoom:
     """Make room for points that are measured side by side."""
     return NearRoom(
@@ -119,7 +119,7 @@ def make_room() -> NearRoom:
     )
 
 
-@kernel
+@inner_kernel
 def write_near(near: Near, points: Ints, room: NearRoom, values: Singles) -> None:
     """Write the features (COUNT, LANES) of points, so many as there are lanes."""
     for lane in range(LANES):
@@ -147,7 +147,7 @@ def write_near(near: Near, points: Ints, room: NearRoom, values: Singles) -> Non
             values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
 
 
-@kernel
+@inner_kernel
 def _write_distances(near: Near, p: int, lane: int, room: NearRoom, values: Singles) -> float:
     """Write the features of distances, and return s."""
     xyz, radius = near.xyz, near.radius
@@ -172,7 +172,7 @@ def _write_distances(near: Near, p: int, lane: int, room: NearRoom, values: Sing
     return s
 
 
-@kernel
+@inner_kernel
 def count_steps(index: Index, p: int, table: Ints) -> int:
     """Count the other points that two steps from p lead to."""
     table[:] = -1
@@ -187,7 +187,7 @@ def count_steps(index: Index, p: int, table: Ints) -> int:
     return count
 
 
-@kernel
+@inner_kernel
 def _put(table: Ints, number: int) -> int:
     """Put a number into a table, unless it is there; return how many were put."""
     place = number & (len(table) - 1)
@@ -198,14 +198,14 @@ def _put(table: Ints, number: int) -> int:
     return int(new)
 
 
-@kernel
+@inner_kernel
 def length(xyz: Floats, p: int, o: int) -> float:
     """Return the distance of two points."""
     dx, dy, dz = xyz[p, 0] - xyz[o, 0], xyz[p, 1] - xyz[o, 1], xyz[p, 2] - xyz[o, 2]
     return float(np.sqrt((dx * dx + dy * dy) + dz * dz))
 
 
-@kernel
+@inner_kernel
 def add_moments(
     xyz: Floats, others: Index, count: int, p: int, lane: int, moment: Floats, mean: Floats
 ) -> None:
@@ -226,7 +226,7 @@ def add_moments(
     moment[3, lane], moment[4, lane], moment[5, lane] = xy / count, xz / count, yz / count
 
 
-@kernel
+@inner_kernel
 def write_heights(
     z: Floats, count: int, scale: float, row: int, sunk: int, lane: int, values: Singles
 ) -> None:
@@ -241,7 +241,7 @@ def write_heights(
     values[sunk + 1, lane] = -high / (high - next_high + EVEN * scale)
 
 
-@kernel
+@inner_kernel
 def off_plane(mean: Floats, value: Floats, vector: Floats, lane: int) -> tuple[float, float]:
     """Return how far a point is from the plane, or line, and how far its neighbours are from it."""
     x, y, z = mean[0, lane], mean[1, lane], mean[2, lane]
@@ -252,7 +252,7 @@ def off_plane(mean: Floats, value: Floats, vector: Floats, lane: int) -> tuple[f
     return across, np.sqrt(max(value[0, lane] + value[1, lane], 0.0))
 
 
-@kernel
+@inner_kernel
 def aside(moment: Floats, mean: Floats, lane: int) -> float:
     """Return how far the mean of neighbours is from the point ÷ how far they are from that mean."""
     x, y, z = mean[0, lane], mean[1, lane], mean[2, lane]

@@ -22,7 +22,7 @@ import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.detectors.hierarchical.spanning_tree import Edges, lengths
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _edges(xyz: Floats, tree: Tree, levels: int, begin: int, end: int) -> Index:
     return ends[:count].copy()
 
 
-@kernel
+@inner_kernel
 def _find_candidates(
     xyz: Floats, tree: Tree, p: int, before: bool, scratch: _Scratch
 ) -> tuple[int, int]:
@@ -153,7 +153,7 @@ def _find_candidates(
     return found, kept
 
 
-@kernel
+@inner_kernel
 def _is_hidden(
     tree: Tree, node: int, planes: Floats, kept: int, x: float, y: float, z: float
 ) -> bool:
@@ -173,7 +173,7 @@ def _is_hidden(
     return False
 
 
-@kernel
+@inner_kernel
 def _is_beyond(planes: Floats, kept: int, u: float, v: float, w: float) -> bool:
     """Return whether a point is beyond one of the planes: whether its point is inside the ball."""
     for k in range(kept):
@@ -183,7 +183,7 @@ def _is_beyond(planes: Floats, kept: int, u: float, v: float, w: float) -> bool:
     return False
 
 
-@kernel
+@inner_kernel
 def _add_plane(
     planes: Floats,
     kept: int,
@@ -211,7 +211,7 @@ def _add_plane(
     return min(kept + 1, PLANES)
 
 
-@kernel
+@inner_kernel
 def _is_empty(xyz: Floats, tree: Tree, p: int, q: int, stack: Ints) -> bool:
     """Return whether no point is inside the ball between p and q."""
     px, py, pz = xyz[p, 0], xyz[p, 1], xyz[p, 2]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ def _find_ways_out(search: _Search, found: _Found, root: int, shortest: Floats) 
                 shortest[own] = squared
 
 
-@kernel
+@inner_kernel
 def _is_clear(search: _Search, node: int, own: int, squared: float, stack: Ints) -> bool:
     """Return whether nothing of another component is nearer to the box of a node."""
     tree = search.tree
@@ -245,7 +245,7 @@ def _is_clear(search: _Search, node: int, own: int, squared: float, stack: Ints)
     return True
 
 
-@kernel
+@inner_kernel
 def _nearest(
     search: _Search,
     i: int,
@@ -291,7 +291,7 @@ def _nearest(
     return squared, nearest
 
 
-@kernel
+@inner_kernel
 def _holds(search: _Search, node: int, own: int, within: bool) -> bool:
     """Return whether a node may hold points within a component, or of another."""
     uniform = search.uniform[node]
@@ -333,7 +333,7 @@ def _join(
     return count, edges
 
 
-@kernel
+@inner_kernel
 def _find(parent: Ints, one: int) -> int:
     """Return the component that stands for all that ``one`` was joined with."""
     while parent[one] != one:

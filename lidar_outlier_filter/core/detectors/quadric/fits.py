@@ -30,7 +30,7 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
     step,
     sum_normal,
 )
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,7 +43,7 @@ CONVERGED = 1e-6  # largest change of a parameter
 LEAST_VARIANCE = 0.01  # of the mean of all: near an edge the gradient vanishes
 
 
-@kernel
+@inner_kernel
 def fit_plane(window: Window, begin: int, end: int) -> None:
     """Fit the plane through points begin to end by their weights, at least one of them not 0.
 
@@ -88,13 +88,13 @@ def fit_plane(window: Window, begin: int, end: int) -> None:
             plane[3 * place + axis] = window.vectors[axis, k]
 
 
-@kernel
+@inner_kernel
 def is_plane(window: Window, floor: float) -> bool:
     """Return a plane from a line: it is wider than the least standard deviation."""
     return bool(window.plane[MOMENTS + 1] > floor * floor * window.plane[WEIGHT])
 
 
-@kernel
+@inner_kernel
 def adjust_plane(window: Window, n: int, floor: float) -> bool:
     """Fit the plane to the kept points; measure all points. False if they lie on a line.
 
@@ -122,7 +122,7 @@ def adjust_plane(window: Window, n: int, floor: float) -> bool:
     return True
 
 
-@kernel
+@inner_kernel
 def measure_heights(window: Window, begin: int, end: int) -> None:
     """Measure the residuals (29) of points begin to end from the plane: heights over it."""
     xyz, plane = window.xyz, window.plane
@@ -132,7 +132,7 @@ def measure_heights(window: Window, begin: int, end: int) -> None:
         window.residual[i] = x * xyz[0, i] + y * xyz[1, i] + z * xyz[2, i] - zero
 
 
-@kernel
+@inner_kernel
 def measure_plane(window: Window, n: int) -> None:
     """Measure all points against the plane: residual, variance, slope and lever.
 
@@ -153,7 +153,7 @@ def measure_plane(window: Window, n: int) -> None:
         )
 
 
-@kernel
+@inner_kernel
 def _variance_along(variance: Floats, x: float, y: float, z: float) -> float:
     """Return A D Aᵀ (30) of one point, with A = (x, y, z)."""
     if len(variance) == 0:
@@ -164,7 +164,7 @@ def _variance_along(variance: Floats, x: float, y: float, z: float) -> float:
     return float(squares + 2 * (variance[1] * x * y + variance[2] * x * z + variance[4] * y * z))
 
 
-@kernel
+@inner_kernel
 def fill_rows(window: Window, n: int) -> None:
     """Fill B (23) of all points, in the frame of the plane."""
     xyz, plane, rows = window.xyz, window.plane, window.rows
@@ -178,7 +178,7 @@ def fill_rows(window: Window, n: int) -> None:
         rows[i, 7], rows[i, 8], rows[i, 9] = ROOT2 * x * z, ROOT2 * y * z, z * z
 
 
-@kernel
+@inner_kernel
 def measure_gradient(window: Window, n: int) -> None:
     """Measure the slope (25)-(27) and the variance (30) of all points.
 
@@ -207,14 +207,14 @@ def measure_gradient(window: Window, n: int) -> None:
         sigma2[i] = max(sigma2[i], least)
 
 
-@kernel
+@inner_kernel
 def weigh(window: Window, n: int) -> None:
     """Give the kept points the weight 1/σ², the others none."""
     for i in range(n):
         window.weight[i] = 1 / window.sigma2[i] if window.kept[i] else 0.0
 
 
-@kernel
+@inner_kernel
 def measure_residuals(window: Window, n: int, size: int) -> None:
     """Measure the residuals (29) of all points: B a."""
     for i in range(n):
@@ -224,7 +224,7 @@ def measure_residuals(window: Window, n: int, size: int) -> None:
         window.residual[i] = value
 
 
-@kernel
+@inner_kernel
 def _measure_levers(window: Window, n: int, size: int) -> None:
     """Measure B Q Bᵀ of all points."""
     rows, cofactor = window.rows, window.cofactor
@@ -238,7 +238,7 @@ def _measure_levers(window: Window, n: int, size: int) -> None:
         window.lever[i] = value
 
 
-@kernel
+@inner_kernel
 def adjust(window: Window, n: int, size: int) -> bool:
     """Repeat the adjustment of the kept points from a until it stands; measure all points.
 
@@ -262,7 +262,7 @@ def adjust(window: Window, n: int, size: int) -> bool:
     return True
 
 
-@kernel
+@inner_kernel
 def start_algebraic(window: Window, n: int) -> float:
     """Set a to the eigenvector of the least eigenvalue of Σ Bᵀ B over the kept points.
 
@@ -290,7 +290,7 @@ def start_algebraic(window: Window, n: int) -> float:
     return far / mean_square_distance(window, n)
 
 
-@kernel
+@inner_kernel
 def mean_square_distance(window: Window, n: int) -> float:
     """Return Σ residual² ÷ Σ slope² of the kept points under the quadric a."""
     measure_gradient(window, n)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -97,7 +97,7 @@ def empty_window(room: int, components: int) -> Window:
     )
 
 
-@kernel
+@inner_kernel
 def eigen(matrix: Floats, vectors: Floats, size: int) -> None:
     """Turn a symmetric matrix into its eigenvalues, on its diagonal; vectors are the columns.
 
@@ -120,7 +120,7 @@ def eigen(matrix: Floats, vectors: Floats, size: int) -> None:
                     _rotate(matrix, vectors, size, i, j)
 
 
-@kernel
+@inner_kernel
 def _rotate(matrix: Floats, vectors: Floats, size: int, i: int, j: int) -> None:
     """Turn axes i and j such that their product vanishes."""
     beside = matrix[i, j]
@@ -143,7 +143,7 @@ def _rotate(matrix: Floats, vectors: Floats, size: int, i: int, j: int) -> None:
         vectors[k, j] = sine * one + cosine * other
 
 
-@kernel
+@inner_kernel
 def sum_normal(window: Window, n: int, size: int) -> None:
     """Sum the normal matrix Bᵀ P B."""
     rows, normal = window.rows, window.normal
@@ -161,7 +161,7 @@ def sum_normal(window: Window, n: int, size: int) -> None:
             normal[k, j] = normal[j, k]
 
 
-@kernel
+@inner_kernel
 def _invert_bordered(window: Window, size: int) -> bool:
     """Find Q: the inverse of the normal matrix bordered by a, without the border.
 
@@ -187,7 +187,7 @@ def _invert_bordered(window: Window, size: int) -> bool:
     return True
 
 
-@kernel
+@inner_kernel
 def _eliminate(square: Floats, inverse: Floats, size: int, least: float) -> bool:
     """Turn the unit matrix ``inverse`` into the inverse of ``square``, by Gauss and Jordan."""
     for i in range(size):
@@ -245,7 +245,7 @@ def step(window: Window, n: int, size: int) -> tuple[float, float]:
     return before, max(after, 0.0)
 
 
-@kernel
+@inner_kernel
 def normalize(window: Window, size: int) -> None:
     """Give the parameters the norm 1 (19)."""
     norm = 0.0

@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
     normalize,
     step,
 )
-from lidar_outlier_filter.core.kernels import kernel, select
+from lidar_outlier_filter.core.kernels import inner_kernel, select
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -104,7 +104,7 @@ class Growth(NamedTuple):
 NONE = FittedSurface(0, 0, 0.0)
 
 
-@kernel
+@inner_kernel
 def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> bool:
     """Test all points: T (31) ÷ its critical value. False if there are too few to decide.
 
@@ -133,7 +133,7 @@ def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growt
     return True
 
 
-@kernel
+@inner_kernel
 def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, int]:
     """Return Σ v²/σ² of the kept points and its degrees of freedom: σ̂0² is their ratio.
 
@@ -155,7 +155,7 @@ def _squares(window: Window, n: int, size: int, growth: Growth) -> tuple[float, 
     return squares, freedom
 
 
-@kernel
+@inner_kernel
 def describe(window: Window, n: int, size: int) -> FittedSurface:
     """Describe the surface that was fitted last, by the points kept."""
     squares, count = 0.0, 0
@@ -167,7 +167,7 @@ def describe(window: Window, n: int, size: int) -> FittedSurface:
     return FittedSurface(size, count, np.sqrt(squares / max(count - (size - 1), 1)))
 
 
-@kernel
+@inner_kernel
 def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
     """Return whether three more parameters lessen a sum of squares significantly (F test)."""
     if freedom < 1:
@@ -176,7 +176,7 @@ def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
     return bool((before - after) / 3 > ratio * after / freedom)
 
 
-@kernel
+@inner_kernel
 def is_bent(window: Window, n: int, rules: Rules) -> bool:
     """Return whether a paraboloid fits the kept points significantly better than the plane.
 
@@ -216,7 +216,7 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     return bent
 
 
-@kernel
+@inner_kernel
 def _step_from_plane(window: Window, n: int) -> tuple[float, float]:
     """Fit heights over the plane by a paraboloid with the weights; measure all points.
 
@@ -229,7 +229,7 @@ def _step_from_plane(window: Window, n: int) -> tuple[float, float]:
     return before, after
 
 
-@kernel
+@inner_kernel
 def _rank_squares(window: Window, n: int, rank: int) -> float:
     """Return the residual² ÷ σ² of that rank among the kept; those up to it are in scratch."""
     count = 0
@@ -240,7 +240,7 @@ def _rank_squares(window: Window, n: int, rank: int) -> float:
     return select(window.scratch, count, rank)
 
 
-@kernel
+@inner_kernel
 def _sum(values: Floats, count: int) -> float:
     total = 0.0
     for i in range(count):
@@ -248,7 +248,7 @@ def _sum(values: Floats, count: int) -> float:
     return total
 
 
-@kernel
+@inner_kernel
 def is_flat(window: Window, n: int) -> bool:
     """Return whether (20) approximates a quadric at three of four kept points.
 

@@ -46,7 +46,7 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
     is_flat,
     measure_tests,
 )
-from lidar_outlier_filter.core.kernels import kernel, select
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel, select
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -103,7 +103,7 @@ def judge(window: Window, n: int, rules: Rules) -> None:
         window.score[:n] = np.nan
 
 
-@kernel
+@inner_kernel
 def _centre(window: Window, n: int) -> float:
     """Centre the coordinates at their mean and divide them by their rms radius, which is returned.
 
@@ -132,7 +132,7 @@ def _centre(window: Window, n: int) -> float:
 # The beginning of a surface -----------------------------------------------------------------------
 
 
-@kernel
+@inner_kernel
 def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> bool:
     """Choose the points a surface begins with: kept. False if there is no plane to be found.
 
@@ -169,13 +169,13 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
     return True
 
 
-@kernel
+@inner_kernel
 def _weigh_left(window: Window, begin: int, end: int) -> None:
     for i in range(begin, end):
         window.weight[i] = 1.0 if window.left[i] else 0.0
 
 
-@kernel
+@inner_kernel
 def _end_of_run(window: Window, begin: int, n: int) -> int:
     """Return where a run of points left ends; -1 if there is not even half a run."""
     count, end = 0, begin
@@ -185,7 +185,7 @@ def _end_of_run(window: Window, begin: int, n: int) -> int:
     return end if 2 * count >= RUN else -1
 
 
-@kernel
+@inner_kernel
 def _compare(window: Window, n: int, rank: int, floor: float, best: float) -> float:
     """Remember the plane if the point of that rank is nearer than the best; return the better."""
     if not is_plane(window, floor):
@@ -197,7 +197,7 @@ def _compare(window: Window, n: int, rank: int, floor: float, best: float) -> fl
     return best
 
 
-@kernel
+@inner_kernel
 def _near(window: Window, n: int, rank: int) -> float:
     """Measure all points from the plane; return the distance of that rank among those left."""
     measure_heights(window, BEGIN[0], n)
@@ -209,7 +209,7 @@ def _near(window: Window, n: int, rank: int) -> float:
     return select(window.scratch, count, rank)
 
 
-@kernel
+@inner_kernel
 def _drop_worse_half(window: Window, begin: int, end: int) -> None:
     """Take the weight from the points of a run that are farther from the plane than its median."""
     measure_heights(window, begin, end)
@@ -227,7 +227,7 @@ def _drop_worse_half(window: Window, begin: int, end: int) -> None:
 # Its growth ---------------------------------------------------------------------------------------
 
 
-@kernel
+@inner_kernel
 def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a surface from the kept points, and raise its model as far as that pays."""
     if not rules.robust:
@@ -253,7 +253,7 @@ def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface
     return plane
 
 
-@kernel
+@inner_kernel
 def _rise(
     window: Window, n: int, paraboloid: FittedSurface, rules: Rules, growth: Growth
 ) -> FittedSurface:
@@ -271,7 +271,7 @@ def _rise(
     return paraboloid
 
 
-@kernel
+@inner_kernel
 def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a quadric from the algebraic start, in the rows' frame; none if it is ambiguous.
 
@@ -284,7 +284,7 @@ def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> Fitte
     return NONE
 
 
-@kernel
+@inner_kernel
 def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow one more surface: freely, or if it runs over what lies beside it, held tight.
 
@@ -300,7 +300,7 @@ def _grow_another(window: Window, n: int, left: int, rules: Rules, growth: Growt
     return NONE
 
 
-@kernel
+@inner_kernel
 def _settle(window: Window, n: int, size: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Fit and test until no point leaves or comes back; none if the model cannot be had."""
     kept, following = window.kept, window.next

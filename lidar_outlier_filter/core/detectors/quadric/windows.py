@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,7 +55,7 @@ def sort_leaves(xyz: Floats, tree: Tree) -> Ints:
     return place
 
 
-@kernel
+@inner_kernel
 def _is_before(xyz: Floats, one: int, other: int) -> bool:
     for axis in range(3):
         if xyz[one, axis] != xyz[other, axis]:
@@ -108,7 +108,7 @@ def find_window(xyz: Floats, tree: Tree, core: int, section: int, found: Ints, s
     return count
 
 
-@kernel
+@inner_kernel
 def _visit(
     xyz: Floats, tree: Tree, core: int, margin: float, stride: int, found: Ints, stack: Ints
 ) -> int:
@@ -151,7 +151,7 @@ def _visit(
     return count
 
 
-@kernel
+@inner_kernel
 def _is_apart(tree: Tree, node: int, box: Box) -> bool:
     low, high = tree.low, tree.high
     return bool(
@@ -164,7 +164,7 @@ def _is_apart(tree: Tree, node: int, box: Box) -> bool:
     )
 
 
-@kernel
+@inner_kernel
 def _is_in(xyz: Floats, i: int, box: Box) -> bool:
     x, y, z = xyz[i]
     return bool(box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5])
@@ -242,7 +242,7 @@ def judge_patches(
         score[i] = window.score[np.searchsorted(found, i)]
 
 
-@kernel
+@inner_kernel
 def _fill(window: Window, xyz: Floats, variance: Floats, found: Ints) -> None:
     """Copy points into the window."""
     for k in range(len(found)):
