@@ -231,6 +231,16 @@ def test_las_and_laz_are_one_format(tmp_path: Path) -> None:
     assert unpacked.read_bytes() == path.read_bytes()
 
 
+@pytest.mark.parametrize('point_format', [3, 8])
+def test_each_column_alone(tmp_path: Path, point_format: int) -> None:
+    """Only what a column needs of a LAZ file is unpacked: its values are those of the whole."""
+    path = make(tmp_path / 'made.laz', point_format)
+    file, whole = open_cloud(path), laspy.read(path)
+    for name in file.columns:
+        (found,) = (np.concatenate(parts) for parts in zip(*file.read([name]), strict=True))
+        np.testing.assert_array_equal(found, np.array(whole[name]), err_msg=name)
+
+
 def test_nothing_kept(tmp_path: Path) -> None:
     """A file of rejected points may be empty, and is an LAS file all the same."""
     for name in ('made.las', 'made.laz'):

@@ -186,6 +186,14 @@ def test_items_of_a_point(tmp_path: Path) -> None:
     refused(path, 'must be of 30 bytes, as it says, got 0')
 
 
+@pytest.mark.parametrize(('point_format', 'compressor'), [(3, 3), (6, 0), (6, 1), (6, 2)])
+def test_compressor_of_other_points(tmp_path: Path, point_format: int, compressor: int) -> None:
+    """Layers without chunks: 720 bytes took two gigabytes."""
+    path = las(tmp_path, 'cloud.laz', point_format)
+    place = path.read_bytes().index(b'laszip encoded') - 2 + 54
+    refused(patch(path, place, bytes([compressor])), 'the compressor of')
+
+
 def texts(count: int) -> str:
     """Write rows as text."""
     return '1.5 2.5 3.5\n' * count
@@ -330,7 +338,7 @@ def test_too_large_for_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     path = tmp_path / 'cloud.pcd'
     path.write_bytes(PCD.format(COUNT, 'binary').encode() + rows())
-    monkeypatch.setattr('lidar_outlier_filter.files.clean.judge_whole', none)
+    monkeypatch.setattr('lidar_outlier_filter.files.judged_file.judge_whole', none)
     with pytest.raises(CloudError, match='small enough for the memory, or judged in tiles'):
         clean(path, tmp_path / 'out.pcd', Wanted())
     assert [item.name for item in tmp_path.iterdir()] == ['cloud.pcd']

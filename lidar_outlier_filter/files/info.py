@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.files.cloud_file import open_cloud
+from lidar_outlier_filter.files.cloud_file import open_cloud, readable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,11 +37,12 @@ def look_at_file(path: Path) -> FileInfo:
     file = open_cloud(path)
     names = [name for name, kind in file.columns.items() if kind.kind in 'iuf']
     extent: dict[str, tuple[float, float]] = {}
-    for chunk in file.read(names):
-        for name, values in zip(names, chunk, strict=True):
-            known = np.ma.compressed(values)
-            known = known[np.isfinite(known)]
-            if len(known):
-                low, high = extent.get(name, (np.inf, -np.inf))
-                extent[name] = min(low, float(known.min())), max(high, float(known.max()))
+    with readable(path):
+        for chunk in file.read(names):
+            for name, values in zip(names, chunk, strict=True):
+                known = np.ma.compressed(values)
+                known = known[np.isfinite(known)]
+                if len(known):
+                    low, high = extent.get(name, (np.inf, -np.inf))
+                    extent[name] = min(low, float(known.min())), max(high, float(known.max()))
     return FileInfo(len(file), {name: str(kind) for name, kind in file.columns.items()}, extent)

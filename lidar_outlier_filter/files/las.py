@@ -30,6 +30,7 @@ from lidar_outlier_filter.files.las_header import (
     check_laz_points,
     check_records,
 )
+from lidar_outlier_filter.files.laz import unpacked
 from lidar_outlier_filter.files.units import USER, metres_per_unit
 
 if TYPE_CHECKING:
@@ -135,9 +136,15 @@ class LasFile:
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk."""
         wanted = _selection(names)
-        with laspy.open(self.path, read_evlrs=False, decompression_selection=wanted) as reader:
-            for points in reader.chunk_iterator(CHUNK):
+        with laspy.open(self.path, read_evlrs=False) as reader:
+            for points in self._points(reader, wanted):
                 yield tuple(np.array(points[name]) for name in names)
+
+    def _points(self, reader: laspy.LasReader, wanted: Parts) -> Iterator[Any]:
+        """Read points chunk by chunk; of LAZ, what is wanted of them."""
+        if reader.header.are_points_compressed:
+            return unpacked(self.path, reader.header, wanted, CHUNK)
+        return iter(reader.chunk_iterator(CHUNK))
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Write a copy, compressed if its name ends with .laz."""
@@ -155,7 +162,7 @@ class LasFile:
             compress = path.suffix.lower() == '.laz'
             writer = laspy.LasWriter(stream, header, compress, closefd=False)
             done = 0
-            for points in reader.chunk_iterator(CHUNK):
+            for points in self._points(reader, Parts.all()):
                 part = slice(done, done + len(points))
                 writer.write_points(_changed(points, header, change, part))
                 done = part.stop

@@ -108,6 +108,11 @@ def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
         if not items or sum(n for _, n in items) != each:
             must_be = f'of {each} bytes, as it says'
             raise CloudError(f'a point in {path}', must_be, sum(n for _, n in items))
+        if {kind in _LAYERS or kind == _BYTES for kind, _ in items} != {compressor == _LAYERED}:
+            must_be = (
+                f'{_LAYERED}, in layers, for the point formats 6 to 10, and another for others'
+            )
+            raise CloudError(f'the compressor of {path}', must_be, compressor)
         if compressor not in {_CHUNKED, _LAYERED}:
             return
         stream.seek(begin)
