@@ -104,23 +104,23 @@ setup(
             'ros-jazzy-std-msgs>=5.3,<6',
             'ros-jazzy-std-srvs>=5.3,<6',
         ],
-        'train': ['scikit-learn>=1.4'],  # `tuning.train`: the trees on the scan pattern
+        'train': ['scikit-learn>=1.5'],  # `tuning.train`: the trees on the scan pattern
         'audit': ['filterpy>=1.4.5'],  # `engine: filterpy`
         # `lidar-outlier-filter clean`: LAS, LAZ and PCD (1 MB); Parquet (170 MB). Others need none.
         'files': ['laspy[lazrs]>=2.5', 'python-neo-lzf>=0.3.5'],
         'parquet': ['pyarrow>=14.0.1'],
         # `lidar-outlier-filter replay` with several processes or a cluster, and recordings at other
         # places; s3fs for `s3://`.
-        'archive': ['distributed>=2024.5', 'fsspec>=2024.3'],
+        'archive': ['distributed>=2026.1.1', 'fsspec>=2024.3'],
         's3': ['s3fs>=2024.3'],
         # Peers that `lidar-outlier-filter bench` and `results` compare with.
-        'bench': ['open3d>=0.18', 'scikit-learn>=1.4'],
+        'bench': ['open3d>=0.18', 'scikit-learn>=1.5'],
         'test': [
             'atheris>=2.3',
             'catkin-pkg>=1.0',
             'colcon-core>=0.17',
             'colcon-ros>=0.5',
-            'distributed>=2024.5',
+            'distributed>=2026.1.1',
             'filterpy>=1.4.5',
             'flask-cors>=4.0',
             'fsspec>=2024.3',
@@ -136,7 +136,7 @@ setup(
             'pytest-xdist>=3.4',
             'python-neo-lzf>=0.3.5',
             's3fs>=2024.3',
-            'scikit-learn>=1.4',
+            'scikit-learn>=1.5',
         ],
         # The pages in doc/; as Ubuntu 24.04 packages them
         'docs': ['myst-parser>=2.0', 'sphinx>=7.2', 'sphinx-rtd-theme>=2.0'],
