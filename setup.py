@@ -111,7 +111,7 @@ setup(
         'parquet': ['pyarrow>=14.0.1'],
         # `lidar-outlier-filter replay` with several processes or a cluster, and recordings at other
         # places; s3fs for `s3://`.
-        'archive': ['distributed>=2026.1.1', 'fsspec>=2024.3'],
+        'archive': ['dask>=2026.1.1', 'distributed>=2026.1.1', 'fsspec>=2024.3'],
         's3': ['s3fs>=2024.3'],
         # Peers that `lidar-outlier-filter bench` and `results` compare with.
         'bench': ['open3d>=0.18', 'scikit-learn>=1.5'],
@@ -120,6 +120,7 @@ setup(
             'catkin-pkg>=1.0',
             'colcon-core>=0.17',
             'colcon-ros>=0.5',
+            'dask>=2026.1.1',
             'distributed>=2026.1.1',
             'filterpy>=1.4.5',
             'flask-cors>=4.0',

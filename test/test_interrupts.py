@@ -41,9 +41,9 @@ with stopping():
 DONE = """
 import lidar_outlier_filter.cli.clean as clean
 show = clean._show
-def slow(reports):
+def slow(*what):
     interrupt(), interrupt(signal.SIGTERM)
-    show(reports)
+    show(*what)
     interrupt()
 clean._show = slow
 import atexit

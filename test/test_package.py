@@ -55,6 +55,7 @@ PYPI_NAMES = {
 # Imported only where a user asks for them, and installed by an extra
 EXTRAS = {
     'filterpy': 'audit',
+    'dask': 'archive',
     'distributed': 'archive',
     'fsspec': 'archive',
     'laspy': 'files',
@@ -69,6 +70,7 @@ WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}
 PIP_ONLY = {
     'atheris',
     'boto3',
+    'dask',
     'filterpy',
     'fsspec',
     'laspy',
