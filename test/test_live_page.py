@@ -49,7 +49,7 @@ class Served(NamedTuple):
 @pytest.fixture
 def served(ros: Ros, sweeps: list[PointCloud2]) -> Iterator[Served]:
     """Filter four sweeps of a VLP-16, and open the page; the node goes on meanwhile."""
-    node = ros.filter(parameters={'blocks': 'message', THRESHOLD: 0.5})
+    node = ros.filter(parameters={'blocks': 'message', 'scores': True, THRESHOLD: 0.5})
     server = serve_page(node)
     node.start()
     sensor = Sensor(ros, 'points')
@@ -101,6 +101,9 @@ def test_page_shows_the_node_and_sets_it(served: Served) -> None:
     page.wait_for_selector('#shown:not(:empty)', timeout=LIMIT)
     page.wait_for_selector('.level', timeout=LIMIT)
     assert '/points' in page.inner_text('#statuses')
+    page.select_option('#mode', label='strongest reason')
+    often = [name for name, _ in node.statistics.reasons.most_common(6)]
+    assert page.inner_text('#legend').splitlines()[:6] == often
 
     slider = page.locator('#slider-0')
     before = int(slider.input_value())
@@ -145,6 +148,24 @@ def test_only_this_machine_with_the_token(ros: Ros) -> None:
     with pytest.raises(ParameterError, match=f'the port of the page must be free, got {port}'):
         PageServer(NodeAccess(node), port)
     server.close()
+
+
+@pytest.mark.parametrize(('error', 'is_said'), [(BrokenPipeError, False), (ValueError, True)])
+def test_a_browser_that_leaves(
+    ros: Ros, capsys: pytest.CaptureFixture[str], error: type[Exception], *, is_said: bool
+) -> None:
+    """A tab that is closed before its answer came is no error of the node."""
+
+    def leave() -> None:
+        raise error
+
+    server = serve_page(ros.filter())
+    try:
+        leave()
+    except error:
+        server._server.handle_error(None, ('127.0.0.1', 1))
+    server.close()
+    assert ('Traceback' in capsys.readouterr().err) == is_said
 
 
 def own_addresses() -> list[str]:
