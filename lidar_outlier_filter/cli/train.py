@@ -45,7 +45,7 @@ def add_train(commands: Commands) -> None:
         'train the trees of `evidence` on both, and write their file. Each sensor is left out '
         'once; the figures printed are of the sensors left out. With --profile, train those for '
         'profile scanners, on simulated streets alone. With --survey, train those for clouds '
-        'without scan lines. Each takes about ten minutes. '
+        'without scan lines. Each takes one to four minutes of processor time. '
         'Needs the extra "train".',
     )
     parser.add_argument(
