@@ -261,6 +261,7 @@ def test_keyboard_alone(desktop: Page, found: Gathered) -> None:
     slider = found.sliders[0]
     assert counted(desktop) == found.tally.at[0][slider.given + 1].points
     desktop.keyboard.press('ArrowLeft')
+    desktop.wait_for_function('report.state.found.bit === report.state.bit')
     desktop.keyboard.press('Tab')
     assert desktop.evaluate("document.activeElement.closest('#groups') !== null")
 
