@@ -213,6 +213,7 @@ def test_damaged_file(tmp_path: Path, recordings: Path, capsys: Capture) -> None
     ('arguments', 'sentence'),
     [
         (['none.mcap'], 'the recording none.mcap must be readable, got '),
+        (['none.MCAP'], 'the recording none.MCAP must be readable, got '),
         (['none.las'], 'none.las'),
         (['none'], 'none'),
         (['x.mcap', '--sample', '-1'], '--sample must be at least 0 and finite, got -1'),

@@ -39,13 +39,13 @@ with stopping():
     sum(repeat(0))
 """
 DONE = """
-import lidar_outlier_filter.cli.clean as clean
-show = clean._show
+import lidar_outlier_filter.cli.clean_tables as tables
+show = tables.show
 def slow(*what):
     interrupt(), interrupt(signal.SIGTERM)
     show(*what)
     interrupt()
-clean._show = slow
+tables.show = slow
 import atexit
 atexit.register(interrupt)
 sys.exit(start())

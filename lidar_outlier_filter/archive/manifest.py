@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.errors import RecordingError
@@ -19,6 +19,7 @@ from lidar_outlier_filter.errors import RecordingError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath
 
 if sys.platform != 'win32':
@@ -86,6 +87,28 @@ class Entry:
         """Whether every message is in the output, and every cloud has an answer that was judged."""
         lacks = self.refused or self.untested or self.unread or self.lost
         return self.state == DONE and not lacks
+
+
+class How(NamedTuple):
+    """What decides what is written of a source, as an entry has it."""
+
+    parameters: str
+    version: str
+    model: str
+
+
+def begun(source: Place, output: RecordingPath, how: How) -> Entry:
+    """Make the entry of a source that is begun: what a killed run leaves is ours by it."""
+    return Entry(
+        source=str(source.path),
+        size=source.size,
+        hash='',
+        output=str(output),
+        state=FAILED,
+        source_state=source.state,
+        error=BROKEN_OFF,
+        **how._asdict(),
+    )
 
 
 class Manifest:

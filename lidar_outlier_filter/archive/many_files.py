@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many files cleaned by one call, several at once: what is done is left, each fails for itself.
 
-The manifest is that of an archive. Whoever runs a file is an executor: threads of this process,
-whose kernels use all cores, or the workers of a Dask cluster.
+The manifest is that of an archive. Threads of this process clean them, and the kernels of each use
+all cores.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.fingerprints import (
     content_hash,
@@ -21,7 +21,7 @@ from lidar_outlier_filter.archive.fingerprints import (
     parameters_hash,
     version,
 )
-from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, Entry
+from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How, begun
 from lidar_outlier_filter.archive.places import Place, place_of
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.errors import CloudError, FilterError, said_by
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.manifest import Manifest
+    from lidar_outlier_filter.archive.manifest import Entry, Manifest
     from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
 
 LEFT = 'done before'
@@ -66,14 +66,6 @@ class Result:
     error: str = ''
 
 
-class _How(NamedTuple):
-    """What decides what is written of a file, as an entry has it."""
-
-    parameters: str
-    version: str
-    model: str
-
-
 class ManyFiles:
     """Files that are cleaned in the same way."""
 
@@ -94,7 +86,7 @@ class ManyFiles:
         self._work = work
         values = FilterParameters().changed(wanted.parameters)
         options = {k: v for k, v in asdict(wanted).items() if k != 'parameters'}
-        self._how = _How(parameters_hash(values, **options), version(_JUDGE), model_hash())
+        self._how = How(parameters_hash(values, **options), version(_JUDGE), model_hash())
 
     def run(
         self,
@@ -115,13 +107,13 @@ class ManyFiles:
         while waiting or running:
             while waiting and len(running) < at_once:
                 job = waiting.pop()
-                begun = self._begin(job)
-                if isinstance(begun, Result):
-                    results[job.path] = begun
+                noted = self._begin(job)
+                if isinstance(noted, Result):
+                    results[job.path] = noted
                     finished(job)
                     continue
                 work = partial(self._work, job.path, job.output, self._wanted, job.outliers)
-                running[pool.submit(work)] = job, begun
+                running[pool.submit(work)] = job, noted
             tick()
             done, _ = wait(running, STEP, FIRST_COMPLETED)
             for future in done:
@@ -142,26 +134,15 @@ class ManyFiles:
         if self._resume and self._is_done(source, output, job):
             return Result(job, LEFT, error=f'is done already: {job.output}')
         known = self._manifest.entries.get(str(source.path))
-        begun = known is not None and (known.error, known.output) == (BROKEN_OFF, str(output))
+        ours = known is not None and (known.error, known.output) == (BROKEN_OFF, str(output))
         for path in job.outputs:
             if not os.path.lexists(path):
                 continue
-            if not (self._resume and begun):
+            if not (self._resume and ours):
                 return Result(job, FAILED, error=str(self._exists(path)))
             path.unlink()
-        entry = Entry(
-            source=str(source.path),
-            size=source.size,
-            hash='',
-            parameters=self._how.parameters,
-            version=self._how.version,
-            model=self._how.model,
-            output=str(output),
-            state=FAILED,
-            source_state=source.state,
-            error=BROKEN_OFF,
-        )
-        self._manifest.add(entry)  # so that what a killed run leaves without another line is ours
+        entry = begun(source, output, self._how)
+        self._manifest.add(entry)
         return entry
 
     def _exists(self, path: Path) -> CloudError:
@@ -176,7 +157,7 @@ class ManyFiles:
             return False
         others = [] if job.outliers is None else [job.outliers]
         return all(path.is_file() for path in (*others, *list_logs(job.output))) and is_proved(
-            source, output, {**self._how._asdict(), 'state': DONE}, self._manifest
+            source, output, self._how, self._manifest
         )
 
     def _end(self, job: Job, entry: Entry | None, future: Future[CleanReport]) -> Result:

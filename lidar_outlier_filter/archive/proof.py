@@ -8,25 +8,22 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.fingerprints import content_hash
+from lidar_outlier_filter.archive.manifest import DONE
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from lidar_outlier_filter.archive.manifest import Manifest
+    from lidar_outlier_filter.archive.manifest import How, Manifest
     from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 
-def is_proved(
-    source: Place, output: RecordingPath, expected: Mapping[str, str], manifest: Manifest
-) -> bool:
-    """Return whether the manifest has what is expected, of this source and of this output."""
+def is_proved(source: Place, output: RecordingPath, how: How, manifest: Manifest) -> bool:
+    """Return whether the manifest says that this output was made so of this source."""
     entry = manifest.entries.get(str(source.path))
-    if entry is None or entry.output != str(output):
+    if entry is None or (entry.state, entry.output) != (DONE, str(output)):
         return False
-    if any(getattr(entry, name) != value for name, value in expected.items()):
+    if any(getattr(entry, name) != value for name, value in how._asdict().items()):
         return False
     try:
         made = place_of(output)

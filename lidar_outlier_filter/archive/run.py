@@ -20,7 +20,7 @@ from lidar_outlier_filter.archive.fingerprints import (
     parameters_hash,
     version,
 )
-from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, Entry
+from lidar_outlier_filter.archive.manifest import DONE, FAILED, How, begun
 from lidar_outlier_filter.archive.places import place_of, published
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Step
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from lidar_outlier_filter.archive.engine import Engine, Order, Task
-    from lidar_outlier_filter.archive.manifest import Manifest
+    from lidar_outlier_filter.archive.manifest import Entry, Manifest
     from lidar_outlier_filter.recordings.bags import Topic
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
@@ -43,13 +43,8 @@ GAP = 2.0  # usual distances of two clouds, from which on clouds are missing bet
 
 def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Task]:
     """Choose the recordings whose outputs the manifest does not prove."""
-    expected = {
-        'parameters': _hash_of(order),
-        'version': version(),
-        'model': model_hash(),
-        'state': DONE,
-    }
-    return [task for task in tasks if not is_proved(task.place, task.output, expected, manifest)]
+    how = _how(order)
+    return [task for task in tasks if not is_proved(task.place, task.output, how, manifest)]
 
 
 def replay_all(
@@ -69,7 +64,7 @@ def replay_all(
         If the scheduler goes away.
 
     """
-    entries = []
+    entries, how = [], _how(order)
     total, before = sum(task.place.size for task in tasks), 0
     for number, task in enumerate(tasks, 1):
 
@@ -80,7 +75,7 @@ def replay_all(
             show(Step(name, number, len(tasks), done, messages, at, total))
 
         progress(0, 0)
-        entries.append(_replay_one(task, engine, order, manifest, progress))
+        entries.append(_replay_one(task, engine, how, manifest, progress))
         before += task.place.size
     return entries
 
@@ -88,27 +83,16 @@ def replay_all(
 def _replay_one(
     task: Task,
     engine: Engine,
-    order: Order,
+    how: How,
     manifest: Manifest,
     progress: Callable[[int, int], object],
 ) -> Entry:
     began = perf_counter()
     known = any(entry.output == str(task.output) for entry in manifest.entries.values())
-    entry = Entry(
-        source=str(task.place.path),
-        size=task.place.size,
-        hash='',
-        parameters=_hash_of(order),
-        version=version(),
-        model=model_hash(),
-        output=str(task.output),
-        state=FAILED,
-        source_state=task.place.state,
-        error=BROKEN_OFF,
-    )
+    entry = begun(task.place, task.output, how)
     try:
         _refuse_unknown(task.output, known=known)
-        manifest.add(entry)  # so that a folder that is left without another line is ours
+        manifest.add(entry)
         entry = replace(entry, hash=content_hash(task.place))
         times = _Times()
         with _built(task.output) as output:
@@ -153,11 +137,11 @@ def _built(output: RecordingPath) -> Iterator[Path]:
         (folder / output.name).rename(output)
 
 
-def _hash_of(order: Order) -> str:
+def _how(order: Order) -> How:
     options = {
         name: getattr(order, name) for name in ('topics', 'drop_input', 'salvage', 'largest')
     }
-    return parameters_hash(order.filter, **options)
+    return How(parameters_hash(order.filter, **options), version(), model_hash())
 
 
 class _Times:

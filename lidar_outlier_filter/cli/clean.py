@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
@@ -25,7 +25,7 @@ from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from lidar_outlier_filter.archive.many_files import Job, Result
     from lidar_outlier_filter.cli.terminal import Advance, Commands
@@ -153,7 +153,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
 
 def _clean(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.archive.many_files import LEFT
-    from lidar_outlier_filter.cli.clean_tables import is_untested, say_how
+    from lidar_outlier_filter.cli.clean_tables import is_untested, say_how, show
 
     wanted = _wanted(options)
     folder = _folder(options)
@@ -169,7 +169,7 @@ def _clean(options: argparse.Namespace) -> int:
         results = clean_many(jobs, wanted, noted, options.jobs, look, resume=options.resume)
     for result in results:
         say_how(result)
-    _show(results, look.worst)
+    show(results, look.worst)
     good = [one for one in results if one.report is not None or one.state == LEFT]
     untested = [one for one in good if one.report is not None and is_untested(one.report)]
     if len(good) == len(results) and not untested:
@@ -308,10 +308,3 @@ def _classes(text: str | None, option: str) -> tuple[int, ...]:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(',') if name.strip())
-
-
-def _show(results: Sequence[Result], worst: dict[Path, Any]) -> None:
-    """Print the tables, and what was written."""
-    from lidar_outlier_filter.cli.clean_tables import show
-
-    show(results, worst)

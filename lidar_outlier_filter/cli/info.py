@@ -60,7 +60,7 @@ def _info(options: argparse.Namespace) -> int:
         raise ParameterError('--sample', 'at least 0 and finite', options.sample)
     console = Console()
     path = path_at(options.path)
-    if isinstance(path, Path) and not path.is_dir() and path.suffix not in SUFFIXES:
+    if isinstance(path, Path) and not path.is_dir() and path.suffix.lower() not in SUFFIXES:
         _show_file(console, path)
         return DONE
     from lidar_outlier_filter.recordings.info import look

@@ -8,6 +8,7 @@ import json
 import secrets
 import sys
 import threading
+from functools import lru_cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Any, Protocol
@@ -172,6 +173,7 @@ class PageServer:
         return self.node.set(values)
 
 
+@lru_cache(maxsize=1)  # a page asks twice in a second, and every value must be tried
 def sliders_of(parameters: FilterParameters) -> list[dict[str, Any]]:
     """List the threshold of each detector of the chain: its values as texts, and which it has."""
     found = []

@@ -38,9 +38,7 @@ SECONDS: Mapping[str, int] = {
 }
 SHARED_SECONDS = 10
 APART = 'evidence'  # has other kernels for each kind of sensor
-SURVEY = (
-    'survey'  # the value of `evidence.sensor` by which the kernels are the same for all sensors
-)
+SURVEY = 'survey'  # of `evidence.sensor`: the kernels are the same for all sensors
 SCORES = 'scores'  # which come with reasons, that have kernels of their own
 PATIENT = 10  # niceness beside a filter that runs
 
