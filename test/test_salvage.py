@@ -179,7 +179,7 @@ def test_behind_a_damaged_chunk(drives: dict[str, Path], tmp_path: Path, harm: s
     assert not any('999' in reason for reason in report.lost.reasons)
 
 
-def records_of_a_bag(data: bytes) -> list[tuple[int, int, int]]:
+def records_of_a_bag(data: bytes | bytearray) -> list[tuple[int, int, int]]:
     """List the records of a ROS 1 bag: what they are, where they begin and where their data do."""
     records, place = [], len(b'#ROSBAG V2.0\n')
     while place < len(data):
