@@ -136,8 +136,8 @@ def _group(xyz: list[Place], others: list[int], radius: list[float], p: int) -> 
         edge, new = min(ways.values())
         edges.append(edge)
         del ways[new]
-        for o in ways:
-            ways[o] = min(ways[o], (math.sqrt(_squared(xyz[new], xyz[o])), o))
+        for o, way in ways.items():
+            ways[o] = min(way, (math.sqrt(_squared(xyz[new], xyz[o])), o))
     longest = max(edges)
     before = edges.index(longest)
     of = max(edges[:before]) if before else wide
