@@ -138,8 +138,9 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
             raise CloudError(f'the module {err.name} for {suffix} files', must_be, 'none') from err
     if table is not None and module != 'sqlite':
         raise CloudError('the table', f'given for a database only, not for {suffix}', repr(table))
-    if len(opened) == 0:
-        raise CloudError(f'the cloud {path}', 'of at least one point', 0)
+    with readable(path):
+        if len(opened) == 0:
+            raise CloudError(f'the cloud {path}', 'of at least one point', 0)
     return opened
 
 
