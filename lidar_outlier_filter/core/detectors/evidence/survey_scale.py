@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
-from lidar_outlier_filter.core.detectors.evidence.survey_near import LEAST, K
+from lidar_outlier_filter.core.detectors.evidence.survey_lanes import LEAST
+from lidar_outlier_filter.core.detectors.evidence.survey_near import K
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
