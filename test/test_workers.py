@@ -19,8 +19,9 @@ from lidar_outlier_filter.archive.engine import Engine, Order, Task
 from lidar_outlier_filter.archive.manifest import opened_manifest
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
-from lidar_outlier_filter.archive.workers import SchedulerError, cluster_workers, local_workers
+from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import SchedulerError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
