@@ -29,6 +29,7 @@ from lidar_outlier_filter.files.las_header import (
     check_las_points,
     check_laz_points,
     check_records,
+    check_scaling,
 )
 from lidar_outlier_filter.files.laz import unpacked
 from lidar_outlier_filter.files.units import USER, metres_per_unit
@@ -107,6 +108,7 @@ class LasFile:
         if header.global_encoding.waveform_data_packets_internal:
             must_be = 'with its waveforms in a file of their own'
             raise CloudError(f'the file {path}', must_be, 'waveforms within')
+        check_scaling(path, header.scales, header.offsets)
         self._count = int(header.point_count)
         if header.are_points_compressed:
             laszip = [record.record_data_bytes() for record in header.vlrs.get('LasZipVlr')]
