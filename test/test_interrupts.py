@@ -104,7 +104,7 @@ def test_the_second_signal_ends_at_once(number: signal.Signals) -> None:
             process.send_signal(number)
             assert process.wait(timeout=10) == -number
         finally:
-            process.kill()
+            process.kill()  # it would work for ever where this fails
 
 
 @pytest.mark.slow

@@ -30,6 +30,11 @@ def _squared(a: Place, b: Place) -> float:
     return (x * x + y * y) + z * z
 
 
+def places(xyz: list[Place]) -> list[int]:
+    """Return the first point at the place of each."""
+    return [xyz.index(place) for place in xyz]
+
+
 def near_features(xyz: list[Place], typical: float) -> list[list[float]]:
     """Return the 20 features of each point that the first trees see."""
     near = lists(xyz, K)
