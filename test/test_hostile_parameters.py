@@ -71,7 +71,7 @@ def test_hostile_values(name: str) -> None:
     assert str(caught.value).startswith(('the value of sor.k must be YAML', 'sor.k must be '))
 
 
-@pytest.mark.parametrize('value', ['[' + 'x, ' * 20_000 + ']', 'x' * 900_000])
+@pytest.mark.parametrize('value', ['[' + 'x, ' * 4000 + ']', 'x' * 900_000])
 def test_long_values_are_shown_short(value: str) -> None:
     """The sentence is one to read, however long the value is."""
     for name in ('chain', 'sor.k', 'load.policy'):

@@ -21,7 +21,7 @@ from rclpy.executors import ExternalShutdownException
 
 from lidar_outlier_filter.cli.live_page import serve_page
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.report.served import PageServer
+from lidar_outlier_filter.report.served import PageServer, about
 from lidar_outlier_filter.ros.access import NodeAccess
 
 if TYPE_CHECKING:
@@ -101,6 +101,12 @@ def test_page_shows_the_node_and_sets_it(served: Served) -> None:
     page.wait_for_selector('#shown:not(:empty)', timeout=LIMIT)
     page.wait_for_selector('.level', timeout=LIMIT)
     assert '/points' in page.inner_text('#statuses')
+    asked = page.evaluate('performance.getEntriesByType("resource").map((one) => one.name)')
+    assert (
+        sum('/status?' in name for name in asked) >= sum('/about?' in name for name in asked) == 1
+    )
+    assert not server.status().keys() & about().keys()
+    assert f'{about()["version"]}. Kept: the last ' in page.inner_text('#footer')
     page.select_option('#mode', label='strongest reason')
     often = [name for name, _ in node.statistics.reasons.most_common(6)]
     assert page.inner_text('#legend').splitlines()[:6] == often
@@ -133,7 +139,14 @@ def test_only_this_machine_with_the_token(ros: Ros) -> None:
     server = serve_page(node)
     port, token = server.port, server.token
     assert urlsplit(server.address).netloc == f'127.0.0.1:{port}'
-    for path in ('/', '/status', '/frames?topic=/points&after=-1', '/?token=', '/?token=x'):
+    for path in (
+        '/',
+        '/about',
+        '/status',
+        '/frames?topic=/points&after=-1',
+        '/?token=',
+        '/?token=x',
+    ):
         assert get(server, path)[0] == 403
         assert token.encode() not in get(server, path)[1]
     assert get(server, f'/set?token={token[:-1]}', method='POST')[0] == 403

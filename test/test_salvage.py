@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import sqlite3
 import struct
@@ -219,6 +220,25 @@ def test_behind_a_damaged_chunk_of_ros1(
     assert 0 < 2 * COUNT - found <= 4
     if harm == 'body':
         assert report.lost.messages == 2 * COUNT - found
+
+
+def test_messages_of_a_lost_connection(drives: dict[str, Path], tmp_path: Path) -> None:
+    """Where no record says what a connection of a ROS 1 bag is, its messages are lost.
+
+    They are counted one by one: what follows the chunks, and counts them, is cut off.
+    """
+    path = copied(drives['bag'], tmp_path)
+    data = path.read_bytes()
+    end = next(place for kind, place, _ in records_of_a_bag(data) if kind == 7)
+    known = re.compile(b'conn=....(?=....topic=/text)', re.DOTALL)
+    data, count = known.subn(b'conn=\x63\0\0\0', data[:end])
+    assert count
+    path.write_bytes(data)
+    report = salvage(path, tmp_path / 'out')
+    assert report is not None
+    assert report.lost.messages == COUNT
+    found = content(tmp_path / 'out')
+    assert (len(found['/lidar']), len(found.get('/text', []))) == (COUNT, 0)
 
 
 def ros1_fields(header: bytes) -> list[bytes]:

@@ -138,8 +138,9 @@ class PageServer:
         """Give the type and the content of a path; None where there is none."""
         if path == '/':
             return HTML, self._page
-        if path == '/status':
-            return JSON, json.dumps(self.status(), allow_nan=False).encode()
+        if path in {'/about', '/status'}:
+            known = self.status() if path == '/status' else about()
+            return JSON, json.dumps(known, allow_nan=False).encode()
         after = asked.get('after', '-1')
         if path == '/frames' and after.removeprefix('-').isdecimal():
             clouds = self._clouds.get(asked.get('topic', '')) or LiveClouds()
@@ -147,19 +148,13 @@ class PageServer:
         return None
 
     def status(self) -> dict[str, Any]:
-        """Say all that is not in the clouds."""
+        """Say what may have changed, and is not in the clouds."""
         return {
-            'version': __version__,
             'node': self.node.name,
             'topics': self.node.topics,
             'chain': list(self.node.parameters.chain),
-            'seconds': KEPT_SECONDS,
-            'mostInFrame': MOST_IN_FRAME,
             'sliders': sliders_of(self.node.parameters),
             'statuses': self.node.statuses(),
-            'detectors': detectors(),
-            'reasons': list(REASONS),
-            'colours': colour_maps(),
         }
 
     def change(self, content: bytes) -> str:
@@ -171,6 +166,18 @@ class PageServer:
         if not isinstance(values, dict) or not all(isinstance(one, str) for one in values.values()):
             return 'a request must be an object of names and texts, got something else'
         return self.node.set(values)
+
+
+def about() -> dict[str, Any]:
+    """Say what never changes while the node runs: a page asks once."""
+    return {
+        'version': __version__,
+        'seconds': KEPT_SECONDS,
+        'mostInFrame': MOST_IN_FRAME,
+        'detectors': detectors(),
+        'reasons': list(REASONS),
+        'colours': colour_maps(),
+    }
 
 
 @lru_cache(maxsize=1)  # a page asks twice in a second, and every value must be tried

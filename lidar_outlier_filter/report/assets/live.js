@@ -146,6 +146,12 @@ function makeSliders(found) {
 
 // --- Diagnostics -----------------------------------------------------------------------------
 
+async function showAbout() {
+  const about = await (await ask('about')).json();
+  Object.assign(data.header, about);
+  at('footer').textContent = `lidar-outlier-filter ${about.version}. Kept: the last ${about.seconds} s, of each 0.1 s or sweep at most ${count(about.mostInFrame)} points, the rejected first. Clouds that pass unfiltered are not drawn.`;
+}
+
 async function showStatus() {
   const status = await (await ask('status')).json();
   Object.assign(data.header, status);
@@ -158,7 +164,6 @@ async function showStatus() {
     return node('div', {}, node('h3', {}, one.name), node('p', {}, level, ` ${one.message}`), facts);
   });
   if (boxes.length) at('statuses').replaceChildren(...boxes);
-  at('footer').textContent = `lidar-outlier-filter ${status.version}. Kept: the last ${status.seconds} s, of each 0.1 s or sweep at most ${count(status.mostInFrame)} points, the rejected first. Clouds that pass unfiltered are not drawn.`;
 }
 
 function showTopics(topics) {
@@ -227,6 +232,7 @@ function listen() {
 
 async function poll() {
   try {
+    if (!data.header.version) await showAbout();
     await showStatus();
     const { topic } = state;
     if (!state.hold && topic) {
