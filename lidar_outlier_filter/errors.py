@@ -42,6 +42,15 @@ class FilterError(Exception):
         super().__init__(printable(f'{what} must be {must_be}, got {got}'))
         self.what = printable(what)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Go from a worker to the process that asked it, as the sentence that it is."""
+        return _again, (type(self), *self.args), self.__dict__
+
+
+def _again(kind: type[FilterError], *sentence: str) -> FilterError:
+    """Make an error of a kind with its sentence."""
+    return kind.__new__(kind, *sentence)
+
 
 class ParameterError(FilterError):
     """A parameter, or a set of them, that makes no sense."""
@@ -96,3 +105,7 @@ class RecordingError(FilterError):
     """
 
     is_damage = False
+
+
+class SchedulerError(FilterError):
+    """A scheduler that does not answer, or whose workers are of other code."""

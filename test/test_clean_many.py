@@ -6,12 +6,11 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
-import numpy as np
+import many_clouds
 import pytest
+from many_clouds import broken_off, content, hidden, states, write_clouds
 
 from lidar_outlier_filter.archive.manifest import BROKEN_OFF, NAME
 from lidar_outlier_filter.cli.main import main
@@ -22,35 +21,12 @@ if TYPE_CHECKING:
     Capture = pytest.CaptureFixture[str]
 
 COUNT, LAST = 100, 37
-# Sends itself a signal when so many files are done.
-PROGRAM = """
-import os, sys
-from lidar_outlier_filter.archive.many_files import ManyFiles
-from lidar_outlier_filter.cli.main import main
-number, last, *arguments = sys.argv[1:]
-plain, done = ManyFiles._end, []
-def end(*of):
-    result = plain(*of)
-    done.append(result)
-    if len(done) == int(last):
-        os.kill(os.getpid(), int(number))
-    return result
-ManyFiles._end = end
-sys.exit(main(arguments))
-"""
 
 
 @pytest.fixture(scope='module')
 def clouds(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """Write a hundred small clouds, each with a point above it."""
-    folder, rng = tmp_path_factory.mktemp('clouds'), np.random.default_rng(1)
-    for number in range(COUNT):
-        xyz = rng.uniform((0.0, 0.0, 0.0), (5.0, 5.0, 0.02), (60, 3))
-        xyz[number % 60, 2] = 30.0
-        np.savetxt(
-            folder / f'{number:03}.csv', xyz, '%.3f', delimiter=',', header='x,y,z', comments=''
-        )
-    return [str(path) for path in sorted(folder.iterdir())]
+    """Write a hundred small clouds."""
+    return write_clouds(tmp_path_factory.mktemp('clouds'), COUNT)
 
 
 @pytest.fixture(scope='module')
@@ -62,20 +38,8 @@ def unbroken(clouds: list[str], tmp_path_factory: pytest.TempPathFactory) -> dic
 
 
 def arguments(clouds: list[str], folder: Path, *options: str) -> list[str]:
-    """Return the arguments that clean some clouds into a folder."""
-    return ['clean', *clouds, '--output', str(folder), '--chain', 'sor', '--jobs', '2', *options]
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    """Read the clouds in a folder; logs have times."""
-    return {path.name: path.read_bytes() for path in folder.glob('*.csv')}
-
-
-def states(folder: Path) -> list[str]:
-    """Read what the manifest says of each file, sorted."""
-    lines = (folder / NAME).read_text('utf-8').splitlines()
-    found = {entry['source']: entry for entry in map(json.loads, lines)}
-    return sorted(entry['error'] or entry['state'] for entry in found.values())
+    """Return the arguments that clean some clouds into a folder, by two threads."""
+    return many_clouds.arguments(clouds, folder, '--jobs', '2', *options)
 
 
 @pytest.mark.parametrize(
@@ -90,19 +54,14 @@ def test_broken_off_and_resumed(  # noqa: PLR0913  fixtures and cases
     status: int,
 ) -> None:
     """After Ctrl-C or a kill, `--resume` leaves what is done; all has the bytes of one run."""
-    command = [sys.executable, '-c', PROGRAM, str(int(number)), str(LAST)]
-    killed = subprocess.run(
-        [*command, *arguments(clouds, tmp_path)], capture_output=True, text=True, check=False
-    )
-    assert killed.returncode == status
-    assert killed.stderr == ''
+    assert broken_off(arguments(clouds, tmp_path), number, LAST) == (status, '')
     left = content(tmp_path)
     assert LAST <= len(left) <= LAST + 2
     assert states(tmp_path).count('done') >= LAST
     assert main(arguments(clouds, tmp_path, '--resume')) == 0
     assert content(tmp_path) == unbroken
     assert states(tmp_path) == ['done'] * COUNT
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith('.')]
+    assert not hidden(tmp_path)
     done, before = COUNT - LAST, LAST
     assert f'\n{done} cleaned, {before} done before, 0 refused\n' in capsys.readouterr().out
 

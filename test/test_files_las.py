@@ -9,6 +9,7 @@ import struct
 from typing import TYPE_CHECKING, Any
 
 import laspy
+import lazrs
 import numpy as np
 import pytest
 from cloud_files import columns, copied, every_third, verdict
@@ -260,15 +261,76 @@ def test_coordinates_are_scaled(tmp_path: Path) -> None:
     np.testing.assert_array_equal(flag, points['bit_fields'] >> 6 & 1)
 
 
-def test_a_copy_is_no_copc(tmp_path: Path) -> None:
-    """The record that says how a COPC file's points lie is left out: theirs lie otherwise."""
+@pytest.mark.parametrize('value', [np.nan, np.inf, -1e300])
+@pytest.mark.parametrize('place', [131, 163])
+def test_coordinates_that_are_no_numbers(tmp_path: Path, place: int, value: float) -> None:
+    """A scale or an offset that makes them so is refused: laspy would change all points."""
+    path = make(tmp_path / 'made.las', version='1.2')
+    patch(path, place, struct.pack('<d', value))
+    if (place, value) == (163, -1e300):  # far away, but finite
+        assert len(open_cloud(path, None)) == 1000
+        return
+    with pytest.raises(CloudError, match=r'made.las must be such that all coordinates are finite'):
+        open_cloud(path, None)
+
+
+def write_copc(path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300)) -> Any:
+    """Write a COPC file of a root and some of its children, each a chunk; return the points."""
     header = laspy.LasHeader(point_format=6, version='1.4')
+    rng, count = np.random.default_rng(4), sum(sizes)
+    points = laspy.ScaleAwarePointRecord.zeros(count, header=header)
+    for axis in 'XYZ':
+        points[axis] = rng.integers(0, 1000, count)
+    points['gps_time'] = rng.uniform(0, 9, count)
+    laszip = lazrs.LazVlr.new_for_compression(6, 0, use_variable_size_chunks=True)
     header.vlrs.append(laspy.VLR('copc', 1, 'COPC info', bytes(160)))
+    header.vlrs.append(laspy.VLR('laszip encoded', LASZIP, '', bytes(laszip.record_data())))
     header.vlrs.append(laspy.VLR('someone', 7, '', b'kept'))
-    path = tmp_path / 'made.laz'
-    with laspy.open(path, 'w', header=header) as writer:
-        writer.write_points(laspy.ScaleAwarePointRecord.zeros(5, header=header))
-    assert [record[-4:] for record in records(copied(path, Change()))] == [b'kept']
+    las = io.BytesIO()
+    writer = laspy.LasWriter(las, header, do_compress=False, closefd=False)
+    writer.write_points(points)
+    writer.close()
+    stream = io.BytesIO(las.getvalue()[: number(las.getvalue(), 96, 4)])
+    stream.seek(0, io.SEEK_END)
+    packer, begin = lazrs.LasZipCompressor(stream, laszip), stream.tell()
+    packer.reserve_offset_to_chunk_table()
+    ends = np.cumsum(sizes)
+    packer.compress_chunks([part.tobytes() for part in np.split(points.array, ends[:-1])])
+    packer.done()
+    stream.seek(begin)
+    entries, begin = b'', begin + 8  # behind the place of the table of chunks
+    for place, (size, length) in enumerate(lazrs.read_chunk_table(stream, laszip)):
+        key = (0, 0, 0, 0) if place == 0 else (1, place & 1, place >> 1, 0)
+        entries += struct.pack('<4iQ2i', *key, begin, length, size)
+        begin += length
+    begin = stream.seek(0, io.SEEK_END)
+    stream.write(struct.pack('<H16sHQ32s', 0, b'copc', 1000, len(entries), b'') + entries)
+    path.write_bytes(stream.getvalue())
+    patch(path, 104, bytes([6 | 128]))
+    patch(path, 235, struct.pack('<QI', begin, 1))
+    info = struct.pack('<5d2Q2d', 5.0, 5.0, 5.0, 5.0, 0.1, begin + 60, len(entries), 0.0, 9.0)
+    patch(path, 375 + 54, info)
+    return points
+
+
+def test_copc(tmp_path: Path) -> None:
+    """All levels are read, in the order of the file; the copy is LAZ, and says no more it is COPC.
+
+    Its points lie otherwise.
+    """
+    path = tmp_path / 'made.copc.laz'
+    points = write_copc(path)
+    with laspy.CopcReader.open(path) as reader:
+        assert len(reader.query()) == len(points)
+    x, time = columns(path, 'x', 'gps_time')
+    np.testing.assert_array_equal(x, points['x'])
+    np.testing.assert_array_equal(time, points['gps_time'])
+    copy = copied(path, Change(noise=every_third(len(points))), 'made.laz')
+    after = laspy.read(copy)
+    np.testing.assert_array_equal(after['gps_time'], points['gps_time'])
+    assert (np.array(after.classification)[every_third(len(points))] == 7).all()
+    assert [record[-4:] for record in records(copy)] == [b'kept']
+    assert evlrs(copy) == []
 
 
 @pytest.mark.parametrize('name', ['made.las', 'made.laz'])

@@ -64,6 +64,6 @@ def model_hash() -> str:
     return total.hexdigest()
 
 
-def judging_code() -> str:
+def judging_code(judge: str = _JUDGE) -> str:
     """Return what two processes have in common that judge alike: the code and the models."""
-    return f'{version()}+{model_hash()[:12]}'
+    return f'{version(judge)}+{model_hash()[:12]}'

@@ -2,19 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many files cleaned by one call, several at once: what is done is left, each fails for itself.
 
-The manifest is that of an archive. Threads of this process clean them, and the kernels of each use
-all cores.
+The manifest is that of an archive.
 """
 
 from __future__ import annotations
 
 import os
-from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from lidar_outlier_filter.archive.file_cleaners import JUDGE
 from lidar_outlier_filter.archive.fingerprints import (
     content_hash,
     model_hash,
@@ -24,46 +23,30 @@ from lidar_outlier_filter.archive.fingerprints import (
 from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How, begun
 from lidar_outlier_filter.archive.places import Place, place_of
 from lidar_outlier_filter.archive.proof import is_proved
-from lidar_outlier_filter.errors import CloudError, FilterError, said_by
-from lidar_outlier_filter.files.clean import clean, list_logs
+from lidar_outlier_filter.errors import CloudError, FilterError, SchedulerError, said_by
+from lidar_outlier_filter.files.clean import list_logs
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from concurrent.futures import Executor, Future
     from pathlib import Path
 
+    from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Cleaners, Job
     from lidar_outlier_filter.archive.manifest import Entry, Manifest
     from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
 
 LEFT = 'done before'
-STEP = 0.2  # seconds between two looks at whether to go on
-_JUDGE = 'lidar_outlier_filter.files.clean'
-
-
-@dataclass(frozen=True)
-class Job:
-    """A file, and the clouds that are made of it."""
-
-    path: Path
-    output: Path
-    outliers: Path | None = None
-
-    @property
-    def outputs(self) -> list[Path]:
-        """All files that are written of it."""
-        clouds = [self.output] if self.outliers is None else [self.output, self.outliers]
-        return [*clouds, *list_logs(self.output)]
 
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a file: its report where it was cleaned now; why it was not."""
+    """What became of a file: its report and what was found where it was cleaned now; why not."""
 
     job: Job
     state: str
     report: CleanReport | None = None
     error: str = ''
+    found: Any = None
 
 
 class ManyFiles:
@@ -73,52 +56,53 @@ class ManyFiles:
         self,
         wanted: Wanted,
         manifest: Manifest | None = None,
-        work: Callable[..., CleanReport] = clean,
         *,
         resume: bool = False,
     ) -> None:
-        """Note how to clean; ``work`` is :func:`clean` with what shows its progress.
+        """Note how to clean.
 
         With a manifest, what becomes of each file is written there. With ``resume``, what it proves
         to be done is left, and what a killed run has left of an output is replaced.
         """
         self._wanted, self._manifest, self._resume = wanted, manifest, resume
-        self._work = work
         values = FilterParameters().changed(wanted.parameters)
         options = {k: v for k, v in asdict(wanted).items() if k != 'parameters'}
-        self._how = How(parameters_hash(values, **options), version(_JUDGE), model_hash())
+        self._how = How(parameters_hash(values, **options), version(JUDGE), model_hash())
 
     def run(
         self,
         jobs: Sequence[Job],
-        pool: Executor,
-        at_once: int,
+        cleaners: Cleaners,
         tick: Callable[[], object],
         finished: Callable[[Job], object],
     ) -> list[Result]:
-        """Clean files, so many at once; the results are in the order of the files.
+        """Clean files; the results are in their order.
 
         ``tick`` is called now and then, and may leave by an exception.
+
+        Raises
+        ------
+        SchedulerError
+            If the scheduler goes away.
+
         """
         _check_outputs(jobs)
         results: dict[Path, Result] = {}
-        running: dict[Future[CleanReport], tuple[Job, Entry | None]] = {}
+        running: dict[Any, tuple[Job, Entry | None]] = {}
         waiting = list(reversed(jobs))
         while waiting or running:
-            while waiting and len(running) < at_once:
+            while waiting and len(running) < cleaners.at_once:
                 job = waiting.pop()
                 noted = self._begin(job)
                 if isinstance(noted, Result):
                     results[job.path] = noted
                     finished(job)
                     continue
-                work = partial(self._work, job.path, job.output, self._wanted, job.outliers)
-                running[pool.submit(work)] = job, noted
+                running[cleaners.submit(job)] = job, noted
             tick()
-            done, _ = wait(running, STEP, FIRST_COMPLETED)
-            for future in done:
+            for future in cleaners.first_done(running) if running else ():
                 job, entry = running.pop(future)
-                results[job.path] = self._end(job, entry, future)
+                results[job.path] = self._end(job, entry, partial(cleaners.take, job, future))
                 finished(job)
         return [results[job.path] for job in jobs]
 
@@ -160,11 +144,15 @@ class ManyFiles:
             source, output, self._how, self._manifest
         )
 
-    def _end(self, job: Job, entry: Entry | None, future: Future[CleanReport]) -> Result:
+    def _end(self, job: Job, entry: Entry | None, take: Callable[[], CleanedFile]) -> Result:
         """Note what became of a file."""
+        worker = ''
         try:
-            report = future.result()
-            result = Result(job, DONE, report)
+            cleaned = take()
+            worker = cleaned.worker
+            result = Result(job, DONE, cleaned.report, found=cleaned.found)
+        except SchedulerError:
+            raise
         except FilterError as err:
             result = Result(job, FAILED, error=str(err))
         except Exception as err:  # noqa: BLE001  whatever it is, the next file is cleaned
@@ -175,7 +163,7 @@ class ManyFiles:
         finished = datetime.now(UTC).isoformat(timespec='seconds')
         entry = replace(entry, state=result.state, error=result.error or None, finished=finished)
         if result.report is not None:
-            entry = _proved(entry, result.report, job)
+            entry = replace(_proved(entry, result.report, job), worker=worker)
         self._manifest.add(entry)
         return result
 
@@ -193,7 +181,6 @@ def _proved(entry: Entry, report: CleanReport, job: Job) -> Entry:
         seconds=round(sum(report.seconds.values()), 3),
         output_hash=content_hash(made),
         output_state=made.state,
-        worker='this process',
     )
 
 

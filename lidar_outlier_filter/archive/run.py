@@ -24,8 +24,7 @@ from lidar_outlier_filter.archive.manifest import DONE, FAILED, How, begun
 from lidar_outlier_filter.archive.places import place_of, published
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Step
-from lidar_outlier_filter.archive.workers import SchedulerError
-from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
+from lidar_outlier_filter.errors import FilterError, RecordingError, SchedulerError, said_by
 from lidar_outlier_filter.files.hidden_folder import hidden_folder
 
 if TYPE_CHECKING:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that judge pieces: of this machine, or of a cluster that runs. Dask's, both.
+"""Processes that judge pieces, or clean files: of this machine, or of a cluster that runs.
 
-Dask sends a piece to another worker when one dies or fails, starts workers of this machine anew,
-and gives up on a piece that several workers died of.
+Dask, whose both are, sends work to another worker when one dies or fails, starts workers of this
+machine anew, and gives up on what several workers died of.
 """
 
 # ruff: noqa: PLC0415  distributed is an extra, and takes half a second
@@ -20,10 +20,10 @@ from uuid import uuid4
 from lidar_outlier_filter.archive import worker_start
 from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.pieces import JudgedPiece, judge_piece
-from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
+from lidar_outlier_filter.errors import FilterError, RecordingError, SchedulerError, said_by
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from lidar_outlier_filter.archive.pieces import Piece
 
@@ -36,10 +36,6 @@ QUIET = {
     'distributed.admin.system-monitor.interval': '5s',
 }
 STEP = 0.5  # seconds between two looks at whether to go on waiting
-
-
-class SchedulerError(FilterError):
-    """A scheduler that does not answer, or whose workers are of other code."""
 
 
 class Workers:
@@ -57,21 +53,25 @@ class Workers:
 
     @property
     def count(self) -> int:
-        """How many pieces they judge at once."""
+        """How many pieces they judge, or files they clean, at once."""
         with self._answering():
             threads: dict[str, int] = self.client.nthreads()
         return sum(threads.values())
 
     @property
     def ahead(self) -> int:
-        """How many pieces they shall have at once, with those that are done."""
+        """How many pieces or files they shall have at once, with those that are done."""
         return AHEAD * self.count + 1
 
     def submit(self, piece: Piece) -> Any:
         """Send a piece to be judged; what comes first is judged first."""
-        key = f'judge_piece-{self._run}-{next(self._numbers)}'
+        return self.send(judge_piece, piece)
+
+    def send(self, work: Callable[..., object], *given: object) -> Any:
+        """Send work to be done with what is given; return the future of what comes of it."""
+        key = f'{work.__name__}-{self._run}-{next(self._numbers)}'
         with self._answering():
-            return self.client.submit(judge_piece, piece, key=key, retries=RETRIES, pure=False)
+            return self.client.submit(work, *given, key=key, retries=RETRIES, pure=False)
 
     def wait(self, future: Any, piece: Piece, tick: Callable[[], object]) -> JudgedPiece:
         """Wait for a piece; ``tick`` is called now and then, and may leave by an exception.
@@ -84,17 +84,55 @@ class Workers:
             If the scheduler has gone, or the worker is of another version.
 
         """
-        from distributed.scheduler import KilledWorker
-
         while not future.done():
             tick()
-            self.check()
-            self._keep()
-            with suppress(TimeoutError, CancelledError):
-                future.exception(timeout=STEP)
+            self.first_done([future])
         what = f'a piece of {piece.recording.path}'
+        judged = self.result(future, what)
+        if not isinstance(judged, JudgedPiece):
+            raise RecordingError(what, 'judged by this version', type(judged).__name__)
+        check_code(judged.worker, judged.code, judging_code())
+        return judged
+
+    def first_done(self, futures: Collection[Any]) -> list[Any]:
+        """Wait for the first of some futures, not for long; return those that are done.
+
+        Raises
+        ------
+        SchedulerError
+            If the scheduler has gone.
+
+        """
+        from distributed import wait
+
+        self.check()
+        self._keep()
+        with self.client.as_current(), suppress(TimeoutError, CancelledError):
+            wait(list(futures), timeout=STEP, return_when='FIRST_COMPLETED')
+        return [future for future in futures if future.done()]
+
+    def deaths(self, future: Any) -> int:
+        """Count the workers that died with work that was given up for it; 0: it was not."""
+        from distributed.scheduler import KilledWorker
+
+        error = future.exception() if future.status == 'error' else None
+        return error.allowed_failures + 1 if isinstance(error, KilledWorker) else 0
+
+    def result(self, future: Any, what: str) -> Any:
+        """Return what came of work on ``what``, which is done.
+
+        Raises
+        ------
+        FilterError
+            If the work raised it, or failed on each worker that tried, or several died of it.
+        SchedulerError
+            If the scheduler has gone.
+
+        """
+        from distributed.scheduler import KilledWorker
+
         try:
-            judged = future.result()
+            return future.result()
         except KilledWorker as err:
             must_be = 'judged without a worker that dies'
             got = f'{err.allowed_failures + 1} that died'
@@ -105,12 +143,6 @@ class Workers:
             raise
         except Exception as err:  # whatever comes from another machine
             raise RecordingError(what, 'judged by the workers', said_by(err)) from err
-        if not isinstance(judged, JudgedPiece):
-            raise RecordingError(what, 'judged by this version', type(judged).__name__)
-        if judged.code != judging_code():
-            must_be = f'of version {judging_code()}, as this process'
-            raise SchedulerError(f'the worker {judged.worker}', must_be, judged.code)
-        return judged
 
     def check(self) -> None:
         """Refuse to go on without a scheduler.
@@ -125,7 +157,7 @@ class Workers:
             raise SchedulerError(*self._gone())
 
     def give_up(self, future: Any) -> None:
-        """Forget a piece; where nobody answers, there is nothing to forget."""
+        """Forget a piece or a file; where nobody answers, there is nothing to forget."""
         with suppress(SchedulerError), self._answering():
             self.client.cancel([future], force=True)
 
@@ -140,6 +172,19 @@ class Workers:
 
     def _gone(self) -> tuple[str, str, str]:
         return f'the scheduler {self._address}', 'there until the end', 'no answer any more'
+
+
+def check_code(worker: str, code: str, own: str) -> None:
+    """Refuse a worker whose code is not that of this process.
+
+    Raises
+    ------
+    SchedulerError
+        If it is of another version.
+
+    """
+    if code != own:
+        raise SchedulerError(f'the worker {worker}', f'of version {own}, as this process', code)
 
 
 def are_available() -> bool:
@@ -202,7 +247,7 @@ def cluster_workers(address: str, inform: Callable[[str], object] = str) -> Iter
         raise SchedulerError('--scheduler', must_be, address) from err
     with _silent(), client:
         if not client.nthreads():
-            inform(f'the cluster of {address} has no worker yet: pieces wait for one')
+            inform(f'the cluster of {address} has no worker yet: all waits for one')
         yield Workers(client, address)
 
 

@@ -48,8 +48,9 @@ def _lines(text: str) -> Show:
         now = monotonic()
         if now >= due or step.number != number:
             due, number = now + LINE_PERIOD, step.number
-            within = f'{step.recording}, {step.done} of {step.messages} {step.unit}'
-            say(f'{text}: {step.number} of {step.total}: {within}{_rate(step, now - began)}')
+            within = f', {step.done} of {step.messages} {step.unit}' if step.messages else ''
+            shown = f'{text}: {step.number} of {step.total}: {step.recording}{within}'
+            say(f'{shown}{_rate(step, now - began)}')
 
     return show
 
@@ -71,7 +72,8 @@ def _bars(console: Console, text: str) -> Iterator[Show]:
             due = now + 1 / 10  # s
             shown = f'{text}: {step.number} of {step.total}{_rate(step, now - began)}'
             bars.update(whole, completed=step.bytes_done, total=step.bytes_total, description=shown)
-            bars.update(one, completed=step.done, total=step.messages, description=step.recording)
+            total = step.messages or None  # not known
+            bars.update(one, completed=step.done, total=total, description=step.recording)
 
         yield show
 

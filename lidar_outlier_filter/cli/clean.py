@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from lidar_outlier_filter.archive.many_files import Job, Result
+    from lidar_outlier_filter.archive.file_cleaners import Job
+    from lidar_outlier_filter.archive.many_files import Result
     from lidar_outlier_filter.cli.terminal import Advance, Commands
     from lidar_outlier_filter.files.clean_log import Wanted
     from lidar_outlier_filter.files.judged_file import JudgedFile
@@ -55,6 +57,11 @@ def add_clean(commands: Commands) -> None:
     _add_run(parser)
     parser.add_argument(
         '--columns', metavar='X,Y[,Z]', help='the two or three coordinates; default: x,y,z'
+    )
+    parser.add_argument(
+        '--unit',
+        choices=('m', 'cm', 'mm', 'ft', 'us-ft'),
+        help='unit of the coordinates; default: as LAS and LAZ say, metres elsewhere',
     )
     parser.add_argument(
         '--table', metavar='NAME', help='table of a database; default: the only one'
@@ -136,9 +143,14 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--jobs',
         type=int,
-        default=cores(),
         metavar='N',
         help='clean so many of several files at once; default: as many as there are cores',
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='of a Dask cluster whose workers clean whole files, as tcp://host:8786; with --output '
+        'DIR. They must reach all files by the same paths',
     )
     parser.add_argument(
         '--tile',
@@ -158,18 +170,18 @@ def _clean(options: argparse.Namespace) -> int:
     wanted = _wanted(options)
     folder = _folder(options)
     _check(options, folder)
-    look = _WorstOfEach(options)
-    if len(options.files) == 1 and folder is None:
+    look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=options.picture)
+    if len(options.files) == 1 and folder is None and not options.scheduler:
         results = [_clean_one(_job(options.files[0], options, None), wanted, look)]
     else:
         from lidar_outlier_filter.cli.clean_many import clean_many
 
         jobs = [_job(path, options, folder) for path in options.files]
-        noted = None if options.dry_run else folder
-        results = clean_many(jobs, wanted, noted, options.jobs, look, resume=options.resume)
+        by = options.scheduler or options.jobs or cores()
+        results = clean_many(jobs, wanted, folder, by, look, resume=options.resume)
     for result in results:
         say_how(result)
-    show(results, look.worst)
+    show(results, {one.job.path: one.found for one in results if one.found is not None})
     good = [one for one in results if one.report is not None or one.state == LEFT]
     untested = [one for one in good if one.report is not None and is_untested(one.report)]
     if len(good) == len(results) and not untested:
@@ -179,22 +191,14 @@ def _clean(options: argparse.Namespace) -> int:
 
 def _clean_one(job: Job, wanted: Wanted, look: Callable[[JudgedFile], object]) -> Result:
     """Clean a single file, with a bar for each step; where it is refused, all is."""
+    from lidar_outlier_filter.archive.file_cleaners import clean_job
     from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
     from lidar_outlier_filter.archive.many_files import Result
-    from lidar_outlier_filter.files.clean import clean
 
     with stopping() as leave_if_asked, ExitStack() as bars:
         steps = _StepBars(job.path.name, leave_if_asked, bars)
-        report = clean(
-            job.path,
-            job.output,
-            wanted,
-            job.outliers,
-            steps,
-            lambda slow: say(f'{job.path}: {slow}'),
-            look,
-        )
-    return Result(job, IS_DONE, report)
+        done = clean_job(job, wanted, look, steps, lambda slow: say(f'{job.path}: {slow}'))
+    return Result(job, IS_DONE, done.report, found=done.found)
 
 
 class _StepBars:
@@ -212,23 +216,24 @@ class _StepBars:
         self._steps[step](done, total)
 
 
-class _WorstOfEach:
-    """Looks at the worst of each file, where that is wanted, before anything is written."""
+@dataclass(frozen=True)
+class _LookForWorst:
+    """Finds the worst of a file, and draws it, where that is wanted, before anything is written."""
 
-    def __init__(self, options: argparse.Namespace) -> None:
-        self._wanted, self._picture = options.dry_run or options.picture, options.picture
-        self.worst: dict[Path, Worst] = {}
+    worst: bool
+    picture: Path | None
 
-    def __call__(self, judged: JudgedFile) -> None:
-        if not self._wanted:
-            return
+    def __call__(self, judged: JudgedFile) -> Worst | None:
+        if not self.worst:
+            return None
         from lidar_outlier_filter.report.worst import find
 
-        self.worst[judged.file.path] = find(judged)
-        if self._picture is not None:
+        found = find(judged)
+        if self.picture is not None:
             from lidar_outlier_filter.report.worst_picture import draw
 
-            draw(judged, self.worst[judged.file.path], self._picture)
+            draw(judged, found, self.picture)
+        return found
 
 
 def _folder(options: argparse.Namespace) -> Path | None:
@@ -256,15 +261,29 @@ def _check(options: argparse.Namespace, folder: Path | None) -> None:
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
     if options.picture and options.picture.exists():
         raise ParameterError('--picture', 'a new file', f'{options.picture}, which exists')
-    if options.jobs < 1:
+    if options.jobs is not None and options.jobs < 1:
         raise ParameterError('--jobs', 'at least 1', options.jobs)
+    if options.scheduler is not None:
+        _check_scheduler(options, folder)
     if options.resume and folder is None:
         raise ParameterError('--resume', 'with --output FOLDER, which has the manifest', 'none')
 
 
+def _check_scheduler(options: argparse.Namespace, folder: Path | None) -> None:
+    """Refuse what workers of a cluster cannot do."""
+    if options.jobs is not None:
+        must_be = 'left out with --scheduler, whose cluster has its own processes'
+        raise ParameterError('--jobs', must_be, options.jobs)
+    if folder is None and not options.dry_run:
+        raise ParameterError('--scheduler', 'with --output FOLDER, where workers write', 'none')
+    for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
+        if value:
+            raise ParameterError(name, 'left out with --scheduler', value)
+
+
 def _job(path: Path, options: argparse.Namespace, folder: Path | None) -> Job:
     """Name the outputs after the file, beside it, where nothing else is said."""
-    from lidar_outlier_filter.archive.many_files import Job
+    from lidar_outlier_filter.archive.file_cleaners import Job
     from lidar_outlier_filter.files.clean_log import SEPARATE
 
     name = path.stem + CLEANED + path.suffix
@@ -294,6 +313,7 @@ def _wanted(options: argparse.Namespace) -> Wanted:
         _classes(options.only_classes, '--only-classes'),
         _classes(options.keep_classes, '--keep-classes'),
         options.dry_run,
+        options.unit,
         values,
     )
 

@@ -6,8 +6,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -16,29 +15,33 @@ from lidar_outlier_filter.cli.terminal import LINE_PERIOD, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from contextlib import AbstractContextManager
     from pathlib import Path
 
+    from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Cleaners, Job
     from lidar_outlier_filter.archive.manifest import Manifest
-    from lidar_outlier_filter.archive.many_files import Job, Result
+    from lidar_outlier_filter.archive.many_files import Result
     from lidar_outlier_filter.archive.step import Step
     from lidar_outlier_filter.core.slow import SlowDetector
-    from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
+    from lidar_outlier_filter.files.clean_log import Wanted
     from lidar_outlier_filter.files.judged_file import JudgedFile
+
+    Look = Callable[[JudgedFile], object]
 
 PARTS = ('reading', 'judging', 'writing')  # of the work on a file
 
 
-def clean_many(  # noqa: PLR0913  which files, where to, and how
+def clean_many(  # noqa: PLR0913  which files, how, where to, and by whom
     jobs: Sequence[Job],
     wanted: Wanted,
     folder: Path | None,
-    at_once: int,
-    look: Callable[[JudgedFile], object],
+    by: int | str,
+    look: Look,
     *,
     resume: bool,
 ) -> list[Result]:
-    """Clean several files, so many at once; with a folder, its manifest says what becomes of each.
+    """Clean several files ``by`` so many threads, or by the workers of the scheduler of an address.
+
+    With a folder, its manifest says what becomes of each, unless nothing is written.
 
     Raises
     ------
@@ -50,11 +53,11 @@ def clean_many(  # noqa: PLR0913  which files, where to, and how
 
     with (
         progress_of_all('cleaning') as (show, leave_if_asked),
-        _manifest(folder) as manifest,
+        _opened(None if wanted.dry else folder) as (manifest, hidden),
     ):
         begun = monotonic()
-        progress = _ManyFilesProgress(jobs, leave_if_asked, look)
-        many = ManyFiles(wanted, manifest, progress.clean, resume=resume)
+        progress = _ManyFilesProgress(jobs, wanted, leave_if_asked, look)
+        many = ManyFiles(wanted, manifest, resume=resume)
 
         def tick() -> None:
             leave_if_asked()
@@ -62,24 +65,48 @@ def clean_many(  # noqa: PLR0913  which files, where to, and how
             if step.recording and monotonic() - begun > LINE_PERIOD:
                 show(step)
 
-        with _threads(at_once) as pool:
-            return many.run(jobs, pool, at_once, tick, progress.finish)
-
-
-def _manifest(folder: Path | None) -> AbstractContextManager[Manifest | None]:
-    if folder is None:
-        return nullcontext()
-    from lidar_outlier_filter.archive.manifest import opened_manifest
-
-    return opened_manifest(folder)
+        if isinstance(by, int):
+            with _threads(by, progress) as cleaners:
+                return many.run(jobs, cleaners, tick, progress.finish)
+        with _workers(by, wanted, look, hidden) as cleaners:
+            return many.run(jobs, cleaners, tick, progress.finish)
 
 
 @contextmanager
-def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
-    """Give threads; where the caller leaves by an exception, what has not begun is left."""
-    with ThreadPoolExecutor(count) as pool, ExitStack() as stack:
-        stack.callback(pool.shutdown, wait=False, cancel_futures=True)
-        yield pool
+def _opened(folder: Path | None) -> Iterator[tuple[Manifest | None, Path | None]]:
+    """Open the manifest of a folder; give a hidden folder in it, too, for what is not whole yet."""
+    if folder is None:
+        yield None, None
+        return
+    from lidar_outlier_filter.archive.manifest import opened_manifest
+    from lidar_outlier_filter.files.hidden_folder import hidden_folder
+
+    with opened_manifest(folder) as manifest, hidden_folder(folder / 'files') as hidden:
+        yield manifest, hidden
+
+
+@contextmanager
+def _threads(count: int, progress: _ManyFilesProgress) -> Iterator[Cleaners]:
+    from lidar_outlier_filter.archive.file_cleaners import ThreadsThatClean
+
+    cleaners = ThreadsThatClean(count, progress.clean)
+    try:
+        yield cleaners
+    finally:
+        cleaners.end()
+
+
+@contextmanager
+def _workers(address: str, wanted: Wanted, look: Look, hidden: Path | None) -> Iterator[Cleaners]:
+    from lidar_outlier_filter.archive.file_workers import WorkersThatClean
+    from lidar_outlier_filter.archive.workers import cluster_workers
+
+    with cluster_workers(address, say) as workers:
+        cleaners = WorkersThatClean(workers, wanted, look, hidden)
+        try:
+            yield cleaners
+        finally:
+            cleaners.end()
 
 
 class _ManyFilesProgress:
@@ -88,18 +115,22 @@ class _ManyFilesProgress:
     def __init__(
         self,
         jobs: Sequence[Job],
+        wanted: Wanted,
         leave_if_asked: Callable[[], None],
-        look: Callable[[JudgedFile], object],
+        look: Look,
     ) -> None:
-        self._look = look
+        self._wanted, self._look = wanted, look
         self._sizes = {job.path: _size(job.path) for job in jobs}
         self._leave_if_asked = leave_if_asked
         self._done: set[Path] = set()
+        self._last = ''
         self._shares: dict[Path, tuple[float, int, int]] = {}
 
-    def clean(self, path: Path, output: Path, wanted: Wanted, outliers: Path | None) -> CleanReport:
+    def clean(self, job: Job) -> CleanedFile:
         """Clean a file, and note how far it is."""
-        from lidar_outlier_filter.files.clean import clean
+        from lidar_outlier_filter.archive.file_cleaners import clean_job
+
+        path = job.path
 
         def note(part: str, done: int, total: int) -> None:
             self._leave_if_asked()
@@ -111,15 +142,16 @@ class _ManyFilesProgress:
         def say_slow(slow: SlowDetector) -> None:
             say(f'{path}: {slow}')
 
-        return clean(path, output, wanted, outliers, note, say_slow, self._look)
+        return clean_job(job, self._wanted, self._look, note, say_slow)
 
     def finish(self, job: Job) -> None:
         """Note that nothing more becomes of a file."""
         self._done.add(job.path)
+        self._last = job.path.name
 
     @property
     def step(self) -> Step:
-        """All of it together; the file that is named is the one furthest."""
+        """All of it together; the file that is named is the one furthest, or the last one done."""
         from lidar_outlier_filter.archive.step import Step
 
         running = {path: at for path, at in self._shares.copy().items() if path not in self._done}
@@ -128,7 +160,7 @@ class _ManyFilesProgress:
         path = max(running, key=lambda one: running[one][0], default=None)
         _, done, total = (0.0, 0, 0) if path is None else running[path]
         return Step(
-            '' if path is None else path.name,
+            self._last if path is None else path.name,
             len(self._done),
             len(self._sizes),
             done,

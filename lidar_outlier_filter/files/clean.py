@@ -22,6 +22,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from lidar_outlier_filter.core.slow import SaySlow
@@ -29,8 +30,10 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.files.judged_file import JudgedFile, Progress
 
+    MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
 
-def clean(  # noqa: PLR0913  what a user may want, and three who want to know
+
+def clean(  # noqa: PLR0913  what a user may want, three who want to know, and where
     path: Path,
     output: Path,
     wanted: Wanted,
@@ -38,6 +41,7 @@ def clean(  # noqa: PLR0913  what a user may want, and three who want to know
     progress: Progress = lambda _what, _done, _total: None,
     slow: SaySlow | None = None,
     look: Callable[[JudgedFile], object] = bool,
+    make: MakeFiles = new_files,
 ) -> CleanReport:
     """Judge the points of a file, and write a copy that says or shows which are rejected.
 
@@ -51,6 +55,7 @@ def clean(  # noqa: PLR0913  what a user may want, and three who want to know
     progress : is called with what is being done, and with how many of how many points
     slow : is called while a detector takes more than 10 × ``max_delay``
     look : is called with what was found, before anything is written
+    make : gives the places where new files are written
 
     Raises
     ------
@@ -69,8 +74,8 @@ def clean(  # noqa: PLR0913  what a user may want, and three who want to know
         clouds, logs = [], []
     with (
         _enough_memory(file),
-        new_files([*clouds, *logs]) as built,
-        scratch(output, wanted.tile) as allocate,
+        make([*clouds, *logs]) as built,
+        scratch(built[0] if built else output, wanted.tile) as allocate,
     ):
         judged = judge_file(file, wanted, parameters, allocate, progress, slow)
         look(judged)

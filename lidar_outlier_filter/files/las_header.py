@@ -8,6 +8,7 @@ and of the points no more than that counts.
 
 from __future__ import annotations
 
+import math
 import struct
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -17,7 +18,7 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.room import check_count, check_place, check_points, check_room
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
 LONGEST = 375  # bytes of a header that are looked at
@@ -32,6 +33,7 @@ _CHUNKED, _LAYERED = 2, 3  # compressors of LASzip
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 _BYTES = 14
 _SHORTEST_LASZIP = 34  # bytes, without any item
+_MOST = 2**31  # units that a coordinate may have
 _OF_ANY_SIZE = 2**32 - 1
 LARGEST_CHUNK = 256_000_000  # bytes of the points of a chunk; lazrs takes memory for all of them
 
@@ -69,6 +71,18 @@ def _check_chain(
         place += layout.size
         check_room(path, 'the bytes in a record', length, 1, end - place)
         place += length
+
+
+def check_scaling(path: Path, scales: Iterable[float], offsets: Iterable[float]) -> None:
+    """Refuse scales and offsets that give coordinates which are no numbers.
+
+    laspy takes NaN for another scaling than NaN, and would write other integers.
+    """
+    for axis, *pair in zip('xyz', scales, offsets, strict=True):
+        scale, offset = map(float, pair)
+        if not math.isfinite(abs(scale) * _MOST + abs(offset)):
+            what = f'scale and offset of {axis} in {path}'
+            raise CloudError(what, 'such that all coordinates are finite', f'{scale} and {offset}')
 
 
 def check_las_points(path: Path, count: int) -> None:
@@ -154,10 +168,14 @@ def _count_layered(  # noqa: PLR0913  where the chunks are, and how large
 ) -> list[int]:
     """Read how many points are in each chunk, which counts them behind the bytes of its first.
 
-    Behind the count are the sizes of its layers. Refuse a chunk that they do not fit into.
+    Behind the count are the sizes of its layers. Refuse a chunk that they do not fit into. Writers
+    of chunks of any size may leave one without points, and without bytes, at the end.
     """
     counts = []
     for size in sizes:
+        if not size:
+            counts.append(0)
+            continue
         stream.seek(begin + each)
         head = stream.read(4 + 4 * layers)
         inside = sum(number for (number,) in struct.iter_unpack('<I', head[4 : len(head) & ~3]))

@@ -5,6 +5,7 @@
 The first trees see the eight nearest neighbours of every point. Where they do not call it clearly
 good, the second trees see the sixty nearest, and what the first say of these. So the wide search,
 which takes long, is for few points. What is said of a point depends on what is near it alone.
+Points at one place are judged as one: neighbours are at other places.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from lidar_outlier_filter.core.detectors.evidence.survey_far import MOST, Far, w
 from lidar_outlier_filter.core.detectors.evidence.survey_lanes import add_farthest
 from lidar_outlier_filter.core.detectors.evidence.survey_model import load
 from lidar_outlier_filter.core.detectors.evidence.survey_near import K, Near, write_near
+from lidar_outlier_filter.core.detectors.evidence.survey_places import find_places, shares_places
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.lanes import LANES
@@ -58,7 +60,7 @@ def measure(
         NaN for all where each has fewer than eight others.
     reach : (N,) float64
         Points farther away, in any direction, count for nothing. inf for all where each has fewer
-        than sixty others.
+        than sixty others. Others at the same place count for none.
 
     """
     odds, reach = np.full(len(xyz), np.nan), np.full(len(xyz), np.inf)
@@ -66,6 +68,12 @@ def measure(
         return odds, reach
     model = load()
     hood = Neighbourhood(xyz, K, threads)
+    if shares_places(hood, K):
+        places = find_places(xyz)
+        asked = None if wanted is None else np.bincount(places.of, wanted) > 0
+        alone = np.take(xyz, places.first, axis=0)
+        odds, reach = measure(alone, typical, threads, asked)
+        return odds[places.of], reach[places.of]
     near = neighbours(hood, typical)
     first, extent = first_odds(near, model.first, threads)
     result, way = first.astype(np.float64), extent

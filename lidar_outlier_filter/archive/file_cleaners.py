@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Who cleans one file of many: a thread of this process, or a worker of a cluster."""
+
+from __future__ import annotations
+
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from lidar_outlier_filter.files.clean import clean, list_logs
+from lidar_outlier_filter.files.new_files import new_files
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+    from concurrent.futures import Future
+    from pathlib import Path
+
+    from lidar_outlier_filter.core.slow import SaySlow
+    from lidar_outlier_filter.files.clean import MakeFiles
+    from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
+    from lidar_outlier_filter.files.judged_file import JudgedFile, Progress
+
+STEP = 0.2  # seconds between two looks at whether to go on
+JUDGE = 'lidar_outlier_filter.files.clean'  # the module whose code decides what is written
+HERE = 'this process'
+
+
+@dataclass(frozen=True)
+class Job:
+    """A file, and the clouds that are made of it."""
+
+    path: Path
+    output: Path
+    outliers: Path | None = None
+
+    @property
+    def outputs(self) -> list[Path]:
+        """All files that are written of it."""
+        clouds = [self.output] if self.outliers is None else [self.output, self.outliers]
+        return [*clouds, *list_logs(self.output)]
+
+    def absolute(self) -> Job:
+        """Return the same for a process that works in another folder."""
+        outliers = None if self.outliers is None else self.outliers.absolute()
+        return Job(self.path.absolute(), self.output.absolute(), outliers)
+
+
+@dataclass(frozen=True)
+class CleanedFile:
+    """What became of a file: the report, what ``look`` found in it, and who cleaned it."""
+
+    report: CleanReport
+    found: Any = None
+    worker: str = HERE
+
+
+class Cleaners(Protocol):
+    """Cleans files, several at once."""
+
+    @property
+    def at_once(self) -> int:
+        """How many files it takes."""
+
+    def submit(self, job: Job) -> Any:
+        """Begin with a file; return what stands for its result."""
+
+    def first_done(self, futures: Collection[Any]) -> Collection[Any]:
+        """Wait for the first of some files, not for long; return those that are done."""
+
+    def take(self, job: Job, future: Any) -> CleanedFile:
+        """Return what became of a file, whose outputs have their names now."""
+
+
+def clean_job(  # noqa: PLR0913  which file, how, three who want to know, and where
+    job: Job,
+    wanted: Wanted,
+    look: Callable[[JudgedFile], object] = bool,
+    progress: Progress = lambda _what, _done, _total: None,
+    slow: SaySlow | None = None,
+    make: MakeFiles = new_files,
+) -> CleanedFile:
+    """Clean a file; keep what ``look`` finds in it.
+
+    Raises
+    ------
+    FilterError
+        If it cannot be cleaned.
+
+    """
+    found: list[object] = []
+
+    def note(judged: JudgedFile) -> None:
+        found.append(look(judged))
+
+    report = clean(job.path, job.output, wanted, job.outliers, progress, slow, note, make)
+    return CleanedFile(report, found[0])
+
+
+class ThreadsThatClean:
+    """Threads of this process; the kernels of each use all cores."""
+
+    def __init__(self, count: int, work: Callable[[Job], CleanedFile]) -> None:
+        """Start so many, each of which does ``work``."""
+        self.at_once, self._work = count, work
+        self._pool = ThreadPoolExecutor(count)
+
+    def submit(self, job: Job) -> Future[CleanedFile]:
+        """See :class:`Cleaners`."""
+        return self._pool.submit(self._work, job)
+
+    def first_done(
+        self, futures: Collection[Future[CleanedFile]]
+    ) -> Collection[Future[CleanedFile]]:
+        """See :class:`Cleaners`."""
+        return wait(futures, STEP, FIRST_COMPLETED).done
+
+    def take(self, _job: Job, future: Future[CleanedFile]) -> CleanedFile:
+        """See :class:`Cleaners`."""
+        return future.result()
+
+    def end(self) -> None:
+        """Leave what has not begun, and wait for the rest."""
+        self._pool.shutdown(cancel_futures=True)
