@@ -194,8 +194,7 @@ class TiledChain:
         Returns
         -------
         halo : float
-            A width for the next tile: twice as far as nearly all points of this one reach, or what
-            it took for them.
+            The width that it took for nearly all points.
         far : (n,) int64
             Places of the few that depend on others beyond, and are not measured yet.
 
@@ -220,7 +219,7 @@ class TiledChain:
         measured[tiles.order[places[own & fine]]] = values[own & fine]
         known = own & (seen < inwards)
         radius[places[known]] = seen[known]
-        return min(halo, 2 * most), places[own & ~fine]
+        return halo, places[own & ~fine]
 
     def _measure_far(
         self, measure: _Measure, far: Ints, left: Bools, measured: Floats, radius: Floats
