@@ -64,7 +64,7 @@ class WholeRecordings:
         """Choose among the recordings; workers of this machine write into a hidden ``folder``."""
         self._workers, self._folder = workers, folder.absolute()
         self._order = replace(order, parameters={**order.parameters, 'threads': 1})
-        self._unsent = deque(choose(tasks, workers.count))
+        self._unsent = deque(choose(tasks, max(1, workers.count)))
         self._chosen = frozenset(self._unsent)
         self._sent: dict[Task, Any] = {}
         self._topic = f'replay-{uuid4().hex[:8]}'
