@@ -106,8 +106,8 @@ setup(
         ],
         'train': ['scikit-learn>=1.5'],  # `tuning.train`: the trees on the scan pattern
         'audit': ['filterpy>=1.4.5'],  # `engine: filterpy`
-        # `lidar-outlier-filter clean`: LAS, LAZ and PCD (1 MB); Parquet (170 MB). Others need none.
-        'files': ['laspy[lazrs]>=2.5', 'python-neo-lzf>=0.3.5'],
+        # `lidar-outlier-filter clean`: LAS, LAZ, PCD (10 MB); Parquet (170 MB). Others need none.
+        'files': ['laspy[lazrs]>=2.5', 'pyproj>=3.6', 'python-neo-lzf>=0.3.5'],
         'parquet': ['pyarrow>=14.0.1'],
         # `lidar-outlier-filter replay` with several processes or a cluster, and recordings at other
         # places; s3fs for `s3://`.
@@ -132,6 +132,7 @@ setup(
             'playwright>=1.45',
             'psutil>=5.9',
             'pyarrow>=14.0.1',
+            'pyproj>=3.6',
             'pytest>=7.4',
             'pytest-timeout>=2.2',
             'pytest-xdist>=3.4',

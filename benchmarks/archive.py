@@ -1,12 +1,14 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Replay in pieces: how much faster several processes are, and what they cost.
+"""Replay by several processes: how much faster they are, and what they cost.
 
-    scripts/environment python benchmarks/archive.py RECORDING FOLDER [--jobs 2] [--set NAME=VALUE]
+    scripts/environment python benchmarks/archive.py RECORDING FOLDER [--recordings 1] [--jobs 2]
+        [--set NAME=VALUE]
 
 Replays a recording in this process with kernels on one thread, then through Dask with one worker,
-then with ``--jobs``. Every output must have the same bytes. Starting the workers, and loading the
-kernels in them, is not counted: an archive pays it once. ``FOLDER`` is made, and removed.
+then with ``--jobs``. ``--recordings`` takes it so many times, as an archive: in pieces, and then
+whole, each by one worker. Every output must have the same bytes. Starting the workers, and loading
+the kernels in them, is not counted: an archive pays it once. ``FOLDER`` is made, and removed.
 """
 # ruff: noqa: INP001, T201  a script, no package
 
@@ -18,34 +20,45 @@ import os
 import shutil
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import psutil
 
 from lidar_outlier_filter.archive.engine import Engine, Order, Task
-from lidar_outlier_filter.archive.pieces import Piece, cut, judge_piece
+from lidar_outlier_filter.archive.pieces import LENGTH, Piece, cut, judge_piece
 from lidar_outlier_filter.archive.places import place_of
-from lidar_outlier_filter.archive.workers import Workers, local_workers
+from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.stream.compiling import make_ready
 from lidar_outlier_filter.stream.memory import keep_memory
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from lidar_outlier_filter.archive.workers import Workers
+
 MEGABYTE, SECOND = 1e6, 1e9
-LENGTH = 5.0  # seconds of the pieces that are judged alone
 
 
-def timed(task: Task, order: Order, workers: Workers | None) -> tuple[float, str]:
-    """Replay; return the seconds, and the hash of the output, which is removed."""
-    engine = Engine([task], order, workers)
+def timed(
+    tasks: Sequence[Task], order: Order, workers: Workers | None, scratch: Path | None = None
+) -> tuple[float, list[str]]:
+    """Replay; return the seconds, and the hashes of the outputs, which are removed."""
     before, began = processor_seconds(), perf_counter()
-    output = Path(str(task.output))
-    engine.replay(task, output, lambda _done, _all: None)
+    engine = Engine(tasks, order, workers, folder=scratch)
+    for task in tasks:
+        engine.replay(task, Path(str(task.output)), lambda _done, _all: None)
     elapsed = perf_counter() - began
     own, others = (after - then for after, then in zip(processor_seconds(), before, strict=True))
     print(f'  processor seconds: {own:.1f} of this process, {others:.1f} of workers')
-    found = hashlib.sha256((output / f'{output.name}.mcap').read_bytes()).hexdigest()
-    shutil.rmtree(output)
-    if workers is not None:
+    found = []
+    for task in tasks:
+        output = Path(str(task.output))
+        file = output / f'{output.name}.mcap'
+        found.append(hashlib.sha256(file.read_bytes()).hexdigest())
+        shutil.rmtree(output)
+    if engine.judged:
         print(f'  blocks judged by who writes: {engine.judged_here} of {engine.judged}')
     return elapsed, found
 
@@ -75,6 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or '').partition('\n')[0])
     parser.add_argument('recording', type=Path)
     parser.add_argument('folder', type=Path)
+    parser.add_argument('--recordings', type=int, default=1, help='how often it is replayed')
     parser.add_argument('--jobs', type=int, default=2)
     add_parameter_options(parser)
     options = parser.parse_args()
@@ -82,19 +96,26 @@ def main() -> None:
     order = Order(parameters=values)
     keep_memory()  # as the command does
     make_ready(order.filter)
-    options.folder.mkdir()
-    task = Task(place_of(options.recording.resolve()), options.folder.resolve() / 'bag')
+    scratch = options.folder.resolve() / 'scratch'
+    scratch.mkdir(parents=True)
+    tasks = _tasks(options.recording.resolve(), scratch.parent, options.recordings)
     print(f'load average {os.getloadavg()[0]:.1f} before')
-    alone, expected = timed(task, order, None)
+    alone, expected = timed(tasks, order, None)
     print(f'in this process: {alone:.1f} s')
+    ways = {'in pieces': None, 'whole': scratch} if len(tasks) > 1 else {'in pieces': None}
     for jobs in (1, options.jobs):
         with local_workers(jobs) as workers:
-            for future in [workers.submit(piece) for piece in _short(task, order)[:jobs]]:
+            for future in [workers.submit(piece) for piece in _short(tasks[0], order)[:jobs]]:
                 future.result()  # has the kernels loaded
-            elapsed, found = timed(task, order, workers)
-            same = 'the same bytes' if found == expected else 'OTHER BYTES'
-            factor = f'{alone / elapsed:.2f} × as fast'
-            print(f'{jobs} workers: {elapsed:.1f} s, {factor}, {same}, {memory():.0f} MB at most')
+            for way, folder in ways.items():
+                if jobs == 1 and way != [*ways][-1]:
+                    continue
+                elapsed, found = timed(tasks, order, workers, folder)
+                same = 'the same bytes' if found == expected else 'OTHER BYTES'
+                factor = f'{alone / elapsed:.2f} × as fast'
+                print(f'{jobs} workers, {way}: {elapsed:.1f} s, {factor}, {same}')
+            print(f'{memory():.0f} MB of a worker at most')
+    task = tasks[0]
     judged = [judge_piece(piece) for piece in cut(task.place, (), values, LENGTH)[:3]]
     sent = sum(len(packed) for one in judged for packed in one.verdicts.values())
     print(f'{sum(one.seconds for one in judged) / len(judged):.2f} s per piece of {LENGTH:g} s')
@@ -102,7 +123,15 @@ def main() -> None:
         share = sent / len(judged) / (task.place.size * LENGTH * SECOND / source.duration)
     print(f'{sent / len(judged) / MEGABYTE:.3f} MB of verdicts per piece, {share:.3%} of its bytes')
     print(f'load average {os.getloadavg()[0]:.1f} after')
-    options.folder.rmdir()
+    shutil.rmtree(options.folder)
+
+
+def _tasks(recording: Path, folder: Path, count: int) -> list[Task]:
+    """Give links to a recording, and where their outputs go."""
+    links = [folder / f'{number}{recording.suffix}' for number in range(count)]
+    for link in links:
+        link.symlink_to(recording)
+    return [Task(place_of(link), folder / f'bag{number}') for number, link in enumerate(links)]
 
 
 def _short(task: Task, order: Order) -> list[Piece]:

@@ -84,9 +84,16 @@ class Killer:
 
 
 def with_kills(
-    drives: Path, output: Path, expected: dict[str, dict[str, str]], seed: int
+    drives: Path,
+    output: Path,
+    expected: dict[str, dict[str, str]],
+    seed: int,
+    scratch: Path | None = None,
 ) -> Iterator[str]:
-    """Replay all with two workers, of which one is killed again and again; say what is there."""
+    """Replay all with two workers, of which one is killed again and again; say what is there.
+
+    With a folder for what workers write, they replay whole recordings.
+    """
     order = Order(parameters=CHAIN)
     tasks = [Task(place_of(path), output / path.name) for path in sorted(drives.iterdir())]
     rng = random.Random(seed)  # noqa: S311  no secret
@@ -94,7 +101,7 @@ def with_kills(
     killer = Killer(sorted(rng.uniform(0, LAST * total) for _ in range(KILLS)), rng)
     with opened_manifest(output) as manifest, local_workers(2) as workers:
         todo = pending(tasks, order, manifest)
-        engine = Engine(todo, order, workers)
+        engine = Engine(todo, order, workers, folder=scratch)
         entries = replay_all(todo, engine, order, manifest, killer)
     made = made_in(output)
     sources = [json.loads(line)['source'] for line in (output / NAME).read_text().splitlines()]

@@ -38,15 +38,15 @@ class Sensor:
     name: str
     read: float  # bytes
     written: float  # bytes, with the copy of the input
-    judge: float  # by a worker, in pieces of 5 s, with what is read before each
+    judge: float  # by a worker, in pieces of 10 s, with what is read before each
     write: float  # by the process that writes what workers have judged
     replay: float  # by one process that judges and writes
 
 
-# Five-second pieces of 11 s made of the real sweeps; processor seconds, two cores, 2026-11-22.
+# 10 s and 15 s made of the real sweeps; processor seconds, two cores, 2026-11-22.
 SENSORS = (
-    Sensor('OS1-128, 128 × 1024', 63.5e6, 127.0e6, 0.93, 0.58, 1.23),
-    Sensor('XT32, 32 × 1900', 18.4e6, 36.8e6, 0.67, 0.117, 0.68),
+    Sensor('OS1-128, 128 × 1024', 63.5e6, 127.0e6, 0.77, 0.24, 0.84),
+    Sensor('XT32, 32 × 1900', 18.4e6, 36.8e6, 0.60, 0.08, 0.61),
 )
 
 
@@ -62,8 +62,8 @@ class Cluster:
     price: float = 0.045  # $ for an hour of a processor
     get: float = 0.4e-6  # $ for a request that reads 4 MiB
     put: float = 5e-6  # $ for a request that writes 32 MiB
-    piece: float = 5.0  # s
-    before: float = 1.3  # s read before each piece
+    piece: float = 10.0  # s; those at the end of the last recording are shorter
+    before: float = 0.72  # s read before each piece
     recording: float = 1200.0  # s, the median; the standard deviation of its logarithm is 0.5
 
 

@@ -7,12 +7,13 @@
 bytes      real recordings, as they are and repeated, with every chain, detector and file of
            config/, by 1, 2 and 3 workers, in pieces of 0.1 s, 1 s, 3 s and whole
 kills      200 recordings of 20 s; a worker is killed by SIGKILL ten times, at random moments
+whole      the same, where each worker replays whole recordings
 scheduler  six of them by a Dask cluster whose scheduler is killed, then by another one
 again      the command on all of them, where nothing is left to do
 memory     of a worker, for 20 s and 12 min of one sensor, and for 20 s of the largest
 
 Everything is compared with the hashes of the replay in one process. Exit status 1 if any differs.
-FOLDER is made. ``kills`` leaves its archive there, for ``scheduler`` and ``again``, and goes on
+FOLDER is made. ``kills`` leaves its archive there, for those after it, and goes on
 where it was broken off; it needs 8 GB, as ``memory`` does. ``--few`` takes every eighth case and
 12 recordings, for 4 minutes. ``--share 2/5`` takes the second fifth of the cases of ``bytes``.
 """
@@ -46,7 +47,7 @@ from lidar_outlier_filter.archive.workers import local_workers  # noqa: E402
 if TYPE_CHECKING:
     import psutil
 
-PARTS = ('bytes', 'kills', 'scheduler', 'again', 'memory')
+PARTS = ('bytes', 'kills', 'whole', 'scheduler', 'again', 'memory')
 FEW = 8  # of how many cases one is taken
 ARCHIVE = 200  # recordings
 LONG = 720.0  # seconds
@@ -71,15 +72,34 @@ def bytes_are_equal(options: argparse.Namespace) -> None:
 
 
 def kills(options: argparse.Namespace) -> None:
-    """Replay an archive whose workers are killed."""
+    """Replay an archive in pieces, whose workers are killed."""
+    expected = _archive(options)
+    output = options.folder / 'cleaned'
+    for line in failures.with_kills(options.folder / 'drives', output, expected, options.seed):
+        print(line)
+
+
+def whole(options: argparse.Namespace) -> None:
+    """Replay it by workers that are killed while they replay whole recordings."""
+    expected = _archive(options)
+    output, scratch = options.folder / 'cleaned_whole', options.folder / 'scratch'
+    scratch.mkdir(exist_ok=True)
+    given = (options.folder / 'drives', output, expected, options.seed, scratch)
+    for line in failures.with_kills(*given):
+        print(line)
+    shutil.rmtree(output)
+    shutil.rmtree(scratch)
+
+
+def _archive(options: argparse.Namespace) -> dict[str, dict[str, str]]:
+    """Write the archive where there is none; return the hashes of what is made of it."""
     count = ARCHIVE // 16 if options.few else ARCHIVE
     drives, known = options.folder / 'drives', options.folder / 'expected.json'
     if not known.exists():
         failures.write_archive(options.data, drives, count)
         known.write_text(json.dumps(failures.expected_of(drives, options.folder)))
-    expected = json.loads(known.read_text())
-    for line in failures.with_kills(drives, options.folder / 'cleaned', expected, options.seed):
-        print(line)
+    expected: dict[str, dict[str, str]] = json.loads(known.read_text())
+    return expected
 
 
 def scheduler(options: argparse.Namespace) -> None:
@@ -135,7 +155,7 @@ def main() -> None:
     options = parser.parse_args()
     options.folder = options.folder.resolve()
     options.folder.mkdir(exist_ok=True)
-    works = dict(zip(PARTS, (bytes_are_equal, kills, scheduler, again, memory), strict=True))
+    works = dict(zip(PARTS, (bytes_are_equal, kills, whole, scheduler, again, memory), strict=True))
     if unknown := set(options.parts) - set(works):
         parser.error(f'PART must be one of {", ".join(works)}, got {", ".join(unknown)}')
     print(f'code {judging_code()}')

@@ -57,6 +57,12 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros]:
 
 
 @pytest.fixture
+def few_edges(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Train on coarse histograms: for each edge, scikit-learn takes as long as for a tree."""
+    monkeypatch.setattr('lidar_outlier_filter.tuning.learner.EDGES', 32)
+
+
+@pytest.fixture
 def sweeps(recordings: Path) -> list[PointCloud2]:
     """Read four sweeps of a VLP-16, 0.1 s each."""
     from live import clouds  # noqa: PLC0415

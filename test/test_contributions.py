@@ -38,6 +38,7 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     rng = np.random.default_rng(3)
     xyz = rng.uniform((0, 0, 0), (30, 30, 0.05), (2000, 3))
     xyz[:20, 2] += rng.uniform(2, 9, 20)
+    xyz[100:150] = xyz[50:100]  # two at one place
     zeros = np.zeros(len(xyz), np.int64)
     points = Points(xyz, zeros, zeros, np.ones(len(xyz), np.bool_))
     parameters = FilterParameters()

@@ -137,6 +137,25 @@ def test_damaged(tmp_path: Path) -> None:
         columns(path)
 
 
+@pytest.mark.parametrize(
+    ('said', 'other', 'refusal'),
+    [
+        # The footer has numbers n as 2 |n|, less 1 below 0, in sevens of bits, the lowest first.
+        (b'\xd0\x0f', b'\xd2\x0f', 'of 1001 points, as it says, got 1000'),
+        (b'\xd0\x0f', b'\xcf\x0f', 'of -1000 points, as it says, got 1000'),
+        (b'\xd8\x04', b'\xd7\x04', r'cloud\.parquet must be at least 0, got -300'),
+    ],
+)
+def test_counts_that_lie(tmp_path: Path, said: bytes, other: bytes, refusal: str) -> None:
+    """The counts of all points and of each part agree, and are none below 0."""
+    path = make(tmp_path)
+    data = path.read_bytes()
+    footer = len(data) - 8 - int.from_bytes(data[-8:-4], 'little')
+    path.write_bytes(data[:footer] + data[footer:].replace(b'\x16' + said, b'\x16' + other))
+    with pytest.raises(CloudError, match=refusal):
+        open_cloud(path)
+
+
 def test_columns_of_one_name(tmp_path: Path) -> None:
     """Two columns of one name are refused: neither could be meant."""
     path = tmp_path / 'cloud.parquet'

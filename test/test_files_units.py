@@ -11,6 +11,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from pyproj import CRS
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import CloudError
@@ -21,14 +22,15 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 FOOT, SURVEY = 0.3048, 1200 / 3937
 HERE = Path('cloud.las')
-FLAT = 'PROJCS["a",GEOGCS["b",UNIT["degree",0.017]],UNIT["US survey foot",0.30480060960121924]]'
-
-
-CRS_2 = (
-    'PROJCRS["a",BASEGEOGCRS["b",UNIT["degree",0.017]],CONVERSION["c",PARAMETER["d",1,'
-    'LENGTHUNIT["metre",1]]],CS[Cartesian,2],AXIS["(E)",east,LENGTHUNIT["foot",0.3048]],'
-    'AXIS["(N)",north,LENGTHUNIT["foot",0.3048]]]'
+DEGREES = (
+    'GEOGCS["b",DATUM["d",SPHEROID["s",6378137,298.25]],PRIMEM["Greenwich",0],'
+    'UNIT["degree",0.0174532925199433]]'
 )
+FLAT = (
+    f'PROJCS["a",{DEGREES},PROJECTION["Transverse_Mercator"],'
+    'UNIT["US survey foot",0.30480060960121924]]'
+)
+UP = 'VERT_CS["d",VERT_DATUM["e",2005],UNIT["metre",1]]'
 
 
 def keys(*rows: tuple[int, int, int, int]) -> tuple[int, bytes]:
@@ -47,7 +49,9 @@ def test_keys() -> None:
     feet = keys((1024, 0, 1, 1), (3076, 0, 1, 9002))
     assert metres_per_unit(dict([feet]), HERE, wkt=False) == dict.fromkeys('xyz', FOOT)
     both = keys((3076, 0, 1, 9003), (4099, 0, 1, 9001))
-    assert metres_per_unit(dict([both]), HERE, wkt=False) == {'x': SURVEY, 'y': SURVEY}
+    assert metres_per_unit(dict([both]), HERE, wkt=False) == pytest.approx(
+        dict.fromkeys('xy', SURVEY)
+    )
     up = keys((4099, 0, 1, 9002))
     assert metres_per_unit(dict([up]), HERE, wkt=False) == {'z': FOOT}
 
@@ -59,16 +63,48 @@ def test_a_unit_by_its_size() -> None:
     assert metres_per_unit(dict([own, doubles]), HERE, wkt=False) == dict.fromkeys('xyz', 0.5)
 
 
-@pytest.mark.parametrize('records', [[], [keys((3076, 0, 1, 9001))], [keys((1024, 0, 1, 1))]])
+@pytest.mark.parametrize(
+    'records',
+    [
+        [],
+        [keys((3076, 0, 1, 9001))],
+        [keys((1024, 0, 1, 1))],
+        [keys((3072, 0, 1, 25832))],
+        [keys((3072, 0, 1, 32767))],
+        [keys((3076, 0, 1, 9001), (3072, 0, 1, 2229))],  # what is said of the unit counts
+        [keys((4096, 0, 1, 5013))],  # a number of GeoTIFF's own
+        [(2112, b'')],
+    ],
+)
 def test_metres(records: list[tuple[int, bytes]]) -> None:
     """Nothing is said, or metres are."""
-    assert metres_per_unit(dict(records), HERE, wkt=False) == {}
+    assert metres_per_unit(dict(records), HERE, wkt=(2112, b'') in records) == {}
 
 
-@pytest.mark.parametrize('rows', [[(3076, 0, 1, 4711)], [(3076, 0, 1, 32767)]])
-def test_units_that_are_refused(rows: list[tuple[int, int, int, int]]) -> None:
-    """An unknown one, and one of its own without a size."""
-    with pytest.raises(CloudError, match=r'the unit of cloud.las, key 3076 must be one of 9001'):
+def test_systems_by_their_numbers() -> None:
+    """A file may give the EPSG numbers of its systems and no unit."""
+    feet = keys((1024, 0, 1, 1), (3072, 0, 1, 2229))
+    assert metres_per_unit(dict([feet]), HERE, wkt=False) == pytest.approx(
+        dict.fromkeys('xyz', SURVEY)
+    )
+    both = keys((3072, 0, 1, 25832), (4096, 0, 1, 8228))
+    assert metres_per_unit(dict([both]), HERE, wkt=False) == {'z': FOOT}
+
+
+@pytest.mark.parametrize(
+    ('rows', 'refusal'),
+    [
+        ([(3076, 0, 1, 4711)], 'the unit of cloud.las, key 3076 must be a length'),
+        ([(3076, 0, 1, 9102)], 'the unit of cloud.las, key 3076 must be a length'),
+        ([(3076, 0, 1, 32767)], 'the unit of cloud.las, key 3076 must be a length'),
+        ([(3072, 0, 1, 1)], 'the coordinate system of cloud.las must be one that PROJ knows'),
+        ([(3072, 0, 1, 4326)], 'the coordinates of cloud.las must be lengths'),
+        ([(1024, 0, 1, 2), (2048, 0, 1, 4326)], 'the coordinates of cloud.las must be lengths'),
+    ],
+)
+def test_units_that_are_refused(rows: list[tuple[int, int, int, int]], refusal: str) -> None:
+    """Unknown ones, angles, and one of its own without a size."""
+    with pytest.raises(CloudError, match=refusal):
         metres_per_unit(dict([keys(*rows)]), HERE, wkt=False)
 
 
@@ -76,25 +112,29 @@ def test_units_that_are_refused(rows: list[tuple[int, int, int, int]]) -> None:
     ('text', 'expected'),
     [
         (FLAT, dict.fromkeys('xyz', 0.30480060960121924)),
-        (
-            f'COMPD_CS["c",{FLAT},VERT_CS["d",VERT_DATUM["e",2005],UNIT["metre",1]]]',
-            {'x': 0.30480060960121924, 'y': 0.30480060960121924},
-        ),
-        ('PROJCS["a [ft] (x)",GEOGCS["b",UNIT["degree",0.017]],UNIT["metre",1]]', {}),
-        ('GEOGCS["b",PRIMEM["Greenwich",0],UNIT["degree",0.0174532925]]', {}),
-        (
-            CRS_2,
-            dict.fromkeys('xyz', FOOT),
-        ),
-        (
-            'COMPOUNDCRS["c",PROJCRS["a",UNIT["metre",1]],VERTCRS["d",LENGTHUNIT["foot",0.3048]]]',
-            {'z': FOOT},
-        ),
+        (FLAT.replace('"a"', '"a [ft] (x)"').replace('0.30480060960121924', '1'), {}),
+        (f'COMPD_CS["c",{FLAT},{UP}]', dict.fromkeys('xy', 0.30480060960121924)),
+        ('LOCAL_CS["here",UNIT["foot",0.3048]]', dict.fromkeys('xyz', FOOT)),
+        (CRS.from_epsg(2992).to_wkt('WKT2_2019'), dict.fromkeys('xyz', FOOT)),
+        (CRS('EPSG:25832+8228').to_wkt('WKT2_2019'), {'z': FOOT}),
     ],
 )
 def test_wkt(text: str, expected: dict[str, float]) -> None:
     """Units of the plane and of heights; those of angles and of parameters are none."""
     assert metres_per_unit(dict([wkt(text)]), HERE, wkt=True) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ('text', 'refusal'),
+    [
+        (DEGREES, 'the coordinates of cloud.las must be lengths, or clean --unit given, got deg'),
+        ('PROJCS["a"', 'the coordinate system of cloud.las must be one that PROJ knows'),
+    ],
+)
+def test_wkt_that_is_refused(text: str, refusal: str) -> None:
+    """Angles, and what is none."""
+    with pytest.raises(CloudError, match=refusal):
+        metres_per_unit(dict([wkt(text)]), HERE, wkt=True)
 
 
 def test_which_of_both_counts() -> None:
@@ -137,3 +177,30 @@ def test_limits_are_in_metres(
     xyz = before.xyz * FOOT
     near = np.linalg.norm(xyz[:, None] - xyz, axis=2) <= 30.0
     np.testing.assert_array_equal(after.classification == 7, near.sum(axis=1) - 1 < 3)
+
+
+def test_a_unit_that_the_user_gives(tmp_path: Path) -> None:
+    """A radius of half a metre holds neighbours a millimetre away, and none a metre away."""
+    path = tmp_path / 'scan.csv'
+    rows = [f'{x},{y},1' for x in range(0, 20_000, 1000) for y in range(9)]
+    path.write_text('\n'.join(['x,y,z', *rows]) + '\n')
+    options = ['--chain', 'sor', '--set', 'sor.statistic=radius', '--set', 'sor.radius=0.5']
+    for unit, rejected in (('mm', 0), ('m', 180)):
+        out = tmp_path / f'{unit}.csv'
+        assert main(['clean', str(path), *options, '--unit', unit, '--output', str(out)]) == 0
+        assert json.loads(out.with_name(f'{unit}.csv.json').read_text())['rejected'] == rejected
+
+
+def test_a_unit_counts_more_than_the_file(tmp_path: Path) -> None:
+    """A file in degrees is judged where its user knows better."""
+    header = laspy.LasHeader(point_format=6, version='1.4')
+    header.vlrs.append(laspy.VLR('LASF_Projection', 2112, '', wkt(DEGREES)[1]))
+    header.global_encoding.wkt = True
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y = (axis.ravel() for axis in np.meshgrid(np.arange(9.0), np.arange(9.0)))
+    path = tmp_path / 'a.las'
+    cloud.write(path)
+    assert main(['clean', str(path), '--chain', 'sor']) == 1
+    assert main(['clean', str(path), '--chain', 'sor', '--unit', 'ft']) == 0
+    log = json.loads((tmp_path / 'a_cleaned.las.json').read_text())
+    assert log['metres'] == dict.fromkeys('xyz', FOOT)

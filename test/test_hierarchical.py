@@ -451,6 +451,19 @@ def test_no_shape_takes_quadratic_time(make: Callable[[int], Floats]) -> None:
     assert seconds[1] < 5 * seconds[0]
 
 
+@pytest.mark.parametrize('make', [axis, geometric])
+def test_no_graph_takes_quadratic_time(make: Callable[[int], Floats]) -> None:
+    """Nor does its graph alone, which is a small part of a street's time."""
+    seconds = []
+    for cloud in (street(0, 40_000), make(40_000)):
+        neighbourhood = Neighbourhood(cloud, 1)
+        gabriel.gabriel_graph(Neighbourhood(cloud[:500], 1))  # compiled
+        begin = process_time()
+        gabriel.gabriel_graph(neighbourhood, 1)
+        seconds.append(process_time() - begin)
+    assert seconds[1] < 10 * seconds[0]
+
+
 def test_a_point_that_sees_all() -> None:
     """In the middle of a sphere of points it has an edge to every one of them."""
     neighbourhood = Neighbourhood(sphere(3000), 1)

@@ -100,10 +100,19 @@ def test_metadata_that_grow_by_aliases(drive: Path) -> None:
 # Chunks of an MCAP file ---------------------------------------------------------------------------
 
 
-def write(path: Path, compression: CompressionType, messages: int = 20, size: int = 1000) -> Path:
+def write(
+    path: Path,
+    compression: CompressionType,
+    messages: int = 20,
+    size: int = 1000,
+    *,
+    statistics: bool = True,
+) -> Path:
     """Write an MCAP file of ROS 2 with several messages in several chunks."""
     with path.open('wb') as stream:
-        writer = Writer(stream, chunk_size=4 * size, compression=compression)
+        writer = Writer(
+            stream, chunk_size=4 * size, compression=compression, use_statistics=statistics
+        )
         writer.start('ros2')
         schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data\n')
         channel = writer.register_channel('/text', 'cdr', schema)
@@ -259,10 +268,11 @@ def test_index(tmp_path: Path, options: tuple[bool, ...], compression: Compressi
     assert read_all(path) == 20
 
 
+@pytest.mark.parametrize('statistics', [False, True])
 @pytest.mark.parametrize('lost', ['chunk', 'messages'])
-def test_index_that_lacks_a_part(tmp_path: Path, lost: str) -> None:
+def test_index_that_lacks_a_part(tmp_path: Path, lost: str, *, statistics: bool) -> None:
     """A chunk that the index does not name, or whose messages it does not name, is read."""
-    path = write(tmp_path / 'a.mcap', CompressionType.NONE)
+    path = write(tmp_path / 'a.mcap', CompressionType.NONE, statistics=statistics)
     data = bytearray(path.read_bytes())
     (begin,) = struct.unpack('<Q', data[-28:-20])
     place = begin

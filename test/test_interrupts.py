@@ -95,13 +95,16 @@ def test_the_second_signal_ends_at_once(number: signal.Signals) -> None:
     """Where no handler ever comes to run, the second signal ends the process."""
     command = [sys.executable, '-c', BEGIN + DEAF]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == 'works\n'
-        process.send_signal(number)
-        while catches(process, number):  # the first has not come yet
-            assert process.poll() is None
-        process.send_signal(number)
-        assert process.wait(timeout=10) == -number
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == 'works\n'
+            process.send_signal(number)
+            while catches(process, number):  # the first has not come yet
+                assert process.poll() is None
+            process.send_signal(number)
+            assert process.wait(timeout=10) == -number
+        finally:
+            process.kill()  # it would work for ever where this fails
 
 
 @pytest.mark.slow

@@ -20,6 +20,16 @@ def test_sorts_every_lane(count: int) -> None:
     assert_array_equal(values, expected)
 
 
+@pytest.mark.parametrize('count', [1, 8, 20, 60])
+def test_sorts_values_of_any_sign(count: int) -> None:
+    """Numbers below 0, 0, ties and infinite ones."""
+    rng = np.random.default_rng(count)
+    values = rng.choice([-np.inf, -2.5, -0.0, 0.0, 1.5, 1e300, np.inf], (count, lanes.LANES))
+    expected = np.sort(values, axis=0)
+    lanes.sort_signed(values, lanes.network(count, range(count)))
+    np.testing.assert_array_equal(values, expected)
+
+
 @pytest.mark.parametrize('count', [2, 5, 12])
 def test_networks_sort_all_zeros_and_ones(count: int) -> None:
     """What sorts these sorts everything (Knuth 5.3.4, theorem Z)."""

@@ -430,6 +430,20 @@ def test_clouds_without_neighbours(count: int) -> None:
     assert len(neighbourhood.without(np.ones(count, np.bool_)).order) == 0
 
 
+@every_cloud
+@pytest.mark.parametrize('k', [1, 20, 60])
+def test_some_lists_are_those_of_all(cloud: Callable[[Rng, int], Floats], k: int) -> None:
+    """Points in any order, some more than once, get the lists that they have among all."""
+    rng = np.random.default_rng(k)
+    xyz = cloud(rng, 20 * SMALL)
+    neighbourhood = Neighbourhood(xyz, k)
+    for count in (0, 1, 40, 3000):
+        which = rng.integers(0, len(xyz), count)
+        for these in (which, np.sort(which)):
+            expected = neighbourhood.nearest(k).index[these]
+            assert_array_equal(Neighbourhood(xyz, 1).nearest_of(these, k), expected)
+
+
 # Within, elsewhere --------------------------------------------------------------------------------
 
 

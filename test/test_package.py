@@ -34,6 +34,7 @@ ROSDEP_KEYS = {
     'numba': 'python3-numba',
     'numpy': 'python3-numpy',
     'psutil': 'python3-psutil',
+    'pyproj': 'python3-pyproj',
     'pytest': 'python3-pytest',
     'rich': 'python3-rich',
     'scipy': 'python3-scipy',
@@ -63,6 +64,7 @@ EXTRAS = {
     'lzf': 'files',
     'open3d': 'bench',
     'pyarrow': 'parquet',
+    'pyproj': 'files',
 }
 # Of ROS, and needed by rclpy itself, or by nav_msgs
 WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}

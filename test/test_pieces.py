@@ -130,7 +130,7 @@ def test_pieces_cover_all_times(tmp_path: Path) -> None:
 
 
 def test_pieces_shrink_towards_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """None is longer than asked for, nor than half of what each worker has left."""
+    """None is longer than asked for, nor than two thirds of what each worker has left."""
     monkeypatch.setattr(module, 'LEAST', 1)
     monkeypatch.setattr(module, 'SHORTEST', 0.1)
     place = place_of(write_drive(tmp_path / 'drive'))
@@ -147,7 +147,7 @@ def test_pieces_shrink_towards_the_end(tmp_path: Path, monkeypatch: pytest.Monke
     assert (np.diff(steps[:-1]) <= 0).all()
     for number, step in enumerate(steps[:-1]):
         left = steps[number:].sum()
-        assert step == max(SECOND // 10, min(SECOND // 2, left // 4))
+        assert step == max(SECOND // 10, min(SECOND // 2, round(left * 2 / 3 / 2)))
     assert SECOND // 10 <= steps[-1] < SECOND // 5
     assert len(cut(place, length=0.5)) == 6
 

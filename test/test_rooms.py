@@ -45,7 +45,7 @@ OUTSIDE = {
     'messages': ('numpy',),
     'stream': ('numpy',),
     'recordings': ('lz4', 'numpy', 'rosbags', 'yaml'),
-    'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow'),
+    'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow', 'pyproj'),
     'ros': ('numpy', 'rclpy', *MESSAGES),
     'archive': ('dask', 'distributed', 'fsspec', 'numpy'),
     'simulation': ('numpy', 'rich', 'rosbags', 'scipy'),

@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 import struct
 import time
+from itertools import permutations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -176,6 +177,58 @@ def test_behind_a_damaged_chunk(drives: dict[str, Path], tmp_path: Path, harm: s
     if harm == 'body':
         assert report.lost.messages == 2 * COUNT - sum(len(found[topic]) for topic in TOPICS)
     assert not any('999' in reason for reason in report.lost.reasons)
+
+
+def records_of_a_bag(data: bytes | bytearray) -> list[tuple[int, int, int]]:
+    """List the records of a ROS 1 bag: what they are, where they begin and where their data do."""
+    records, place = [], len(b'#ROSBAG V2.0\n')
+    while place < len(data):
+        (length,) = struct.unpack_from('<I', data, place)
+        begin = place + 4 + length
+        header = data[place + 4 : begin]
+        records.append((header[header.index(b'op=') + 3], place, begin + 4))
+        place = begin + 4 + struct.unpack_from('<I', data, begin)[0]
+    return records
+
+
+@pytest.mark.parametrize(
+    ('harm', 'order'), [('body', (0, 1, 2)), *(('head', order) for order in permutations(range(3)))]
+)
+def test_behind_a_damaged_chunk_of_ros1(
+    drives: dict[str, Path], tmp_path: Path, harm: str, order: tuple[int, ...]
+) -> None:
+    """All other chunks come out, whatever the order of the fields in the header of the next one.
+
+    What follows the chunks is cut off, so that a lost one is counted by the header of the bag, and
+    its messages by their index behind it.
+    """
+    path = copied(drives['bag bz2'], tmp_path)
+    data = bytearray(path.read_bytes())
+    records = records_of_a_bag(data)
+    chunks = [k for k, (kind, *_) in enumerate(records) if kind == 5]
+    end = records[next(k for k in range(chunks[-1], len(records)) if records[k][0] == 7)][1]
+    (_, begin, inside), (_, following, behind) = (records[k] for k in chunks[1:3])
+    fields = ros1_fields(bytes(data[following + 4 : behind - 4]))
+    data[following + 4 : behind - 4] = b''.join(fields[k] for k in order)
+    data[inside if harm == 'body' else begin] ^= 255
+    path.write_bytes(data[:end])
+    report = salvage(path, tmp_path / 'out')
+    assert report is not None
+    assert report.lost.chunks == 1
+    found = sum(len(content(tmp_path / 'out')[topic]) for topic in TOPICS)
+    assert 0 < 2 * COUNT - found <= 4
+    if harm == 'body':
+        assert report.lost.messages == 2 * COUNT - found
+
+
+def ros1_fields(header: bytes) -> list[bytes]:
+    """Cut the header of a record of a ROS 1 bag into its fields, each with its length."""
+    fields = []
+    while header:
+        end = 4 + struct.unpack_from('<I', header)[0]
+        fields.append(header[:end])
+        header = header[end:]
+    return fields
 
 
 def test_flipped_bytes(drives: dict[str, Path], unbroken: Content, tmp_path: Path) -> None:
@@ -354,6 +407,21 @@ def test_pages_of_any_size(drives: dict[str, Path], tmp_path: Path, page: int) -
     losses = Losses()
     assert list(DamagedDatabase(path, 10**9, losses).messages()) == expected
     assert losses == Losses()
+
+
+def test_rows_of_a_lost_page(drives: dict[str, Path], tmp_path: Path) -> None:
+    """Rows of a page that was zeroed are counted by the gap in the numbers of the others."""
+    path = copied(drives['db3'], tmp_path)
+    whole = DamagedDatabase(path, 10**9, Losses())
+    page = whole._rows[COUNT].page
+    lost = sum(message.page == page for message in whole._rows.values())
+    data = bytearray(path.read_bytes())
+    data[page * whole._page - whole._page : page * whole._page] = bytes(whole._page)
+    path.write_bytes(data)
+    report = salvage(path, tmp_path / 'out')
+    assert report is not None
+    found = sum(len(content(tmp_path / 'out')[topic]) for topic in TOPICS)
+    assert report.lost.messages == 2 * COUNT - found == lost
 
 
 PAGE, LEAVES, OVERFLOW = 512, 500, 4000  # bytes; pages of rows, and pages that all of them share

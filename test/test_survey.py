@@ -17,6 +17,7 @@ from lidar_outlier_filter.core.detectors.evidence import survey, survey_far, sur
 from lidar_outlier_filter.core.detectors.evidence.survey_far import MOST, Far
 from lidar_outlier_filter.core.detectors.evidence.survey_model import load
 from lidar_outlier_filter.core.detectors.evidence.survey_near import K
+from lidar_outlier_filter.core.detectors.evidence.survey_places import find_places, shares_places
 from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import Points, is_return
@@ -165,6 +166,45 @@ def test_reach() -> None:
         assert again[np.flatnonzero(near).tolist().index(p)] == odds[p]
 
 
+@pytest.mark.parametrize('name', ['stacked', 'surface', 'coarse'])
+def test_places_against_loops(name: str) -> None:
+    """The places are those of a plain loop."""
+    xyz = np.round(surface(300)) if name == 'coarse' else CLOUDS[name]
+    xyz[xyz == 0] *= np.random.default_rng(1).choice([-1.0, 1.0], np.count_nonzero(xyz == 0))
+    first = naive.places([tuple(row) for row in xyz.tolist()])
+    found = find_places(xyz)
+    np.testing.assert_array_equal(found.first[found.of], first)
+    np.testing.assert_array_equal(found.first, sorted(set(first)))
+    assert shares_places(Neighbourhood(xyz, K), K) == (len(found.first) < len(xyz))
+
+
+def test_points_at_one_place_are_judged_as_one() -> None:
+    """Copies change no verdict, neither their own nor that of another point."""
+    xyz = surface(600)
+    odds, reach = odds_of(xyz)
+    copies = np.random.default_rng(1).integers(0, 600, 2000)
+    order = np.random.default_rng(2).permutation(2600)
+    again, far = survey.measure(np.concatenate([xyz, xyz[copies]])[order], scale_of(xyz))
+    np.testing.assert_array_equal(again, np.concatenate([odds, odds[copies]])[order])
+    np.testing.assert_array_equal(far, np.concatenate([reach, reach[copies]])[order])
+
+
+@pytest.mark.parametrize('step', [0.02, 0.05, 0.2])
+def test_a_floor_that_is_rounded_is_kept(step: float) -> None:
+    """A dense floor whose coordinates were rounded, so that many points coincide, loses nothing."""
+    xyz = np.random.default_rng(3).uniform((0, 0, 0), (3, 3, 0.004), (60_000, 3))
+    rounded = np.round(xyz / step) * step
+    assert not detect_outliers(rounded).outlier.any()
+    tiled = TiledChain(points(rounded), FilterParameters().changed({'chain': ['evidence']}), 1.0)
+    assert not tiled.judge().rejected.any()
+
+
+def test_too_few_places_are_not_tested() -> None:
+    """Many points at eight places have fewer than eight others."""
+    odds, _ = odds_of(np.repeat(surface(400)[:8], 50, axis=0))
+    assert np.isnan(odds).all()
+
+
 @pytest.mark.parametrize('count', [0, 1, 8])
 def test_too_few_points_are_not_tested(count: int) -> None:
     """Points with fewer than eight others stay untested, and are kept."""
@@ -230,3 +270,6 @@ def test_typical_scale() -> None:
         assert scale_of(xyz[order]) == found
         assert typical_scale(xyz, order) == found
     assert scale_of(xyz[:5]) > 0
+    assert scale_of(np.repeat(xyz[:5000], 9, axis=0)) == pytest.approx(
+        scale_of(xyz[:5000]), rel=0.05
+    )

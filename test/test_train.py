@@ -19,6 +19,7 @@ from lidar_outlier_filter.tuning.learner import export
 from lidar_outlier_filter.tuning.train import FALL, RISE, Recipe, Sweep, train
 
 FEW = (3, 4)  # trees
+pytestmark = pytest.mark.usefixtures('few_edges')
 
 
 def sweeps() -> list[Sweep]:

@@ -19,6 +19,7 @@ from lidar_outlier_filter.simulation.profile_streets import training_street
 from lidar_outlier_filter.tuning.train_profile import Street, measured, train_profile
 
 FEW = (3, 4)  # trees
+pytestmark = pytest.mark.usefixtures('few_edges')
 
 
 @cache

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.simulation.survey_scenes import SurveyScene
 
 WALLS = (3, 9, 13, 19)  # seeds of small scenes
+pytestmark = pytest.mark.usefixtures('few_edges')
 
 
 @pytest.fixture(scope='module')

@@ -5,6 +5,9 @@
 from __future__ import annotations
 
 import json
+import shutil
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import psutil
@@ -17,15 +20,15 @@ from lidar_outlier_filter.archive import worker_start
 from lidar_outlier_filter.archive import workers as module
 from lidar_outlier_filter.archive.engine import Engine, Order, Task
 from lidar_outlier_filter.archive.manifest import opened_manifest
-from lidar_outlier_filter.archive.places import place_of
+from lidar_outlier_filter.archive.places import Place, path_at, place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
+from lidar_outlier_filter.archive.whole_recordings import choose
 from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import SchedulerError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from lidar_outlier_filter.archive.manifest import Entry
     from lidar_outlier_filter.archive.step import Step
@@ -69,14 +72,18 @@ def ignore(_step: Step) -> None:
 
 
 def run(
-    drives: Path, output: Path, workers: Workers, show: Callable[[Step], object] = ignore
+    drives: Path,
+    output: Path,
+    workers: Workers,
+    show: Callable[[Step], object] = ignore,
+    folder: Path | None = None,
 ) -> list[Entry]:
-    """Replay what is pending of an archive."""
+    """Replay what is pending of an archive; with a folder, whole recordings if there are enough."""
     order = Order(parameters=FAST, length=LENGTH)
     tasks = [Task(place_of(path), output / path.name) for path in sorted(drives.iterdir())]
     with opened_manifest(output) as manifest:
         todo = pending(tasks, order, manifest)
-        engine = Engine(todo, order, workers)
+        engine = Engine(todo, order, workers, folder=folder)
         entries = replay_all(todo, engine, order, manifest, show)
         assert engine.judged_here == 0
     return entries
@@ -96,6 +103,87 @@ def test_three_workers_give_the_same_bytes(
     judges = {name for entry in entries for name in entry.worker.split(', ')}
     assert len(judges) == 3
     assert run(drives, tmp_path, three) == []
+
+
+def test_whole_recordings(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
+) -> None:
+    """Each worker replays one: the bytes and the manifest are those of replays in pieces."""
+    folder = tmp_path / 'scratch'
+    folder.mkdir()
+    steps: list[tuple[str, int, int]] = []
+    pieces = run(drives, tmp_path / 'pieces', three)
+    whole = run(
+        drives,
+        tmp_path / 'whole',
+        three,
+        lambda step: steps.append((step.recording, step.done, step.messages)),
+        folder,
+    )
+    assert made(tmp_path / 'whole') == expected
+    assert not any(folder.iterdir())
+    assert len({entry.worker for entry in whole}) == 3
+    apart = {'output', 'output_state', 'worker', 'seconds', 'finished'}
+    for one, other in zip(whole, pieces, strict=True):
+        left, right = asdict(one), asdict(other)
+        assert {k: v for k, v in left.items() if k not in apart} == {
+            k: v for k, v in right.items() if k not in apart
+        }
+
+
+def test_workers_that_are_killed_cost_their_recordings(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
+) -> None:
+    """SIGKILL while they replay whole ones: every recording is there once, byte for byte."""
+    folder = tmp_path / 'scratch'
+    folder.mkdir()
+    killed: list[int] = []
+
+    def kill(step: Step) -> None:
+        if step.number > len(killed):
+            process = worker_processes()[0]
+            killed.append(process.pid)
+            process.kill()
+
+    entries = run(drives, tmp_path / 'out', three, kill, folder)
+    assert len(killed) == 3
+    assert [entry.state for entry in entries] == ['done'] * 3
+    assert made(tmp_path / 'out') == expected
+
+
+def test_a_damaged_recording_fails_alone(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
+) -> None:
+    """With the sentence of the worker that was to replay it as a whole."""
+    copied = tmp_path / 'drives'
+    shutil.copytree(drives, copied)
+    file = copied / 'drive1' / 'drive1.mcap'
+    file.write_bytes(file.read_bytes()[:-1000])
+    (tmp_path / 'scratch').mkdir()
+    entries = run(copied, tmp_path / 'out', three, folder=tmp_path / 'scratch')
+    assert [entry.state for entry in entries] == ['done', 'failed', 'done']
+    assert 'drive1 must be readable, got' in str(entries[1].error)
+    assert made(tmp_path / 'out') == {name: expected[name] for name in ('drive0', 'drive2')}
+
+
+@pytest.mark.parametrize(
+    ('sizes', 'workers', 'count'),
+    [
+        ((5, 5, 5), 3, 3),
+        ((5, 5, 5), 2, 2),  # the last by both workers
+        ((1, 10), 2, 0),  # one would be idle for most of the time
+        ((10, 5, 5), 2, 3),
+        ((5,), 1, 1),
+        ((), 2, 0),
+    ],
+)
+def test_choice_of_whole_recordings(sizes: tuple[int, ...], workers: int, count: int) -> None:
+    """Those of which every worker has its share; on a store, none."""
+    places = [Place(Path(f'/{n}'), size, '', by_ranges=True) for n, size in enumerate(sizes)]
+    tasks = [Task(place, Path('/out') / place.path.name) for place in places]
+    assert len(choose(tasks, workers)) == count
+    store = path_at('memory://out')
+    assert not choose([Task(task.place, store) for task in tasks], workers)
 
 
 def test_workers_keep_memory_and_leave_the_writer_first(three: Workers) -> None:

@@ -15,6 +15,7 @@ from lidar_outlier_filter.archive.known_chain import KnowingChain
 from lidar_outlier_filter.archive.piece_queue import PieceQueue
 from lidar_outlier_filter.archive.pieces import LENGTH, Piece, cut, starts
 from lidar_outlier_filter.archive.places import staged
+from lidar_outlier_filter.archive.whole_recordings import WholeRecordings
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.detectors import DetectorSections
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -70,17 +71,19 @@ class Engine:
 
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  what a run is made of
         self,
         tasks: Sequence[Task],
         order: Order,
         workers: Workers | None,
         tick: Callable[[], object] = lambda: None,
         inform: Callable[[str], object] = str,
+        folder: Path | None = None,
     ) -> None:
         """Take recordings in the order in which they are replayed.
 
-        ``tick`` is called often, and may leave by an exception. ``inform`` gets sentences.
+        ``tick`` is called often, and may leave by an exception. ``inform`` gets sentences. With a
+        hidden ``folder`` of the outputs' file system, workers of this machine write into it.
         """
         self._order, self._tick, self._inform = order, tick, inform
         self._parameters = order.filter
@@ -89,9 +92,12 @@ class Engine:
         self._last = tasks[-1].place if tasks else None
         self._workers = workers
         self.judged = self.judged_here = 0
+        self._whole: WholeRecordings | None = None
         if workers is not None and self._can_be_cut():
             make_ready(self._parameters)  # before workers would compile the same at once
-            following = (self._pieces(task.place) for task in tasks)
+            if folder is not None:
+                self._whole = WholeRecordings(tasks, order, workers, folder)
+            following = (self._pieces(task.place) for task in tasks if not self._is_whole(task))
             self._queue = PieceQueue(following, workers, tick)
 
     def _can_be_cut(self) -> bool:
@@ -101,6 +107,10 @@ class Engine:
         if added:
             self._inform(f'one process judges all: workers do not know {", ".join(added)}')
         return not added
+
+    def _is_whole(self, task: Task) -> bool:
+        """Return whether a worker replays a recording as a whole."""
+        return self._whole is not None and task in self._whole
 
     def _pieces(self, place: Place) -> list[Piece]:
         """Cut a recording; one that cannot be read has no pieces: who writes it says why."""
@@ -132,6 +142,8 @@ class Engine:
             If it cannot be read, or has changed meanwhile, or the output cannot be written.
 
         """
+        if self._whole is not None and task in self._whole:
+            return self._take_whole(self._whole, task, output, progress, begin)
         order, names = self._order, {'this process'}
         pieces = [] if self._queue is None else self._pieces(task.place)
         chain = None
@@ -171,6 +183,30 @@ class Engine:
             self.judged += chain.judged
             self.judged_here += chain.judged_here
         return report, ', '.join(sorted(names))
+
+    def _take_whole(
+        self,
+        whole: WholeRecordings,
+        task: Task,
+        output: Path,
+        progress: Callable[[int, int], object],
+        begin: Callable[[Topic | None, int], object],
+    ) -> tuple[ReplayReport, str]:
+        """Wait for a worker that replays a recording as a whole."""
+
+        def tick() -> None:
+            self._tick()
+            if whole.all_sent and self._queue is not None:
+                self._queue.send()  # for workers that have no other recording
+
+        found = whole.take(task, output, tick, progress)
+        task.place.check_unchanged()
+        for sentence in found.said:
+            self._inform(sentence)
+        for topic, times in found.times.items():
+            for time in times:
+                begin(topic, time)
+        return found.report, found.worker
 
     def _chain(self, pieces: list[Piece]) -> tuple[KnowingChain, set[str]]:
         """Make the chain that has the verdicts of pieces, and a set for the names of the judges."""

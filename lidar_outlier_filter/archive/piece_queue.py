@@ -33,11 +33,11 @@ class PieceQueue:
 
     def take(self, piece: Piece) -> JudgedPiece:
         """Wait for a piece; those behind it are sent meanwhile."""
-        self._send()
+        self.send()
         future = self._sent[piece]
         judged = self._workers.wait(future, piece, self._tick)
         del self._sent[piece]
-        self._send()
+        self.send()
         return judged
 
     def give_up(self, pieces: Sequence[Piece]) -> None:
@@ -48,7 +48,8 @@ class PieceQueue:
         left = set(map(id, pieces))
         self._unsent = deque(piece for piece in self._unsent if id(piece) not in left)
 
-    def _send(self) -> None:
+    def send(self) -> None:
+        """Send pieces, as many as the workers shall have."""
         ahead = self._workers.ahead
         while len(self._sent) < ahead:
             while not self._unsent:

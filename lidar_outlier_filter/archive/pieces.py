@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.bags import Topic
 
 LENGTH = 10.0  # seconds of bag time of a piece
-SHORTEST = 1.5  # of pieces at the end of the last recording, so that all workers end together
+SHORTEST = 0.8  # of pieces at the end of the last recording, so that all workers end together
+TAKEN = 2 / 3  # by a piece there, of what every worker has left
 LEAST = 8  # messages of a piece, on average: one without costs as much as one with many
 SLACK = 0.5  # seconds read before a piece beyond what is computed: clouds come late, and span time
 
@@ -86,7 +87,7 @@ def cut(  # noqa: PLR0913  what a piece is made of
     """Cut a recording into pieces of about so many seconds of bag time.
 
     Where ``workers`` are given, nothing follows that they could judge meanwhile: then pieces become
-    shorter towards the end, each half of what every worker has left.
+    shorter towards the end, each two thirds of what every worker has left.
 
     Raises
     ------
@@ -119,7 +120,7 @@ def _even(duration: int, length: int, least: int) -> list[int]:
 
 
 def _shrinking(duration: int, length: int, least: int, workers: int) -> list[int]:
-    """Cut a duration into stretches that shrink, each half of what every worker has left.
+    """Cut a duration into stretches that shrink, each a share of what every worker has left.
 
     None is longer than ``length``, or shorter than ``least`` and ``SHORTEST``.
     """
@@ -127,7 +128,7 @@ def _shrinking(duration: int, length: int, least: int, workers: int) -> list[int
     steps: list[int] = []
     left = duration
     while left >= 2 * least:
-        steps.append(max(least, min(length, left // (2 * workers))))
+        steps.append(max(least, min(length, round(TAKEN * left / workers))))
         left -= steps[-1]
     return [*steps, left]
 

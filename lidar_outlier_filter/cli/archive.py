@@ -112,9 +112,10 @@ def replay_archive(options: argparse.Namespace) -> int:
         if todo:
             with (
                 progress_of_all(found.root.name) as (show, leave_if_asked),
+                _scratch(options, folder) as scratch,  # there until the workers have ended
                 _workers(options, sum(task.place.size for task in todo)) as workers,
             ):
-                engine = Engine(todo, order, workers, leave_if_asked, _once())
+                engine = Engine(todo, order, workers, leave_if_asked, _once(), scratch)
                 entries = replay_all(todo, engine, order, manifest, show)
         kept = [manifest.entries[str(task.place.path)] for task in tasks]
         _write_page(kept, folder)
@@ -195,6 +196,17 @@ def _workers(options: argparse.Namespace, size: int) -> AbstractContextManager[W
         return cluster_workers(options.scheduler, say)
     jobs = jobs_of(options, size)
     return local_workers(jobs) if jobs > 1 else nullcontext()
+
+
+def _scratch(
+    options: argparse.Namespace, folder: RecordingPath
+) -> AbstractContextManager[Path | None]:
+    """Give a hidden folder for what workers of this machine write; None: they write nothing."""
+    from lidar_outlier_filter.files.hidden_folder import hidden_folder
+
+    if options.scheduler is not None or not isinstance(folder, Path):
+        return nullcontext()
+    return hidden_folder(folder / 'recordings', 'replayed')
 
 
 def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:

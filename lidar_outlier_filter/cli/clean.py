@@ -59,6 +59,11 @@ def add_clean(commands: Commands) -> None:
         '--columns', metavar='X,Y[,Z]', help='the two or three coordinates; default: x,y,z'
     )
     parser.add_argument(
+        '--unit',
+        choices=('m', 'cm', 'mm', 'ft', 'us-ft'),
+        help='unit of the coordinates; default: as LAS and LAZ say, metres elsewhere',
+    )
+    parser.add_argument(
         '--table', metavar='NAME', help='table of a database; default: the only one'
     )
     parser.add_argument('--chain', metavar='D[,D…]', help='detectors, in their order')
@@ -309,6 +314,7 @@ def _wanted(options: argparse.Namespace) -> Wanted:
         _classes(options.only_classes, '--only-classes'),
         _classes(options.keep_classes, '--keep-classes'),
         options.dry_run,
+        options.unit,
         values,
     )
 

@@ -194,7 +194,8 @@ class TiledChain:
         Returns
         -------
         halo : float
-            The width that it took for nearly all points.
+            A width for the next tile: twice as far as nearly all points of this one reach, or what
+            it took for them.
         far : (n,) int64
             Places of the few that depend on others beyond, and are not measured yet.
 
@@ -204,7 +205,7 @@ class TiledChain:
         places, box = self._around(tile, halo, left)
         while True:
             own = (places >= part.start) & (places < part.stop)
-            values, reach, seen = measure.take(tiles.xyz[places])
+            values, reach, seen = measure.take(tiles.xyz[places], own)
             inwards = _to_edges(tiles.xyz[places], box)
             fine = reach < inwards
             # As far as most points reach, on either side.
@@ -219,7 +220,7 @@ class TiledChain:
         measured[tiles.order[places[own & fine]]] = values[own & fine]
         known = own & (seen < inwards)
         radius[places[known]] = seen[known]
-        return halo, places[own & ~fine]
+        return min(halo, 2 * most), places[own & ~fine]
 
     def _measure_far(
         self, measure: _Measure, far: Ints, left: Bools, measured: Floats, radius: Floats
@@ -228,8 +229,8 @@ class TiledChain:
         for begin in range(0, len(far), FAR_AT_ONCE):
             some = far[begin : begin + FAR_AT_ONCE]
             closed = self._tiles.closure(some, measure.k, measure.steps, left, radius)
-            values, _, _ = measure.take(self._tiles.xyz[closed])
             own = np.isin(closed, some)
+            values, _, _ = measure.take(self._tiles.xyz[closed], own)
             measured[self._tiles.order[closed[own]]] = values[own]
 
     def _around(self, tile: int, halo: float, left: Bools) -> tuple[Ints, Floats]:
@@ -269,11 +270,14 @@ class _Measure:
         if isinstance(self._way, Reaching):
             self._prepared = self._way.prepare(xyz, where, self._parameters)
 
-    def take(self, xyz: Floats) -> tuple[Floats, Floats, Floats]:
-        """Measure points; say how far each depends on others, and its k-th is; NaN: not known."""
+    def take(self, xyz: Floats, own: Bools) -> tuple[Floats, Floats, Floats]:
+        """Measure points, at least the own ones among them.
+
+        Say how far each depends on others, and how far its k-th neighbour is; NaN: not known.
+        """
         way, parameters = self._way, self._parameters
         if isinstance(way, Reaching):
-            values, reach = way.measure(xyz, self._prepared, parameters)
+            values, reach = way.measure(xyz, own, self._prepared, parameters)
             return values, reach * ROUNDING, np.full(len(xyz), np.nan)
         hood = Neighbourhood(xyz, self.k, parameters.threads)
         values, radius = way.measure(hood, parameters), self._radius(hood, way)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'
 CLASS, NOISE, WITHHELD = 'class', 'noise', 'withheld'  # how LAS points are marked
+UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'ft': 0.3048, 'us-ft': 1200 / 3937}  # metres
 _LIBRARIES = {
     **{name: name for name in ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow')},
     'python-neo-lzf': 'lzf',
@@ -42,6 +43,7 @@ class Wanted:
     strips : whether the points of each ``point_source_id`` are judged alone
     only, keep : classes of LAS; points of others than ``only``, and of ``keep``, stay as they are
     dry : whether nothing is written
+    unit : of the coordinates, one of ``UNITS``; None: as the file says
     parameters : of the filter, by flat name
 
     """
@@ -55,6 +57,7 @@ class Wanted:
     only: Sequence[int] = ()
     keep: Sequence[int] = ()
     dry: bool = False
+    unit: str | None = None
     parameters: Mapping[str, object] = field(default_factory=dict)
 
 

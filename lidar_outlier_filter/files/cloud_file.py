@@ -80,7 +80,6 @@ class CloudFile(Protocol):
     columns : the columns that hold one number a point, and their types, in the order of the file
     classes : whether points have a classification
     whole : why no point can be left out of a copy; empty: any can
-    metres : of columns with coordinates in other units, the metres that one of them is
 
     """
 
@@ -88,7 +87,10 @@ class CloudFile(Protocol):
     columns: Mapping[str, np.dtype[Any]]
     classes: bool
     whole: str
-    metres: Mapping[str, float]
+
+    @property
+    def metres(self) -> Mapping[str, float]:
+        """Of columns with coordinates in other units, the metres that one of them is."""
 
     def __len__(self) -> int:
         """Count the points."""
@@ -136,8 +138,9 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
             raise CloudError(f'the module {err.name} for {suffix} files', must_be, 'none') from err
     if table is not None and module != 'sqlite':
         raise CloudError('the table', f'given for a database only, not for {suffix}', repr(table))
-    if len(opened) == 0:
-        raise CloudError(f'the cloud {path}', 'of at least one point', 0)
+    with readable(path):
+        if len(opened) == 0:
+            raise CloudError(f'the cloud {path}', 'of at least one point', 0)
     return opened
 
 

@@ -18,9 +18,10 @@ from lidar_outlier_filter.core.tiled_chain import TiledChain
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.core.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.files import classes, cloud_file, points
+from lidar_outlier_filter.files.clean_log import UNITS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -44,6 +45,7 @@ class JudgedFile:
     ----------
     file, wanted, parameters : what was judged, and how
     coordinates : the columns that were judged
+    metres : of those in other units, the metres that one of them is
     loaded : what was read
     everything : the verdict on all points
     verdict : the same, without points of classes that stay as they are
@@ -57,6 +59,7 @@ class JudgedFile:
     wanted: Wanted
     parameters: FilterParameters
     coordinates: tuple[str, ...]
+    metres: Mapping[str, float]
     loaded: points.Loaded
     everything: Verdict
     verdict: Verdict
@@ -67,7 +70,7 @@ class JudgedFile:
     @property
     def units(self) -> list[float]:
         """The metres that one of x, y and z is in the file."""
-        units = [self.file.metres.get(name, 1.0) for name in self.coordinates]
+        units = [self.metres.get(name, 1.0) for name in self.coordinates]
         return units + [1.0] * (3 - len(units))
 
 
@@ -92,7 +95,8 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
     seconds: dict[str, float] = {}
     with timed(seconds, 'read'):
         coordinates = points.choose_coordinates(file, wanted.coordinates)
-        loaded = _load(file, coordinates, wanted, parameters, allocate, progress)
+        metres = _metres(file, coordinates, wanted.unit)
+        loaded = _load(file, coordinates, metres, wanted, parameters, allocate, progress)
     with timed(seconds, 'judge'):
         judged = partial(
             judge,
@@ -116,6 +120,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         wanted,
         parameters,
         coordinates,
+        metres,
         loaded,
         everything,
         verdict,
@@ -141,9 +146,16 @@ def judge(  # noqa: PLR0913  where to, and two who want to know
     return judge_whole(cloud, parameters, slow=slow)
 
 
+def _metres(file: CloudFile, coordinates: Sequence[str], unit: str | None) -> dict[str, float]:
+    """Say how many metres one of each coordinate is, where it is not one."""
+    known = file.metres if unit is None else dict.fromkeys(coordinates, UNITS[unit])
+    return {name: known[name] for name in coordinates if known.get(name, 1.0) != 1.0}
+
+
 def _load(  # noqa: PLR0913  of what, which points, and where to
     file: CloudFile,
     coordinates: tuple[str, ...],
+    metres: Mapping[str, float],
     wanted: Wanted,
     parameters: FilterParameters,
     allocate: Allocate,
@@ -158,6 +170,7 @@ def _load(  # noqa: PLR0913  of what, which points, and where to
         coordinates,
         parameters,
         timed=timed,
+        metres=metres,
         more=[classes.CLASSIFICATION] * file.classes + [STRIP] * wanted.strips,
         allocate=allocate,
         progress=lambda done: progress('reading', done, len(file)),

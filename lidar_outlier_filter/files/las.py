@@ -119,17 +119,21 @@ class LasFile:
             name for name in header.point_format.dimension_names if name not in {'X', 'Y', 'Z'}
         ]
         known = [*header.vlrs, *(header.evlrs or [])]
-        self.metres: Mapping[str, float] = metres_per_unit(
-            {one.record_id: one.record_data_bytes() for one in known if one.user_id == USER},
-            path,
-            wkt=bool(header.global_encoding.wkt),
-        )
+        self._system = {
+            one.record_id: one.record_data_bytes() for one in known if one.user_id == USER
+        }
+        self._wkt = bool(header.global_encoding.wkt)
         kinds = {item.name: item.dtype for item in header.point_format.dimensions}
         self.columns: Mapping[str, np.dtype[Any]] = {
             **dict.fromkeys(AXES, np.dtype(np.float64)),
             # Those of a few bits only have no dtype of their own.
             **{name: np.dtype(kinds[name] or np.uint8) for name in names},
         }
+
+    @property
+    def metres(self) -> Mapping[str, float]:
+        """The metres that one of x, y and z is, where it is not one."""
+        return metres_per_unit(self._system, self.path, wkt=self._wkt)
 
     def __len__(self) -> int:
         """Count the points."""

@@ -11,7 +11,9 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
+from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.room import check_count
 from lidar_outlier_filter.files.rows import check_names
 
 if TYPE_CHECKING:
@@ -40,7 +42,7 @@ class ParquetFile:
         self.path = path
         with path.open('rb') as stream, parquet.ParquetFile(stream) as file:
             self._schema = file.schema_arrow
-            self._count = file.metadata.num_rows
+            self._count = _count_rows(path, file.metadata)
         check_names(path, self._schema.names)
         self.columns: Mapping[str, np.dtype[Any]] = {
             # With a time zone or without, a time is a number of nanoseconds.
@@ -85,6 +87,15 @@ class ParquetFile:
                 writer.write_table(table.cast(schema), row_group_size=max(1, len(table)))
                 done = part.stop
                 yield done
+
+
+def _count_rows(path: Path, metadata: Any) -> int:
+    """Count the points; each part says how many it has, and all together have."""
+    parts = [metadata.row_group(i).num_rows for i in range(metadata.num_row_groups)]
+    if min(parts, default=0) < 0:
+        raise CloudError(f'the points in a part of {path}', 'at least 0', min(parts))
+    check_count(path, metadata.num_rows, sum(parts))
+    return sum(parts)
 
 
 def _numbers(column: Any) -> NDArray[Any]:

@@ -73,12 +73,14 @@ def choose_coordinates(file: CloudFile, wanted: Sequence[str]) -> tuple[str, ...
     return names
 
 
-def say_coarse(file: CloudFile, coordinates: Sequence[str], points: Points) -> str:
+def say_coarse(
+    file: CloudFile, coordinates: Sequence[str], points: Points, metres: Mapping[str, float]
+) -> str:
     """Say that coordinates of a file are too far away for float32; empty: they are not."""
     kinds = [file.columns[name] for name in coordinates]
     single = [kind.kind == 'f' and kind.itemsize == 4 for kind in kinds]  # noqa: PLR2004  bytes
     single += [False] * (3 - len(single))
-    return too_coarse(points.xyz, points.valid, single, file.metres.get(coordinates[0], 1.0))
+    return too_coarse(points.xyz, points.valid, single, metres.get(coordinates[0], 1.0))
 
 
 def load(  # noqa: PLR0913  which columns, and where to
@@ -87,6 +89,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     parameters: FilterParameters,
     *,
     timed: bool,
+    metres: Mapping[str, float] | None = None,
     more: Sequence[str] = (),
     allocate: Callable[[tuple[int, ...]], NDArray[np.float64]] = np.empty,
     progress: Callable[[int], object] = bool,
@@ -99,6 +102,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     coordinates : two or three columns; of two, z is 0
     parameters : name the columns of time, line and standard deviation
     timed : whether time and lines are wanted
+    metres : of coordinates in other units, the metres that one of them is; None: as the file says
     more : other columns that are wanted
     allocate : gives the array for the coordinates, in memory or in a file
     progress : is called with how many points have been read
@@ -112,6 +116,7 @@ def load(  # noqa: PLR0913  which columns, and where to
     """
     of_lines = _others(file, parameters) if timed else []
     others = list(dict.fromkeys([*of_lines, *more]))
+    sizes = file.metres if metres is None else metres
     xyz = allocate((len(file), 3))
     columns: dict[str, NDArray[Any]] = {}
     done = 0
@@ -119,8 +124,8 @@ def load(  # noqa: PLR0913  which columns, and where to
         part = slice(done, done + len(chunk[0]))
         for axis in range(3):
             xyz[part, axis] = cloud_file.filled(chunk[axis]) if axis < len(coordinates) else 0.0
-            if axis < len(coordinates) and coordinates[axis] in file.metres:
-                xyz[part, axis] *= file.metres[coordinates[axis]]
+            if axis < len(coordinates) and coordinates[axis] in sizes:
+                xyz[part, axis] *= sizes[coordinates[axis]]
         for name, values in zip(others, chunk[len(coordinates) :], strict=True):
             if done == 0:
                 columns[name] = np.ma.empty(len(file), values.dtype)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The unit of the coordinates of a LAS file: of its GeoTIFF keys, or of its WKT.
+"""The unit of the coordinates of a LAS file: PROJ reads it from its GeoTIFF keys, or its WKT.
 
 Parameters are in metres. A file in feet is judged in metres, its numbers times 0.3048; what is
 written keeps its numbers. A file that says nothing of its unit is in metres.
@@ -8,9 +8,13 @@ written keeps its numbers. A file that says nothing of its unit is in metres.
 
 from __future__ import annotations
 
-import re
 import struct
+from functools import lru_cache
 from typing import TYPE_CHECKING
+
+from pyproj import CRS
+from pyproj.database import get_units_map
+from pyproj.exceptions import CRSError
 
 from lidar_outlier_filter.errors import CloudError
 
@@ -20,22 +24,10 @@ if TYPE_CHECKING:
 
 USER = 'LASF_Projection'
 KEYS, DOUBLES, WKT = 34735, 34736, 2112  # numbers of records
+MODEL, ANGLES = 1024, 2  # key: the kind of the coordinates, and its value for degrees
+PLANE, UP = 3072, 4096  # keys: EPSG numbers of the system of x and y, and of that of z
 HORIZONTAL, SIZE, VERTICAL = 3076, 3077, 4099  # keys: unit of x and y, its own size, unit of z
-OWN = 32767  # the unit is given by its size
-# EPSG codes of units of length, and their metres.
-METRES: Mapping[int, float] = {
-    9001: 1.0,
-    9002: 0.3048,
-    9003: 1200 / 3937,
-    9005: 0.3047972654,
-    9036: 1000.0,
-    9094: 0.304799710181508,
-    9095: 0.3048007491,
-}
-_PLANE = {'PROJCS', 'PROJCRS', 'PROJECTEDCRS', 'LOCAL_CS', 'ENGCRS'}
-_UP = {'VERT_CS', 'VERTCRS', 'VERTICALCRS'}
-_TOKEN = re.compile(r'"[^"]*"|([A-Za-z_0-9]+)\s*[\[(]|[\])]')
-_FACTOR = re.compile(r'\s*"[^"]*"\s*,\s*([0-9.eE+-]+)')
+OWN = 32767  # no number of EPSG: what it is follows in other keys
 
 
 def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> dict[str, float]:
@@ -50,11 +42,11 @@ def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> d
     Raises
     ------
     CloudError
-        If the file names a unit that is not known.
+        If the coordinates are degrees, or of a system or a unit that is not known.
 
     """
     if wkt and WKT in records:
-        plane, up = _of_wkt(records[WKT].decode('utf-8', 'replace'))
+        plane, up = _of_wkt(records[WKT].split(b'\0')[0].decode('utf-8', 'replace'), path)
     elif KEYS in records:
         plane, up = _of_keys(records[KEYS], records.get(DOUBLES, b''), path)
     else:
@@ -69,38 +61,67 @@ def _of_keys(data: bytes, doubles: bytes, path: Path) -> tuple[float | None, flo
     numbers = struct.unpack(f'<{len(data) // 2}H', data[: len(data) // 2 * 2])
     rows = [numbers[i : i + 4] for i in range(4, len(numbers) - 3, 4)]
     keys = {row[0]: row for row in rows}
+    codes = {key: row[3] for key, row in keys.items() if row[1] == 0}  # other values lie elsewhere
     sizes = struct.unpack(f'<{len(doubles) // 8}d', doubles[: len(doubles) // 8 * 8])
 
     def unit(key: int) -> float | None:
-        if key not in keys:
+        if key not in codes:
             return None
-        code = keys[key][3]
         own = keys.get(SIZE)
-        if code == OWN and own is not None and own[1] == DOUBLES and own[3] < len(sizes):
+        if codes[key] == OWN and own is not None and own[1] == DOUBLES and own[3] < len(sizes):
             return float(sizes[own[3]])
-        if code not in METRES:
-            known = ', '.join(map(str, METRES))
-            raise CloudError(f'the unit of {path}, key {key}', f'one of {known}', code)
-        return METRES[code]
+        if codes[key] not in _metres_by_code():
+            must_be = 'a length that EPSG knows, or clean --unit given'
+            raise CloudError(f'the unit of {path}, key {key}', must_be, codes[key])
+        return _metres_by_code()[codes[key]]
 
-    return unit(HORIZONTAL), unit(VERTICAL)
-
-
-def _of_wkt(text: str) -> tuple[float | None, float | None]:
-    """Find the units of length of the plane and of the heights; those of angles are none."""
-    plane = up = None
-    stack: list[str] = []
-    for token in _TOKEN.finditer(text):
-        if token.group()[0] in '])':
-            del stack[-1:]
-        elif token.group(1):
-            name = token.group(1).upper()
-            owners = [one for one in stack if one != 'AXIS']
-            factor = _FACTOR.match(text, token.end())
-            if name in {'UNIT', 'LENGTHUNIT'} and owners and factor:
-                if owners[-1] in _PLANE:
-                    plane = float(factor.group(1))
-                elif owners[-1] in _UP:
-                    up = float(factor.group(1))
-            stack.append(name)
+    plane, up = unit(HORIZONTAL), unit(VERTICAL)
+    if plane is None and codes.get(PLANE, OWN) != OWN:
+        plane, _ = _of_system(_system(f'EPSG:{codes[PLANE]}', path), path)
+    if plane is None and codes.get(MODEL) == ANGLES:
+        raise _no_lengths(path)
+    if up is None and codes.get(UP, OWN) != OWN:
+        up = _of_height(codes[UP], path)
     return plane, up
+
+
+def _of_height(code: int, path: Path) -> float | None:
+    """Return the unit of a system of heights; GeoTIFF has numbers of its own, without units."""
+    try:
+        system = CRS.from_epsg(code)
+    except CRSError:
+        return None
+    return _of_system(system, path)[1] if system.is_vertical else None
+
+
+def _of_wkt(text: str, path: Path) -> tuple[float | None, float | None]:
+    return _of_system(_system(text, path), path) if text.strip() else (None, None)
+
+
+def _system(text: str, path: Path) -> CRS:
+    try:
+        return CRS.from_user_input(text)
+    except CRSError as err:
+        must_be = 'one that PROJ knows, or clean --unit given'
+        raise CloudError(f'the coordinate system of {path}', must_be, repr(text[:100])) from err
+
+
+def _of_system(system: CRS, path: Path) -> tuple[float | None, float | None]:
+    """Return the metres of a unit of the plane, and of the heights; None: it has no such axis."""
+    if system.is_geographic:
+        raise _no_lengths(path)
+    upright = {'up', 'down'}
+    plane = [one.unit_conversion_factor for one in system.axis_info if one.direction not in upright]
+    up = [one.unit_conversion_factor for one in system.axis_info if one.direction in upright]
+    return (plane[0] if plane else None), (up[0] if up else None)
+
+
+def _no_lengths(path: Path) -> CloudError:
+    return CloudError(f'the coordinates of {path}', 'lengths, or clean --unit given', 'degrees')
+
+
+@lru_cache
+def _metres_by_code() -> Mapping[int, float]:
+    """Return the metres of each unit of length that EPSG knows, by its number."""
+    units = get_units_map(auth_name='EPSG', category='linear').values()
+    return {int(unit.code): unit.conv_factor for unit in units}

@@ -8,6 +8,7 @@ terrestrial lidar data" (2010), section 2.1. Times are int64 nanoseconds unless 
 """
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 from math import factorial, isnan, nan, pi, sqrt
 from typing import NamedTuple
@@ -237,14 +238,21 @@ def window_residual(
     return -position, q
 
 
-def window_score(residual: Floats, spread: Floats, significance: float, test: str) -> float:
-    """Statistic (17) over its critical value; ``spread`` (3,) is σ_δz of (16).
+@cache
+def critical_values(significance: float) -> tuple[float, float]:
+    """Critical values of one coordinate, and of all three.
 
     ``isf(a)`` is ``ppf(1 - a)`` without the loss of a small a's digits.
     """
+    return float(norm.isf(significance / 2)), sqrt(chi2.isf(significance, 3))
+
+
+def window_score(residual: Floats, spread: Floats, significance: float, test: str) -> float:
+    """Statistic (17) over its critical value; ``spread`` (3,) is σ_δz of (16)."""
+    of_one, of_all = critical_values(significance)
     standardized = [abs(r) / s for r, s in zip(residual, spread, strict=True)]
-    each = max(standardized) / norm.isf(significance / 2)
-    joint = sqrt(sum(s**2 for s in standardized)) / sqrt(chi2.isf(significance, 3))
+    each = max(standardized) / of_one
+    joint = sqrt(sum(s**2 for s in standardized)) / of_all
     return float({'each': each, 'joint': joint, 'both': max(each, joint)}[test])
 
 

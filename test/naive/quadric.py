@@ -9,6 +9,7 @@ terrestrial lidar data" (2010), section 2.2. Points are (3,) arrays, variances (
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import ceil, inf, nan, sqrt
 from typing import Any
 
@@ -236,7 +237,7 @@ def scores_of(fit: Fit, rules: Rules, growth: Growth) -> Floats | None:
             variance = squares * q
         variance = max(variance, (growth.floor * fit.slope[i]) ** 2)
         statistic = sqrt(v**2 / variance) if v else 0.0
-        scores.append(statistic / t.isf(rules.significance / 2, degrees))
+        scores.append(statistic / two_sided(rules.significance, degrees))
     return np.array(scores)
 
 
@@ -250,7 +251,20 @@ def is_better(before: float, after: float, freedom: int, rules: Rules) -> bool:
     """F test of three more parameters."""
     if freedom < 1:
         return False
-    return bool((before - after) / 3 > f.isf(rules.significance, 3, freedom) * after / freedom)
+    ratio = three_more(rules.significance, freedom)
+    return bool((before - after) / 3 > ratio * after / freedom)
+
+
+@cache
+def two_sided(significance: float, freedom: int) -> float:
+    """Quantile of t that is exceeded, to either side, with this probability."""
+    return float(t.isf(significance / 2, freedom))
+
+
+@cache
+def three_more(significance: float, freedom: int) -> float:
+    """Quantile of F, for three more parameters, that is exceeded with this probability."""
+    return float(f.isf(significance, 3, freedom))
 
 
 def is_flat(fit: Fit) -> bool:

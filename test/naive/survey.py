@@ -30,6 +30,11 @@ def _squared(a: Place, b: Place) -> float:
     return (x * x + y * y) + z * z
 
 
+def places(xyz: list[Place]) -> list[int]:
+    """Return the first point at the place of each."""
+    return [xyz.index(place) for place in xyz]
+
+
 def near_features(xyz: list[Place], typical: float) -> list[list[float]]:
     """Return the 20 features of each point that the first trees see."""
     near = lists(xyz, K)
@@ -129,12 +134,15 @@ def _widths(xyz: list[Place], others: list[int], radius: list[float], p: int) ->
 def _group(xyz: list[Place], others: list[int], radius: list[float], p: int) -> list[float]:
     """Say what hangs together with the point up to each distance."""
     wide = scale(others, radius)
-    left, inside, edges = list(others), [p], []
-    while left:
-        edge, new = min((math.sqrt(_squared(xyz[a], xyz[b])), b) for a in inside for b in left)
+    edges = []
+    # The way to each point that is left: from the nearest of those that hang together.
+    ways = {o: (math.sqrt(_squared(xyz[p], xyz[o])), o) for o in others}
+    while ways:
+        edge, new = min(ways.values())
         edges.append(edge)
-        inside.append(new)
-        left.remove(new)
+        del ways[new]
+        for o, way in ways.items():
+            ways[o] = min(way, (math.sqrt(_squared(xyz[new], xyz[o])), o))
     longest = max(edges)
     before = edges.index(longest)
     of = max(edges[:before]) if before else wide

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
+    Bools = NDArray[np.bool_]
 
 
 class Tiled(Enum):
@@ -76,8 +77,9 @@ class Reaching:
     ----------
     prepare : of all coordinates, metres, and of which of them there are
         Gives a number that the measure of every point depends on.
-    measure : of coordinates (N, 3), metres, and this number
+    measure : of coordinates (N, 3), metres, which of them are wanted, and this number
         Gives (N,) float64, and within what distance of each point all else is that it depends on.
+        What it gives of points that are not wanted means nothing.
     score : of the measures of all points
     neighbours, steps : int
         What a measure depends on is within so many steps, each to one of so many nearest places.
@@ -85,7 +87,7 @@ class Reaching:
     """
 
     prepare: Callable[[Floats, Ints, FilterParameters], float]
-    measure: Callable[[Floats, float, FilterParameters], tuple[Floats, Floats]]
+    measure: Callable[[Floats, Bools, float, FilterParameters], tuple[Floats, Floats]]
     score: Callable[[Floats, FilterParameters], Scores]
     neighbours: int
     steps: int

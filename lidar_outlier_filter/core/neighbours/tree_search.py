@@ -58,12 +58,15 @@ class Lists(NamedTuple):
     index : (N, k) int32
     tied : (N,) bool
         Whether another point, not in the list, is exactly as far as the k-th.
+    first : int
+        The place in tree order whose list is ``index[0]``.
 
     """
 
     order: Ints
     index: Index  # type: ignore[assignment]  # nobody misses that of tuples
     tied: Bools
+    first: int
 
 
 @kernel
@@ -79,7 +82,8 @@ def search(
 ) -> None:
     """Write the rows of ``index`` and ``tied`` for all wanted points in the leaves ``these``."""
     k = index.shape[1]
-    room, lists = make_room(k, levels), Lists(order, index, tied)
+    # The first place is 0, but no literal one, which would be another type for numba.
+    room, lists = make_room(k, levels), Lists(order, index, tied, tree.first[0])
     queries = np.empty(LEAF, np.int64)
     reach = guess = 0.0
     for leaf in these:
@@ -92,16 +96,57 @@ def search(
 
 @kernel
 def search_some(
-    xyz: Floats, order: Ints, tree: Tree, levels: int, which: Ints, index: Index
+    xyz: Floats,
+    order: Ints,
+    tree: Tree,
+    these: Ints,
+    levels: int,
+    which: Ints,
+    rows: Ints,
+    index: Index,
 ) -> None:
-    """Write the rows of ``index`` for few points of a tree, one after the other."""
+    """Write the rows of ``index`` for some points, ``which``, ascending.
+
+    Those in the leaf ``these[i]`` are ``which[rows[i]:rows[i + 1]]``.
+    """
     k = index.shape[1]
-    room = make_room(k, levels)
-    for i in range(len(which)):
-        few = _alone(xyz, order, tree, which[i], k, room)
+    room, queries = make_room(k, levels), np.empty(LEAF, np.int64)
+    found, tied = np.empty((LEAF, k), np.int32), np.empty(LEAF, np.bool_)
+    reach = guess = 0.0
+    for i in range(len(these)):
+        leaf, begin, end = these[i], rows[i], rows[i + 1]
+        first = tree.first[leaf]
+        if tree.last[leaf] - first > LEAF:
+            _each_alone(xyz, order, tree, which, begin, end, index, room)
+            continue
+        count = 0
+        for row in range(begin, end):
+            queries[count] = which[row]
+            count += row + 1 == end or which[row + 1] != which[row]
+        lists = Lists(order, found, tied, first)
+        reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, room, lists)
+        for row in range(begin, end):
+            for j in range(k):
+                index[row, j] = found[which[row] - first, j]
+
+
+@inner_kernel
+def _each_alone(
+    xyz: Floats,
+    order: Ints,
+    tree: Tree,
+    which: Ints,
+    begin: int,
+    end: int,
+    index: Index,
+    room: Room,
+) -> None:
+    """Write rows of ``index`` for points of a leaf in which more coincide than are one batch."""
+    for row in range(begin, end):
+        few = _alone(xyz, order, tree, which[row], index.shape[1], room)
         sort(order, room.few, room.few_place, few, room.best, room.best_place)
-        for j in range(k):
-            index[i, j] = room.best_place[j]
+        for j in range(index.shape[1]):
+            index[row, j] = room.best_place[j]
 
 
 @inner_kernel
@@ -172,7 +217,7 @@ def _round(
     reach that they need, the distance guessed for the next point, and the sum of those found.
     """
     # Once, because every time that an array is taken from a tuple its references are counted.
-    order, index, tied = lists
+    order, index, tied, first = lists
     k, size = index.shape[1], padded(near)
     x, y, z, place, distance, few, few_place, best, best_place, _, _ = room
     left, further, total = 0, 0.0, 0.0
@@ -192,8 +237,8 @@ def _round(
         chosen = choose(distance, place, near, limit, few, few_place)
         sort(order, few, few_place, chosen, best, best_place)
         for j in range(k):
-            index[q, j] = best_place[j]
-        tied[q] = chosen > k and best[k] == best[k - 1]
+            index[q - first, j] = best_place[j]
+        tied[q - first] = chosen > k and best[k] == best[k - 1]
         guess = GUESS * best[k - 1]
         total += best[k - 1]
     return left, further, guess, total
@@ -241,10 +286,20 @@ def _collect(
         for p in range(first, last):
             x[count], y[count], z[count] = xyz[p, 0], xyz[p, 1], xyz[p, 2]
             place[count] = p
-            count += 1
+            # Without a branch. All points of the leaf itself stay, so that each finds itself.
+            count += node == home or _beside(xyz[p, 0], xyz[p, 1], xyz[p, 2], box) <= reach
     for i in range(count, padded(count)):
         x[i] = y[i] = z[i] = np.inf
     return count, own
+
+
+@inner_kernel
+def _beside(x: float, y: float, z: float, box: Box) -> float:
+    """Return the squared distance of a point and a box, computed as :func:`gap` does."""
+    dx = max(x - box[3], box[0] - x, 0.0)
+    dy = max(y - box[4], box[1] - y, 0.0)
+    dz = max(z - box[5], box[2] - z, 0.0)
+    return float((dx * dx + dy * dy) + dz * dz)
 
 
 @inner_kernel
@@ -317,9 +372,9 @@ def _shorten(order: Ints, count: int, k: int, room: Room) -> tuple[int, float]:
 @inner_kernel
 def _write(q: int, few: int, room: Room, lists: Lists) -> None:
     """Write the row of a point: the first k of its few candidates."""
-    order, index, tied = lists
+    order, index, tied, first = lists
     k, best, place = index.shape[1], room.best, room.best_place
     sort(order, room.few, room.few_place, few, best, place)
     for i in range(k):
-        index[q, i] = place[i]
-    tied[q] = few > k and best[k] == best[k - 1]
+        index[q - first, i] = place[i]
+    tied[q - first] = few > k and best[k] == best[k - 1]

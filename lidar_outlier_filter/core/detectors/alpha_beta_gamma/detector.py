@@ -19,7 +19,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kernels as smoother_kernels
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
@@ -145,8 +145,8 @@ def critical_values(significance: float, test: str) -> tuple[float, float]:
     One coordinate's is two-sided normal (17); three independent ones have χ² with three degrees of
     freedom.
     """
-    each = float(norm.isf(significance / 2)) if test != 'joint' else np.inf
-    joint = float(np.sqrt(chi2.isf(significance, 3))) if test != 'each' else np.inf
+    each = -float(ndtri(significance / 2)) if test != 'joint' else np.inf
+    joint = float(np.sqrt(chdtri(3, significance))) if test != 'each' else np.inf
     return each, joint
 
 

@@ -22,6 +22,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import (
 from lidar_outlier_filter.core.detectors.evidence.survey_far import MOST, Far
 from lidar_outlier_filter.core.detectors.evidence.survey_model import load
 from lidar_outlier_filter.core.detectors.evidence.survey_near import K
+from lidar_outlier_filter.core.detectors.evidence.survey_places import find_places
 from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
 
 
@@ -79,10 +81,21 @@ def contributions(seen: Seen, parameters: FilterParameters, wanted: Bools) -> Co
 
 
 def _of_survey(seen: Seen, wanted: Bools) -> tuple[Singles, Singles]:
-    xyz, model = seen.points.xyz, load()
-    hood = Neighbourhood(xyz, K, seen.threads)
-    near = survey.neighbours(hood, typical_scale(xyz, np.arange(len(xyz)), seen.threads))
-    first, _ = survey.first_odds(near, model.first, seen.threads)
+    places = find_places(seen.points.xyz)
+    asked = np.bincount(places.of, wanted) > 0
+    added, average = _of_places(np.take(seen.points.xyz, places.first, axis=0), asked, seen.threads)
+    rows = np.cumsum(asked)[places.of[wanted]] - 1
+    return added[:, rows], average[rows]
+
+
+def _of_places(xyz: Floats, wanted: Bools, threads: int) -> tuple[Singles, Singles]:
+    if len(xyz) <= K:  # they are not judged
+        count = np.count_nonzero(wanted)
+        return np.zeros((survey_far.COUNT, count), np.float32), np.zeros(count, np.float32)
+    model = load()
+    hood = Neighbourhood(xyz, K, threads)
+    near = survey.neighbours(hood, typical_scale(xyz, np.arange(len(xyz)), threads))
+    first, _ = survey.first_odds(near, model.first, threads)
     which = np.flatnonzero(wanted[hood.order])  # in tree order
     again = first[which] > np.float32(model.doubtful)
     added = np.zeros((survey_far.COUNT, len(which)), np.float32)

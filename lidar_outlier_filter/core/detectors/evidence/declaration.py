@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
+    Bools = NDArray[np.bool_]
     Numbers = NDArray[np.uint8]
 
 
@@ -67,7 +68,8 @@ def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
 
 def _as_survey(seen: Seen, parameters: FilterParameters) -> Scores:
     xyz = seen.points.xyz
-    odds, _ = _odds(xyz, _scale(xyz, np.arange(len(xyz)), parameters), parameters)
+    typical = _scale(xyz, np.arange(len(xyz)), parameters)
+    odds, _ = survey.measure(xyz, typical, parameters.threads)
     return _survey_score(odds, parameters)
 
 
@@ -75,8 +77,10 @@ def _scale(xyz: Floats, where: Ints, parameters: FilterParameters) -> float:
     return typical_scale(xyz, where, parameters.threads)
 
 
-def _odds(xyz: Floats, typical: float, parameters: FilterParameters) -> tuple[Floats, Floats]:
-    return survey.measure(xyz, typical, parameters.threads)
+def _odds(
+    xyz: Floats, wanted: Bools, typical: float, parameters: FilterParameters
+) -> tuple[Floats, Floats]:
+    return survey.measure(xyz, typical, parameters.threads, wanted)
 
 
 def _survey_score(odds: Floats, parameters: FilterParameters) -> Scores:

@@ -5,6 +5,7 @@
 The first trees see the eight nearest neighbours of every point. Where they do not call it clearly
 good, the second trees see the sixty nearest, and what the first say of these. So the wide search,
 which takes long, is for few points. What is said of a point depends on what is near it alone.
+Points at one place are judged as one: neighbours are at other places.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.detectors.evidence import survey_far, survey_near
 from lidar_outlier_filter.core.detectors.evidence.survey_far import MOST, Far, write_far
+from lidar_outlier_filter.core.detectors.evidence.survey_lanes import add_farthest
 from lidar_outlier_filter.core.detectors.evidence.survey_model import load
-from lidar_outlier_filter.core.detectors.evidence.survey_near import K, Near, length, write_near
+from lidar_outlier_filter.core.detectors.evidence.survey_near import K, Near, write_near
+from lidar_outlier_filter.core.detectors.evidence.survey_places import find_places, shares_places
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.lanes import LANES
@@ -30,12 +33,15 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
     Ints = NDArray[np.int64]
+    Bools = NDArray[np.bool_]
 
 AT_ONCE = 128 * LANES  # points that a thread takes at once
 LEAST = -8.0  # log-odds that make a score of 0
 
 
-def measure(xyz: Floats, typical: float, threads: int = 0) -> tuple[Floats, Floats]:
+def measure(
+    xyz: Floats, typical: float, threads: int = 0, wanted: Bools | None = None
+) -> tuple[Floats, Floats]:
     """Return the log-odds of N points, and how far away what they depend on may be, metres.
 
     Parameters
@@ -45,6 +51,8 @@ def measure(xyz: Floats, typical: float, threads: int = 0) -> tuple[Floats, Floa
     typical : float
         The :func:`.typical_scale` of the whole cloud that they are of, metres.
     threads : at most so many at once; 0 for as many as there are cores
+    wanted : (N,) bool
+        None: all. Of the others it says only what the first trees say.
 
     Returns
     -------
@@ -52,7 +60,7 @@ def measure(xyz: Floats, typical: float, threads: int = 0) -> tuple[Floats, Floa
         NaN for all where each has fewer than eight others.
     reach : (N,) float64
         Points farther away, in any direction, count for nothing. inf for all where each has fewer
-        than sixty others.
+        than sixty others. Others at the same place count for none.
 
     """
     odds, reach = np.full(len(xyz), np.nan), np.full(len(xyz), np.inf)
@@ -60,10 +68,19 @@ def measure(xyz: Floats, typical: float, threads: int = 0) -> tuple[Floats, Floa
         return odds, reach
     model = load()
     hood = Neighbourhood(xyz, K, threads)
+    if shares_places(hood, K):
+        places = find_places(xyz)
+        asked = None if wanted is None else np.bincount(places.of, wanted) > 0
+        alone = np.take(xyz, places.first, axis=0)
+        odds, reach = measure(alone, typical, threads, asked)
+        return odds[places.of], reach[places.of]
     near = neighbours(hood, typical)
     first, extent = first_odds(near, model.first, threads)
     result, way = first.astype(np.float64), extent
-    doubtful = np.flatnonzero(first > np.float32(model.doubtful))
+    is_doubtful = first > np.float32(model.doubtful)
+    if wanted is not None:
+        is_doubtful &= wanted[hood.order]
+    doubtful = np.flatnonzero(is_doubtful)
     again, wide = second_odds(hood, near, first, extent, doubtful, model.again)
     result[doubtful], way[doubtful] = again, wide
     odds[hood.order] = result
@@ -110,19 +127,16 @@ def second_odds(
 def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles, extent: Floats) -> None:
     room, points = survey_near.make_room(), np.empty(LANES, np.int64)
     values, total = np.empty((survey_near.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    farthest = np.empty(LANES)
     for start in range(begin, end, LANES):
         for lane in range(LANES):
             points[lane] = min(start + lane, end - 1)
         write_near(near, points, room, values)
         add_up(trees, values, total)
+        add_farthest(room.distance, room.radii, K, farthest)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
-    for p in range(begin, end):
-        farthest = near.radius[p]
-        for m in range(K):
-            o = near.index[p, m]
-            farthest = max(farthest, length(near.xyz, p, o) + near.radius[o])
-        extent[p] = farthest
+            extent[start + lane] = max(near.radius[start + lane], farthest[lane])
 
 
 @kernel
@@ -139,6 +153,7 @@ def _again(
     room = survey_far.make_room()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     values, total = np.empty((survey_far.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    farthest, count = np.empty(LANES), far.index.shape[1]
     for start in range(begin, end, LANES):
         for lane in range(LANES):
             rows[lane] = min(start + lane, end - 1)
@@ -147,13 +162,11 @@ def _again(
         add_up(trees, values, total)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
-    for row in range(begin, end):
-        p = which[row]
-        farthest = extent[p]
-        for m in range(far.index.shape[1]):
-            o = far.index[row, m]
-            farthest = max(farthest, length(far.near.xyz, p, o) + extent[o])
-        wide[row] = farthest
+            for m in range(count):
+                room.radii[m, lane] = extent[far.index[start + lane, m]]
+        add_farthest(room.distance, room.radii, count, farthest)
+        for lane in range(min(LANES, end - start)):
+            wide[start + lane] = max(extent[points[lane]], farthest[lane])
 
 
 @kernel

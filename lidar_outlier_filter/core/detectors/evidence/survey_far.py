@@ -42,20 +42,20 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence import survey_near
 from lidar_outlier_filter.core.detectors.evidence.eigen import eigenvalues, eigenvectors
-from lidar_outlier_filter.core.detectors.evidence.survey_near import (
-    FAR,
+from lidar_outlier_filter.core.detectors.evidence.survey_lanes import (
     LEAST,
     NARROW,
-    NEAR,
-    SMOOTH,
-    K,
     add_moments,
-    length,
+    copy_rows,
+    gather,
+    measure,
     off_plane,
+    write_between,
     write_heights,
 )
-from lidar_outlier_filter.core.kernels import inner_kernel, select
-from lidar_outlier_filter.core.lanes import LANES
+from lidar_outlier_filter.core.detectors.evidence.survey_near import FAR, NEAR, SMOOTH, K
+from lidar_outlier_filter.core.kernels import inner_kernel
+from lidar_outlier_filter.core.lanes import LANES, network, sort
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,7 +71,8 @@ MOST, SOME = 60, 20  # neighbours
 STEPS = 3  # to any of them, and from there to any of theirs, lead to all that counts
 DENSE = 5  # rank of the neighbour that is dense, from 0
 GAP = 2.0  # S: a longer distance ends a group
-OPPOSITE = -0.8  # cosine of the angle between neighbours, at most
+SORT_SOME, SORT_MOST = network(SOME, range(SOME)), network(MOST, range(MOST))
+JOINING = 10  # numbers for each lane, while neighbours are joined
 
 WIDE = (
     *('wide8', 'wide20', 'wide60', 'densest', 'contrast'),
@@ -105,153 +106,190 @@ class Far(NamedTuple):
 
 
 class FarRoom(NamedTuple):
-    """Room to work in, for one thread."""
+    """Room to work in, for one thread; of each lane.
+
+    Attributes
+    ----------
+    near : that of the nearest eight
+    scale : (LANES,) float64
+        S, metres.
+    place : (3, MOST, LANES) float64
+        Where the neighbours are, from the point, metres.
+    distance, radii : (MOST, LANES) float64
+        How far they are, and their distances to their own eighth, metres.
+    work : (MOST, LANES) float64
+    some : (SOME, LANES) float64
+    joining : (JOINING, LANES) float64
+
+    """
 
     near: survey_near.NearRoom
-    radii: Floats
-    reach: Floats
     scale: Floats
     place: Floats
+    distance: Floats
+    radii: Floats
+    work: Floats
+    some: Floats
+    joining: Floats
 
 
 @inner_kernel
 def make_room() -> FarRoom:
     """Make room for points that are measured side by side."""
-    near, lists = survey_near.make_room(), np.empty((2, MOST))
-    return FarRoom(near, lists[0], lists[1], np.empty(LANES), np.empty((3, MOST)))
+    lists = np.empty((3, MOST, LANES))
+    return FarRoom(
+        survey_near.make_room(),
+        np.empty(LANES),
+        np.empty((3, MOST, LANES)),
+        *(lists[0], lists[1], lists[2]),
+        *(np.empty((SOME, LANES)), np.empty((JOINING, LANES))),
+    )
 
 
 @inner_kernel
 def write_far(far: Far, points: Ints, rows: Ints, room: FarRoom, values: Singles) -> None:
     """Write all features (COUNT, LANES) of points, whose neighbours are in these rows."""
-    near, scale = far.near, room.scale
+    near, scale, count = far.near, room.scale, far.index.shape[1]
+    some = min(SOME, count)
     survey_near.write_near(near, points, room.near, values)
     for lane in range(LANES):
         p, others = points[lane], far.index[rows[lane]]
-        scale[lane] = _write_distances(near, p, others, lane, room, values)
-        values[HEIGHTS + 8, lane] = scale[lane] / near.typical
-        _gather(near.xyz, p, others, room.place)
-        _write_heights(scale[lane], len(others), lane, room, values)
-        _write_group(scale[lane], len(others), lane, room, values)
+        gather(near.xyz, near.radius, p, others, lane, room.place, room.radii)
         _write_odds(far.odds, near.index[p], p, others, lane, values)
-    for row, most in ((PLANES, SOME), (PLANES + 3, MOST)):
-        _write_planes(far, points, rows, min(most, far.index.shape[1]), row, room, values)
+    measure(room.place, count, room.distance)
+    _write_distances(near, count, points, room, values)
+    _write_planes(some, PLANES, room, values)
+    _write_planes(count, PLANES + 3, room, values)
+    z = room.place[2]
+    write_heights(z, some, SORT_SOME, scale, HEIGHTS, HEIGHTS + 4, room.some, values)
+    write_heights(z, count, SORT_MOST, scale, HEIGHTS + 2, HEIGHTS + 6, room.work, values)
+    _write_between(count, room, values)
+    _write_group(count, room, values)
     for feature in range(BEGIN, COUNT):
-        for lane in range(LANES):
+        for lane in range(len(scale)):
             values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
 
 
 @inner_kernel
-def _write_distances(
-    near: Near, p: int, others: Index, lane: int, room: FarRoom, values: Singles
-) -> float:
-    """Write the features of distances, and return S."""
-    count, radii = len(others), room.radii
-    for m in range(count):
-        radii[m] = near.radius[others[m]]
+def _write_distances(near: Near, count: int, points: Ints, room: FarRoom, values: Singles) -> None:
+    """Write the features of distances, and S."""
+    scale, distance, work = room.scale, room.distance, room.work
+    copy_rows(room.radii, count, work)
+    sort(work, SORT_MOST)
     # Ranks of a sorted list: the upper of two in the middle.
-    scale = select(radii, count, count // 2) + LEAST
-    dense = select(radii, count, min(DENSE, count - 1)) + LEAST
-    own = near.radius[p]
-    values[BEGIN, lane] = own / scale
-    values[BEGIN + 1, lane] = length(near.xyz, p, others[min(SOME, count) - 1]) / scale
-    values[BEGIN + 2, lane] = length(near.xyz, p, others[count - 1]) / scale
-    values[BEGIN + 3, lane] = own / dense
-    values[BEGIN + 4, lane] = scale / room.near.scale[lane]
-    return scale
+    half, dense, twentieth = count // 2, min(DENSE, count - 1), min(SOME, count) - 1
+    for lane in range(len(scale)):
+        s = scale[lane] = work[half, lane] + LEAST
+        own = near.radius[points[lane]]
+        values[BEGIN, lane] = own / s
+        values[BEGIN + 1, lane] = distance[twentieth, lane] / s
+        values[BEGIN + 2, lane] = distance[count - 1, lane] / s
+        values[BEGIN + 3, lane] = own / (work[dense, lane] + LEAST)
+        values[BEGIN + 4, lane] = s / room.near.scale[lane]
+        values[HEIGHTS + 8, lane] = s / near.typical
 
 
 @inner_kernel
-def _write_group(scale: float, count: int, lane: int, room: FarRoom, values: Singles) -> None:
-    """Join the neighbours one by one (Prim's spanning tree), and write what distances say."""
-    place, reach = room.place, room.reach
-    x = y = z = 0.0
-    reach[:count] = np.inf
-    group, longest, before, against, first = count, 0.0, 0, 0.0, 0.0
+def _write_group(count: int, room: FarRoom, values: Singles) -> None:
+    """Join the neighbours one by one (Prim's spanning tree), and write what distances say.
+
+    The neighbours are put into another order.
+    """
+    place, reach, work, scale = room.place, room.work, room.joining, room.scale
+    x, y, z, best, least = work[0], work[1], work[2], work[3], work[4]
+    first, longest, before, against, group = work[5], work[6], work[7], work[8], work[9]
+    for lane in range(len(scale)):
+        x[lane] = y[lane] = z[lane] = longest[lane] = before[lane] = against[lane] = 0.0
+        group[lane] = count
+    copy_rows(reach, 0, reach)
     for joined in range(count):
         # What is left is kept together at the begin.
-        left, best, least = count - joined, 0, np.inf
-        for m in range(left):
-            dx, dy, dz = place[0, m] - x, place[1, m] - y, place[2, m] - z
-            squared = (dx * dx + dy * dy) + dz * dz
-            reach[m] = min(reach[m], squared)
-        for m in range(left):
-            if reach[m] < least:
-                best, least = m, reach[m]
-        edge = np.sqrt(least)
-        first = edge if joined == 0 else first
-        if edge > longest:
-            against = edge / ((longest if joined > 0 else scale) + LEAST)
-            longest, before = edge, joined
-        if edge > GAP * scale:
-            group = min(group, joined)
-        x, y, z = place[0, best], place[1, best], place[2, best]
-        reach[best] = reach[left - 1]
-        for axis in range(3):
-            place[axis, best] = place[axis, left - 1]
-    values[BEGIN + 5, lane] = first / scale
-    values[BEGIN + 6, lane], values[BEGIN + 7, lane] = longest / scale, before
-    values[BEGIN + 8, lane], values[BEGIN + 9, lane] = against, group
+        _join_next(place, count - joined, x, y, z, reach, best, least)
+        for lane in range(len(scale)):
+            edge = np.sqrt(least[lane])
+            of = longest[lane] if joined > 0 else scale[lane]
+            longer = edge > longest[lane]
+            first[lane] = edge if joined == 0 else first[lane]
+            against[lane] = edge / (of + LEAST) if longer else against[lane]
+            before[lane] = joined if longer else before[lane]
+            longest[lane] = edge if longer else longest[lane]
+            apart = min(group[lane], float(joined))
+            group[lane] = apart if edge > GAP * scale[lane] else group[lane]
+        _take_out(place, count - joined - 1, x, y, z, reach, best)
+    for lane in range(len(scale)):
+        values[BEGIN + 5, lane] = first[lane] / scale[lane]
+        values[BEGIN + 6, lane] = longest[lane] / scale[lane]
+        values[BEGIN + 7, lane], values[BEGIN + 8, lane] = before[lane], against[lane]
+        values[BEGIN + 9, lane] = group[lane]
 
 
 @inner_kernel
-def _write_planes(
-    far: Far, points: Ints, rows: Ints, count: int, row: int, room: FarRoom, values: Singles
+def _join_next(
+    place: Floats,
+    left: int,
+    x: Floats,
+    y: Floats,
+    z: Floats,
+    reach: Floats,
+    best: Floats,
+    least: Floats,
 ) -> None:
-    """Write the features of the plane through so many neighbours."""
-    work = room.near
-    for lane in range(LANES):
-        others = far.index[rows[lane]]
-        add_moments(far.near.xyz, others, count, points[lane], lane, work.moment, work.mean)
-    eigenvalues(work.moment, work.value)
-    eigenvectors(work.moment, work.value, NARROW, work.vector)
-    for lane in range(LANES):
-        off, flat = off_plane(work.mean, work.value, work.vector, lane)
-        scale = room.scale[lane]
-        values[row, lane], values[row + 1, lane] = off / scale, flat / scale
-        values[row + 2, lane] = off / (flat + SMOOTH * scale)
+    """Find which of those left is nearest to any that are joined, the last of which is at x y z."""
+    for lane in range(len(least)):
+        best[lane], least[lane] = 0.0, np.inf
+    for m in range(left):
+        for lane in range(len(least)):
+            dx, dy = place[0, m, lane] - x[lane], place[1, m, lane] - y[lane]
+            dz = place[2, m, lane] - z[lane]
+            squared = min(reach[m, lane], (dx * dx + dy * dy) + dz * dz)
+            reach[m, lane] = squared
+            best[lane] = m if squared < least[lane] else best[lane]
+            least[lane] = min(least[lane], squared)
 
 
 @inner_kernel
-def _write_heights(scale: float, count: int, lane: int, room: FarRoom, values: Singles) -> None:
-    """Write the features of z."""
-    z, some, work = room.place[2], min(SOME, count), room.reach
-    for row, these in ((0, some), (2, count)):
-        work[:these] = z[:these]
-        write_heights(work, these, scale, HEIGHTS + row, HEIGHTS + 4 + row, lane, values)
-    higher = 0
-    for m in range(count):
-        higher += z[m] > 0
-    values[HEIGHTS + 9, lane] = higher / count
-    low, high = between(room.place, work, some)
-    values[HEIGHTS + 10, lane] = low / scale if low < np.inf else 0.0
-    values[HEIGHTS + 11, lane] = -high / scale if high > -np.inf else 0.0
-
-
-@inner_kernel
-def between(place: Floats, away: Floats, some: int) -> tuple[float, float]:
-    """Return the lowest and highest z, from the point, between two opposite neighbours.
-
-    Without such neighbours they are inf and -inf. ``away`` is room to work in.
-    """
-    low, high = np.inf, -np.inf
-    for m in range(some):
-        away[m] = np.sqrt(place[0, m] * place[0, m] + place[1, m] * place[1, m])
-    for m in range(some):
-        for n in range(m):
-            across = place[0, m] * place[0, n] + place[1, m] * place[1, n]
-            if across < OPPOSITE * (away[m] * away[n]):
-                z = (place[2, m] * away[n] + place[2, n] * away[m]) / (away[m] + away[n])
-                low, high = min(low, z), max(high, z)
-    return low, high
-
-
-@inner_kernel
-def _gather(xyz: Floats, p: int, others: Index, place: Floats) -> None:
-    """Write where the neighbours are, from the point."""
-    for m in range(len(others)):
+def _take_out(
+    place: Floats, last: int, x: Floats, y: Floats, z: Floats, reach: Floats, best: Floats
+) -> None:
+    """Put the last of those left where the best one was, which is at x y z now."""
+    for lane in range(len(best)):
+        m = np.uint64(best[lane])
+        x[lane], y[lane], z[lane] = place[0, m, lane], place[1, m, lane], place[2, m, lane]
+        reach[m, lane] = reach[last, lane]
         for axis in range(3):
-            place[axis, m] = xyz[others[m], axis] - xyz[p, axis]
+            place[axis, m, lane] = place[axis, last, lane]
+
+
+@inner_kernel
+def _write_planes(count: int, row: int, room: FarRoom, values: Singles) -> None:
+    """Write the features of the plane through so many neighbours."""
+    near, scale = room.near, room.scale
+    add_moments(room.place, count, near.moment, near.mean)
+    eigenvalues(near.moment, near.value)
+    eigenvectors(near.moment, near.value, NARROW, near.vector)
+    for lane in range(len(scale)):
+        off, flat = off_plane(near.mean, near.value, near.vector, lane)
+        s = scale[lane]
+        values[row, lane], values[row + 1, lane] = off / s, flat / s
+        values[row + 2, lane] = off / (flat + SMOOTH * s)
+
+
+@inner_kernel
+def _write_between(count: int, room: FarRoom, values: Singles) -> None:
+    """Write how many neighbours are higher, and where the point is between opposite ones."""
+    place, work, scale, row = room.place, room.work, room.scale, HEIGHTS + 9
+    higher, low, high = work[SOME], work[MOST - 2], work[MOST - 1]
+    for lane in range(len(scale)):
+        higher[lane] = 0.0
+    for m in range(count):
+        for lane in range(len(scale)):
+            higher[lane] += place[2, m, lane] > 0
+    write_between(place, min(SOME, count), work)
+    for lane in range(len(scale)):
+        s = scale[lane]
+        values[row, lane] = higher[lane] / count
+        values[row + 1, lane] = low[lane] / s if low[lane] < np.inf else 0.0
+        values[row + 2, lane] = -high[lane] / s if high[lane] > -np.inf else 0.0
 
 
 @inner_kernel

@@ -42,8 +42,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.eigen import eigenvalues, eigenvectors
-from lidar_outlier_filter.core.kernels import inner_kernel, median, select
-from lidar_outlier_filter.core.lanes import LANES
+from lidar_outlier_filter.core.detectors.evidence.survey_lanes import (
+    LEAST,
+    NARROW,
+    add_moments,
+    aside,
+    copy_rows,
+    gather,
+    measure,
+    off_plane,
+    write_heights,
+)
+from lidar_outlier_filter.core.kernels import inner_kernel
+from lidar_outlier_filter.core.lanes import LANES, network, sort
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,12 +66,11 @@ if TYPE_CHECKING:
 
 K = 8  # neighbours
 FEW = 3  # of them
-LEAST = 1e-6  # metres that are added to scales, which may be 0
-NARROW = 1e-6  # ratio of variances across and along, below which neighbours lie on a line
-EVEN = 0.02  # of s: heights differ so much on any surface
 SMOOTH = 0.01  # of s: less is not expected of any surface
-TABLE = 128  # places for the points that two steps reach, K + K * K at most; a power of 2
+TABLE = 1024  # places for the points that two steps reach, a power of 2: few of them meet
+MARK = 1 << 32  # more than there are points
 FAR = 1e6  # features are at most so large
+SORT = network(K, range(K))
 
 NEAR = (
     *('near1', 'near3', 'near8', 'denser', 'sparser', 'jump', 'jump_at', 'listed', 'steps2'),
@@ -92,11 +102,29 @@ class Near(NamedTuple):
 
 
 class NearRoom(NamedTuple):
-    """Room to work in, for one thread; ``scale`` holds s of each lane."""
+    """Room to work in, for one thread; of each lane.
+
+    Attributes
+    ----------
+    scale : (LANES,) float64
+        s, metres.
+    place : (3, K, LANES) float64
+        Where the neighbours are, from the point, metres.
+    distance, radii : (K, LANES) float64
+        How far they are, and their distances to their own eighth, metres.
+    work : (K, LANES) float64
+    moment, mean, value, vector : (6, 3, 3 or 4, LANES) float64
+        Of a plane.
+    table : (TABLE + 1,) int64
+        The last is the mark of the latest count.
+
+    """
 
     scale: Floats
+    place: Floats
     distance: Floats
     radii: Floats
+    work: Floats
     moment: Floats
     mean: Floats
     value: Floats
@@ -107,15 +135,13 @@ class NearRoom(NamedTuple):
 @inner_kernel
 def make_room() -> NearRoom:
     """Make room for points that are measured side by side."""
+    lists = np.empty((3, K, LANES))
     return NearRoom(
         np.empty(LANES),
-        np.empty(K),
-        np.empty(K),
-        np.empty((6, LANES)),
-        np.empty((3, LANES)),
-        np.empty((3, LANES)),
-        np.empty((4, LANES)),
-        np.empty(TABLE, np.int64),
+        np.empty((3, K, LANES)),
+        *(lists[0], lists[1], lists[2]),
+        *(np.empty((6, LANES)), np.empty((3, LANES)), np.empty((3, LANES)), np.empty((4, LANES))),
+        np.zeros(TABLE + 1, np.int64),
     )
 
 
@@ -124,16 +150,16 @@ def write_near(near: Near, points: Ints, room: NearRoom, values: Singles) -> Non
     """Write the features (COUNT, LANES) of points, so many as there are lanes."""
     for lane in range(LANES):
         p = points[lane]
-        s = room.scale[lane] = _write_distances(near, p, lane, room, values)
+        gather(near.xyz, near.radius, p, near.index[p], lane, room.place, room.radii)
         values[8, lane] = count_steps(near.index, p, room.table)
-        add_moments(near.xyz, near.index[p], K, p, lane, room.moment, room.mean)
-        for m in range(K):
-            room.radii[m] = near.xyz[near.index[p, m], 2] - near.xyz[p, 2]
-        write_heights(room.radii, K, s, 15, 17, lane, values)
         values[19, lane] = near.radius[p] / near.typical
+    measure(room.place, K, room.distance)
+    _write_distances(room, values)
+    write_heights(room.place[2], K, SORT, room.scale, 15, 17, room.work, values)
+    add_moments(room.place, K, room.moment, room.mean)
     eigenvalues(room.moment, room.value)
     eigenvectors(room.moment, room.value, NARROW, room.vector)
-    for lane in range(LANES):
+    for lane in range(len(room.scale)):
         s = room.scale[lane]
         off, flat = off_plane(room.mean, room.value, room.vector, lane)
         values[9, lane], values[10, lane] = off / s, flat / s
@@ -143,118 +169,62 @@ def write_near(near: Near, points: Ints, room: NearRoom, values: Singles) -> Non
         values[13, lane] = aside(room.moment, room.mean, lane)
         values[14, lane] = abs(room.vector[2, lane])
     for feature in range(COUNT):
-        for lane in range(LANES):
+        for lane in range(len(room.scale)):
             values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
 
 
 @inner_kernel
-def _write_distances(near: Near, p: int, lane: int, room: NearRoom, values: Singles) -> float:
-    """Write the features of distances, and return s."""
-    xyz, radius = near.xyz, near.radius
-    distance, radii = room.distance, room.radii
-    least, most, listed, few = np.inf, 0.0, 0, 0.0
-    jump, jump_at = 1.0, 0
-    for m in range(K):
-        o = near.index[p, m]
-        d = length(xyz, p, o)
-        distance[m], radii[m] = d, radius[o]
-        least, most = min(least, radius[o]), max(most, radius[o])
-        listed += d <= radius[o]
-        few += d if m < FEW else 0.0
-        ratio = d / (distance[m - 1] + LEAST) if m > 0 else 1.0
-        if ratio > jump:
-            jump, jump_at = ratio, m
-    s = median(radii, K) + LEAST
-    values[0, lane], values[1, lane] = distance[0] / s, few / (FEW * s)
-    values[2, lane], values[3, lane] = distance[K - 1] / s, distance[K - 1] / (least + LEAST)
-    values[4, lane], values[5, lane] = most / s, jump
-    values[6, lane], values[7, lane] = jump_at, listed
-    return s
+def _write_distances(room: NearRoom, values: Singles) -> None:
+    """Write the features of distances, and s."""
+    distance, radii, work, scale = room.distance, room.radii, room.work, room.scale
+    copy_rows(radii, K, work)
+    sort(work, SORT)
+    half = K // 2
+    for lane in range(len(scale)):
+        s = scale[lane] = (work[half - 1, lane] + work[half, lane]) / 2 + LEAST
+        least, most = work[0, lane], work[K - 1, lane]
+        first, eighth = distance[0, lane], distance[K - 1, lane]
+        values[0, lane], values[2, lane] = first / s, eighth / s
+        values[1, lane] = (first + distance[1, lane] + distance[2, lane]) / (FEW * s)
+        values[3, lane], values[4, lane] = eighth / (least + LEAST), most / s
+    jump, jump_at, listed = work[0], work[1], work[2]
+    for lane in range(len(scale)):
+        jump[lane], jump_at[lane] = 1.0, 0.0
+        listed[lane] = distance[0, lane] <= radii[0, lane]
+    for m in range(1, K):
+        for lane in range(len(scale)):
+            ratio = distance[m, lane] / (distance[m - 1, lane] + LEAST)
+            jump_at[lane] = m if ratio > jump[lane] else jump_at[lane]
+            jump[lane] = max(jump[lane], ratio)
+            listed[lane] += distance[m, lane] <= radii[m, lane]
+    for lane in range(len(scale)):
+        values[5, lane], values[6, lane] = jump[lane], jump_at[lane]
+        values[7, lane] = listed[lane]
 
 
 @inner_kernel
 def count_steps(index: Index, p: int, table: Ints) -> int:
-    """Count the other points that two steps from p lead to."""
-    table[:] = -1
-    count = 0
+    """Count the other points that two steps from p lead to.
+
+    What the table holds of earlier counts is less than ``mark``: so nothing is cleared.
+    """
+    table[TABLE] += MARK
+    mark, count = table[TABLE], 0
+    _put(table, mark, mark + p)
     for m in range(K):
         o = index[p, m]
-        count += _put(table, o)
+        count += _put(table, mark, mark + o)
         for n in range(K):
-            other = index[o, n]
-            if other != p:
-                count += _put(table, other)
+            count += _put(table, mark, mark + index[o, n])
     return count
 
 
 @inner_kernel
-def _put(table: Ints, number: int) -> int:
+def _put(table: Ints, mark: int, number: int) -> int:
     """Put a number into a table, unless it is there; return how many were put."""
-    place = number & (len(table) - 1)
-    while table[place] != -1 and table[place] != number:
-        place = (place + 1) & (len(table) - 1)
-    new = table[place] == -1
+    place = number & (TABLE - 1)
+    while table[place] >= mark and table[place] != number:
+        place = (place + 1) & (TABLE - 1)
+    new = table[place] != number
     table[place] = number
     return int(new)
-
-
-@inner_kernel
-def length(xyz: Floats, p: int, o: int) -> float:
-    """Return the distance of two points."""
-    dx, dy, dz = xyz[p, 0] - xyz[o, 0], xyz[p, 1] - xyz[o, 1], xyz[p, 2] - xyz[o, 2]
-    return float(np.sqrt((dx * dx + dy * dy) + dz * dz))
-
-
-@inner_kernel
-def add_moments(
-    xyz: Floats, others: Index, count: int, p: int, lane: int, moment: Floats, mean: Floats
-) -> None:
-    """Write the mean of some points, from p, and their second moments around it."""
-    x = y = z = xx = yy = zz = xy = xz = yz = 0.0
-    for m in range(count):
-        o = others[m]
-        a, b, c = xyz[o, 0] - xyz[p, 0], xyz[o, 1] - xyz[p, 1], xyz[o, 2] - xyz[p, 2]
-        x, y, z = x + a, y + b, z + c
-    x, y, z = x / count, y / count, z / count
-    for m in range(count):
-        o = others[m]
-        a, b, c = xyz[o, 0] - xyz[p, 0] - x, xyz[o, 1] - xyz[p, 1] - y, xyz[o, 2] - xyz[p, 2] - z
-        xx, yy, zz = xx + a * a, yy + b * b, zz + c * c
-        xy, xz, yz = xy + a * b, xz + a * c, yz + b * c
-    mean[0, lane], mean[1, lane], mean[2, lane] = x, y, z
-    moment[0, lane], moment[1, lane], moment[2, lane] = xx / count, yy / count, zz / count
-    moment[3, lane], moment[4, lane], moment[5, lane] = xy / count, xz / count, yz / count
-
-
-@inner_kernel
-def write_heights(
-    z: Floats, count: int, scale: float, row: int, sunk: int, lane: int, values: Singles
-) -> None:
-    """Write how far a point is below and above others, whose z from it are reordered."""
-    quarter = count // 4
-    next_low, next_high = select(z, count, quarter), select(z, count, count - 1 - quarter)
-    low = high = z[0]
-    for m in range(1, count):
-        low, high = min(low, z[m]), max(high, z[m])
-    values[row, lane], values[row + 1, lane] = low / scale, -high / scale
-    values[sunk, lane] = low / (next_low - low + EVEN * scale)
-    values[sunk + 1, lane] = -high / (high - next_high + EVEN * scale)
-
-
-@inner_kernel
-def off_plane(mean: Floats, value: Floats, vector: Floats, lane: int) -> tuple[float, float]:
-    """Return how far a point is from the plane, or line, and how far its neighbours are from it."""
-    x, y, z = mean[0, lane], mean[1, lane], mean[2, lane]
-    along = x * vector[0, lane] + y * vector[1, lane] + z * vector[2, lane]
-    if value[1, lane] > NARROW * value[2, lane]:
-        return abs(along), np.sqrt(max(value[0, lane], 0.0))
-    across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
-    return across, np.sqrt(max(value[0, lane] + value[1, lane], 0.0))
-
-
-@inner_kernel
-def aside(moment: Floats, mean: Floats, lane: int) -> float:
-    """Return how far the mean of neighbours is from the point ÷ how far they are from that mean."""
-    x, y, z = mean[0, lane], mean[1, lane], mean[2, lane]
-    spread = np.sqrt(moment[0, lane] + moment[1, lane] + moment[2, lane])
-    return float(np.sqrt(x * x + y * y + z * z) / (spread + LEAST))

@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The typical distance of a cloud's points to their eighth neighbour, from a few of them.
+"""The typical distance of a cloud's places to their eighth neighbour, from a few of them.
 
 The few are chosen by their coordinates alone: so neither the order of the points nor tiles count.
+Points at one place count once.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
-from lidar_outlier_filter.core.detectors.evidence.survey_near import LEAST, K
+from lidar_outlier_filter.core.detectors.evidence.survey_lanes import LEAST
+from lidar_outlier_filter.core.detectors.evidence.survey_near import K
+from lidar_outlier_filter.core.detectors.evidence.survey_places import find_places
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
@@ -46,9 +49,10 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
         some = np.take(xyz, where[begin : begin + AT_ONCE], axis=0)
         parts.append(some[_numbers(some) < limit])
     few = np.concatenate(parts)
-    if len(few) <= K:
+    alone = np.take(few, find_places(few).first, axis=0)
+    if len(alone) <= K:
         return LEAST
-    distance = np.median(np.sqrt(squared_k_distances(Neighbourhood(few, K, threads), K)))
+    distance = np.median(np.sqrt(squared_k_distances(Neighbourhood(alone, K, threads), K)))
     # On a surface, distances are as the square root of the area that each point has.
     return float(distance * np.sqrt(len(few) / len(where))) + LEAST
 

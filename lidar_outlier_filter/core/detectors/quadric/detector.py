@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import f, t
+from scipy.special import fdtri, stdtrit
 
 from lidar_outlier_filter.core import threads
 from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windows
@@ -160,8 +160,8 @@ def tables(significance: float) -> tuple[Floats, Floats]:
     The first entry, for no degree of freedom, is inf.
     """
     freedom = np.arange(1, FREEDOMS)
-    critical = t.isf(significance / 2, freedom)
-    ratio = f.isf(significance, 3, freedom)
+    critical = np.abs(stdtrit(freedom, significance / 2))
+    ratio = fdtri(3, freedom, 1 - significance)
     return np.append(np.inf, critical), np.append(np.inf, ratio)
 
 
