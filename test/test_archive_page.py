@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from archives import archive, entry, failed
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from playwright.sync_api import sync_playwright
 
@@ -45,6 +45,19 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
+def test_files_are_clouds_without_a_length() -> None:
+    """Their page speaks of files, and has no column or sum that only recordings have."""
+    text = page(archive(40), 'file')
+    heads = re.findall(r'<th scope="col"[^>]*>([^<]*)', text)
+    assert heads == ['file', 'odd', 'points', 'rejected', 'by detector', 'untested']
+    cells = [row.count('<td') for row in text.split('<tr id=')[1:]]
+    assert cells == [len(heads) - 1] * 40
+    assert [
+        word for word in ('recording', 'clouds', 'real time', 'length') if f'>{word}' in text
+    ] == []
+
+
+@settings(deadline=None)  # the machine may be busy
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=30), st.floats(1e-4, 0.1))
 def test_robust_z(values: list[float], least: float) -> None:
     """It is the distance from the median in median absolute deviations, as loops compute them."""

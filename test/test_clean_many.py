@@ -61,6 +61,7 @@ def test_broken_off_and_resumed(  # noqa: PLR0913  fixtures and cases
     assert main(arguments(clouds, tmp_path, '--resume')) == 0
     assert content(tmp_path) == unbroken
     assert states(tmp_path) == ['done'] * COUNT
+    assert (tmp_path / 'archive.html').read_text('utf-8').count('<tr id=') == COUNT
     assert not hidden(tmp_path)
     done, before = COUNT - LAST, LAST
     assert f'\n{done} cleaned, {before} done before, 0 refused\n' in capsys.readouterr().out

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 import struct
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 from clouds import cloud, table
 
 from lidar_outlier_filter.cli.terminal import say
-from lidar_outlier_filter.errors import CloudError, RecordingError, said_by
+from lidar_outlier_filter.errors import CloudError, JudgingError, RecordingError, said_by
 from lidar_outlier_filter.files.cloud_file import readable
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -70,3 +71,13 @@ def test_names_that_a_terminal_obeys(name: str, capsys: pytest.CaptureFixture[st
     assert losses.reasons[0].isprintable()
     say(f'no point of /{name} could be tested')
     assert capsys.readouterr().err.removesuffix('\n').isprintable()
+
+
+def test_an_error_of_another_process() -> None:
+    """It comes with its kind, its sentence, and what else is known of it."""
+    damage = RecordingError('the bag', 'whole', 'half of it')
+    damage.is_damage = True
+    for error in (damage, CloudError('a', 'b', '\n'), JudgingError(ValueError('no'))):
+        again = pickle.loads(pickle.dumps(error))  # noqa: S301  our own bytes
+        assert (type(again), str(again)) == (type(error), str(error))
+        assert vars(again) == vars(error)

@@ -1,12 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page of an archive: which recordings were odd. One file, no network, a table without JS."""
+"""The page of an archive: which of its recordings or files were odd.
+
+One file, no network, a table without JS.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from html import escape
-from itertools import islice
+from itertools import compress, islice
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.oddness import (
@@ -30,7 +33,7 @@ if TYPE_CHECKING:
 BARS = 400  # at most, in the picture over the table
 HEIGHT = 60  # of the picture
 COLUMNS = (
-    ('recording', 'text'),
+    ('name', 'text'),
     ('odd', 'number'),
     ('length', 'number'),
     ('clouds', 'number'),
@@ -42,10 +45,14 @@ COLUMNS = (
     ('untested', 'number'),
     ('× real time', 'number'),
 )
+# Columns and sums that files have not: each is one cloud.
+OF_RECORDINGS = {'length', 'clouds', 'refused', 'clouds refused', 'gaps', '× real time'}
 
 
-def write_page(entries: Iterable[Mapping[str, Any]], path: Path) -> None:
+def write_page(entries: Iterable[Mapping[str, Any]], path: Path, what: str = 'recording') -> None:
     """Write the page for the lines of a manifest; another one is replaced at the end.
+
+    ``what`` is ``recording``, or ``file`` where each is one cloud.
 
     Raises
     ------
@@ -53,7 +60,7 @@ def write_page(entries: Iterable[Mapping[str, Any]], path: Path) -> None:
         If it cannot be written.
 
     """
-    text = page(entries)
+    text = page(entries, what)
     if path.is_file() and path.read_bytes() == text.encode():
         return
     beside = path.with_name(f'.{path.name}.partial')
@@ -61,7 +68,7 @@ def write_page(entries: Iterable[Mapping[str, Any]], path: Path) -> None:
     beside.replace(path)
 
 
-def page(entries: Iterable[Mapping[str, Any]]) -> str:
+def page(entries: Iterable[Mapping[str, Any]], what: str = 'recording') -> str:
     """Make the page for the lines of a manifest."""
     found = drives(entries)
     names = sorted({name for drive in found for name in drive.rejected_by})
@@ -74,11 +81,11 @@ def page(entries: Iterable[Mapping[str, Any]]) -> str:
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             '<title>Archive</title>',
             f'<style>{STYLE}</style></head><body>',
-            f'<h1>{_count(len(found), "recording")}</h1>',
-            *_totals(found, done, colours),
-            *_picture(found),
-            *_table(found, colours, max((share(d.rejected, d.points) for d in done), default=0)),
-            *_explanation(len(done)),
+            f'<h1>{_count(len(found), what)}</h1>',
+            *_totals(found, done, colours, what),
+            *_picture(found, what),
+            *_table(found, colours, what),
+            *_explanation(len(done), what),
             f'<script>{SCRIPT}</script></body></html>',
             '',
         ]
@@ -89,10 +96,18 @@ def _count(number: int, what: str) -> str:
     return f'{number:,} {what}{"" if number == 1 else "s"}'
 
 
+def _is_of(what: str, name: str) -> bool:
+    """Return whether recordings, or files, have a column or a sum."""
+    return what == 'recording' or name not in OF_RECORDINGS
+
+
 def _totals(
-    found: Sequence[DriveCounts], done: Sequence[DriveCounts], colours: Mapping[str, str]
+    found: Sequence[DriveCounts],
+    done: Sequence[DriveCounts],
+    colours: Mapping[str, str],
+    what: str,
 ) -> Iterator[str]:
-    """Give the sums over all recordings."""
+    """Give the sums over all."""
     points, messages = sum(d.points for d in done), sum(d.messages for d in done)
     seconds, duration = sum(d.seconds for d in done), sum(d.duration for d in done)
     failed = len(found) - len(done)
@@ -110,6 +125,8 @@ def _totals(
     }
     yield '<dl class="totals">'
     for name, (text, warns) in values.items():
+        if not _is_of(what, name):
+            continue
         mark = ' class="warn"' if warns else ''
         yield f'<div{mark}><dt>{name}</dt><dd>{text}</dd></div>'
     yield '</dl>'
@@ -121,8 +138,8 @@ def _totals(
     yield '</p>'
 
 
-def _picture(found: Sequence[DriveCounts]) -> Iterator[str]:
-    """Draw a bar for each recording, in the order of their names, that leads to its row."""
+def _picture(found: Sequence[DriveCounts], what: str) -> Iterator[str]:
+    """Draw a bar for each, in the order of their names, that leads to its row."""
     order = sorted(range(len(found)), key=lambda row: found[row].source)
     each = -(-len(order) // BARS)
     highest = max((share(d.rejected, d.points) for d in found), default=0) or 1
@@ -130,7 +147,7 @@ def _picture(found: Sequence[DriveCounts]) -> Iterator[str]:
     rows = iter(order)
     while group := list(islice(rows, each)):
         bars.append(max(group, key=lambda row: (found[row].failed, _rejected(found[row]))))
-    text = f'the largest of {each} recordings each' if each > 1 else 'one recording each'
+    text = f'the largest of {each} {what}s each' if each > 1 else f'one {what} each'
     if not bars:
         return
     yield '<figure>'
@@ -147,7 +164,7 @@ def _picture(found: Sequence[DriveCounts]) -> Iterator[str]:
         )
     yield '</svg>'
     yield (
-        f'<figcaption>Share of the points rejected, by name of the recording, {text}; the highest '
+        f'<figcaption>Share of the points rejected, by name of the {what}, {text}; the highest '
         f'bar is {percent(highest)}. <i class="plain"></i>usual <i class="odd"></i>odd '
         '<i class="failed"></i>failed</figcaption></figure>'
     )
@@ -157,15 +174,17 @@ def _rejected(drive: DriveCounts) -> float:
     return share(drive.rejected, drive.points)
 
 
-def _table(
-    found: Sequence[DriveCounts], colours: Mapping[str, str], highest: float
-) -> Iterator[str]:
+def _table(found: Sequence[DriveCounts], colours: Mapping[str, str], what: str) -> Iterator[str]:
+    highest = max((_rejected(drive) for drive in found if not drive.failed), default=0) or 1
+    names = [what, *(name for name, _ in COLUMNS[1:])]
+    shown = [_is_of(what, name) for name in names]
     yield '<div class="scroll"><table><thead><tr>'
-    for name, kind in COLUMNS:
+    for name, (_, kind) in compress(zip(names, COLUMNS, strict=True), shown):
         yield f'<th scope="col" data-kind="{kind}">{name}</th>'
     yield '</tr></thead><tbody>'
     for row, drive in enumerate(found):
-        yield f'<tr id="r{row}">{"".join(_cells(drive, colours, highest or 1))}</tr>'
+        cells = compress(_cells(drive, colours, highest), shown)
+        yield f'<tr id="r{row}">{"".join(cells)}</tr>'
     yield '</tbody></table></div>'
 
 
@@ -178,7 +197,7 @@ def _cells(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> It
     yield f'<th scope="row" title="{name}" data-sort="{name}"><b>{last}</b>{notes}</th>'
     if drive.failed:
         yield '<td class="failed" data-sort="inf">failed</td>'
-        yield '<td></td>' * (len(COLUMNS) - 2)
+        yield from ['<td></td>'] * (len(COLUMNS) - 2)
         return
     mark = ' class="odd"' if abs(drive.z) >= LIMIT else ''
     yield f'<td{mark} data-sort="{abs(drive.z)}">{signed(drive.z)}</td>'
@@ -215,18 +234,24 @@ def _bar(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> str:
     return f'<span class="bar"><span style="width:{width:.1f}%">{"".join(parts)}</span></span>'
 
 
-def _explanation(done: int) -> Iterator[str]:
+def _explanation(done: int, what: str) -> Iterator[str]:
+    least, compared, lacking = f'{percent(LEAST_OF_POINTS)} of the points', '', ''
+    if what == 'recording':
+        least += f' or {percent(LEAST_OF_CLOUDS)} of the clouds'
+        compared = ', and of clouds after a gap'
+        lacking = (
+            'It is odd, too, if clouds were refused, no point of a topic could be tested, or '
+            'messages are missing. '
+        )
     yield (
-        f'<p class="note">A recording is odd if a share of it is {LIMIT:g} or more robust z from '
-        f'the median of all recordings: (share − median) / ({SIGMA:g} × the median absolute '
-        f'deviation, at least {percent(LEAST_OF_POINTS)} of the points or '
-        f'{percent(LEAST_OF_CLOUDS)} of the clouds). Compared are the shares of points rejected, '
-        'rejected by each detector and untested, and of clouds after a gap. It is odd, too, if '
-        'clouds were refused, no point of a topic could be tested, or messages are missing. '
+        f'<p class="note">A {what} is odd if a share of it is {LIMIT:g} or more robust z from '
+        f'the median of all {what}s: (share − median) / ({SIGMA:g} × the median absolute '
+        f'deviation, at least {least}). Compared are the shares of points rejected, '
+        f'rejected by each detector and untested{compared}. {lacking}'
         'The column “odd” has the largest z.</p>'
     )
     if done < FEWEST:
-        yield f'<p class="note">Fewer than {FEWEST} recordings are done: none is compared.</p>'
+        yield f'<p class="note">Fewer than {FEWEST} {what}s are done: none is compared.</p>'
 
 
 def length(seconds: float) -> str:

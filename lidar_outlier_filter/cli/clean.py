@@ -78,7 +78,8 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar='PATH',
         help='new file, or a folder for it (for several files: a folder, which is made if there is '
-        'none); default: FILE_cleaned. A folder gains manifest.jsonl, a line for each file',
+        'none); default: FILE_cleaned. A folder gains manifest.jsonl, a line for each file, and '
+        'archive.html',
     )
     parser.add_argument(
         '--outliers',

@@ -65,11 +65,25 @@ def clean_many(  # noqa: PLR0913  which files, how, where to, and by whom
             if step.recording and monotonic() - begun > LINE_PERIOD:
                 show(step)
 
-        if isinstance(by, int):
-            with _threads(by, progress) as cleaners:
-                return many.run(jobs, cleaners, tick, progress.finish)
-        with _workers(by, wanted, look, hidden) as cleaners:
-            return many.run(jobs, cleaners, tick, progress.finish)
+        by_whom = (
+            _threads(by, progress) if isinstance(by, int) else _workers(by, wanted, look, hidden)
+        )
+        with by_whom as cleaners:
+            results = many.run(jobs, cleaners, tick, progress.finish)
+        if manifest is not None and folder is not None:
+            _write_page(manifest, folder)
+        return results
+
+
+def _write_page(manifest: Manifest, folder: Path) -> None:
+    """Write the page on all files of a folder beside its manifest."""
+    from dataclasses import asdict
+
+    from lidar_outlier_filter.archive.page import write_page
+    from lidar_outlier_filter.cli.archive import PAGE
+
+    lines = [asdict(manifest.entries[source]) for source in sorted(manifest.entries)]
+    write_page(lines, folder / PAGE, 'file')
 
 
 @contextmanager
