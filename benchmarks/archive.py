@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING
 
 import psutil
 
-from lidar_outlier_filter.archive.engine import Engine, Order, Task
+from lidar_outlier_filter.archive.engine import Engine
+from lidar_outlier_filter.archive.order import Order, Task
 from lidar_outlier_filter.archive.pieces import LENGTH, Piece, cut, judge_piece
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.workers import local_workers

@@ -15,7 +15,8 @@ from drives import hashes
 from repeated_drives import Sweeps, sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive import pieces
-from lidar_outlier_filter.archive.engine import Engine, Order, Task
+from lidar_outlier_filter.archive.engine import Engine
+from lidar_outlier_filter.archive.order import Order, Task
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.parameters.yaml_files import read_yaml

@@ -30,8 +30,9 @@ from lidar_outlier_filter.files.hidden_folder import hidden_folder
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from lidar_outlier_filter.archive.engine import Engine, Order, Task
+    from lidar_outlier_filter.archive.engine import Engine
     from lidar_outlier_filter.archive.manifest import Entry, Manifest
+    from lidar_outlier_filter.archive.order import Order, Task
     from lidar_outlier_filter.recordings.bags import Topic
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath

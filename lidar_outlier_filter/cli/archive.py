@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from lidar_outlier_filter.archive.engine import Order, Task
     from lidar_outlier_filter.archive.manifest import Entry
+    from lidar_outlier_filter.archive.order import Order, Task
     from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
@@ -141,7 +141,8 @@ def _write_page(entries: Sequence[Entry], folder: RecordingPath) -> None:
 
 def replay_one(options: argparse.Namespace) -> ReplayReport:
     """Replay one recording, with workers where they are worth it."""
-    from lidar_outlier_filter.archive.engine import Engine, Task
+    from lidar_outlier_filter.archive.engine import Engine
+    from lidar_outlier_filter.archive.order import Task
     from lidar_outlier_filter.archive.places import path_at, place_of, published
 
     path = path_at(options.recording)
@@ -160,7 +161,7 @@ def replay_one(options: argparse.Namespace) -> ReplayReport:
 
 
 def _order(options: argparse.Namespace) -> Order:
-    from lidar_outlier_filter.archive.engine import Order
+    from lidar_outlier_filter.archive.order import Order
 
     parameters = read_parameters(options.params, options.settings)
     return Order(
@@ -231,7 +232,7 @@ def _folder(options: argparse.Namespace, found: FoundRecordings) -> RecordingPat
 
 def _tasks(found: FoundRecordings, folder: RecordingPath) -> list[Task]:
     """Name the output of each recording as it is named below the folder that was searched."""
-    from lidar_outlier_filter.archive.engine import Task
+    from lidar_outlier_filter.archive.order import Task
 
     tasks: dict[RecordingPath, Task] = {}
     for place in found.places:
