@@ -76,6 +76,7 @@ PIP_ONLY = {
     'filterpy',
     'fsspec',
     'laspy',
+    'lazrs',
     'lz4',
     'lzf',
     'mcap',
