@@ -8,19 +8,18 @@ verdict from a piece only where the piece has judged the same points.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.known_chain import KnowingChain
+from lidar_outlier_filter.archive.order import Order, Task
 from lidar_outlier_filter.archive.piece_queue import PieceQueue
-from lidar_outlier_filter.archive.pieces import LENGTH, Piece, cut, starts
+from lidar_outlier_filter.archive.pieces import Piece, cut, starts
 from lidar_outlier_filter.archive.places import staged
 from lidar_outlier_filter.archive.whole_recordings import WholeRecordings
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.detectors import DetectorSections
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import ReplayReport, replay
-from lidar_outlier_filter.recordings.unpack import LARGEST
 from lidar_outlier_filter.stream.compiling import make_ready
 
 if TYPE_CHECKING:
@@ -30,36 +29,9 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.bags import Topic
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 
-@dataclass(frozen=True)
-class Order:
-    """What is to be done with each recording, as :func:`replay` takes it.
-
-    ``length`` is that of the pieces, seconds.
-    """
-
-    topics: tuple[str, ...] = ()
-    parameters: Mapping[str, object] = field(default_factory=dict)
-    drop_input: bool = False
-    salvage: bool = False
-    resume: bool = False
-    largest: int = LARGEST
-    length: float = LENGTH
-
-    @property
-    def filter(self) -> FilterParameters:
-        """All parameters."""
-        return FilterParameters().changed(self.parameters)
-
-
-@dataclass(frozen=True)
-class Task:
-    """A recording, and where its output goes."""
-
-    place: Place
-    output: RecordingPath
+__all__ = ['Engine', 'Order', 'Task']
 
 
 class Engine:

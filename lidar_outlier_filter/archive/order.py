@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be done with the recordings of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.archive.pieces import LENGTH
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.unpack import LARGEST
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be done with each recording, as :func:`replay` takes it.
+
+    ``length`` is that of the pieces, seconds.
+    """
+
+    topics: tuple[str, ...] = ()
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    drop_input: bool = False
+    salvage: bool = False
+    resume: bool = False
+    largest: int = LARGEST
+    length: float = LENGTH
+
+    @property
+    def filter(self) -> FilterParameters:
+        """All parameters."""
+        return FilterParameters().changed(self.parameters)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A recording, and where its output goes."""
+
+    place: Place
+    output: RecordingPath
