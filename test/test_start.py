@@ -26,11 +26,15 @@ SOME_OF_FIRST, SOME_OF_SECOND = 'scan_lines.*.nb?', 'tree_search.*.nb?'
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through'])
-def test_start_without_kernels(tmp_path: Path, policy: str) -> None:
+@pytest.mark.parametrize(
+    ('policy', 'more'),
+    # So few clouds may wait that some are too many, however fast a machine compiles.
+    [('drop_oldest', ['load.clouds:=3']), ('pass_through', [])],
+)
+def test_start_without_kernels(tmp_path: Path, policy: str, more: list[str]) -> None:
     """The node says that it compiles, and each cloud is filtered, passed or dropped by policy."""
     env = {**environment(), **fresh_copy(tmp_path, SOME_OF_FIRST)}
-    arguments = [f'chain:=[{FIRST}]', f'load.policy:={policy}']
+    arguments = [f'chain:=[{FIRST}]', f'load.policy:={policy}', *more]
     with Watch(env, arguments) as watch:
         watch.serve(lambda: bool(watch.looks) and watch.looks[-1].filtered > 0)
         found = watch.settle()

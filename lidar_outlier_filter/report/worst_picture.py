@@ -83,8 +83,9 @@ def _map(axes: Axes, judged: JudgedFile, worst: Worst) -> None:
             fontsize=13,
         )
     axes.set_aspect('equal')
-    axes.set_xlabel(f'x − {origin[0]:.0f}, as in the file')
-    axes.set_ylabel(f'y − {origin[1]:.0f}, as in the file')
+    east, north = (f' − {start:.0f}' if round(start) else '' for start in origin[:2])
+    axes.set_xlabel(f'x{east}, as in the file')
+    axes.set_ylabel(f'y{north}, as in the file')
     axes.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
 
 
