@@ -175,7 +175,7 @@ def replay_whole(
                 drop_input=order.drop_input,
                 salvage=order.salvage,
                 largest=order.largest,
-                progress=_telling(str(task.output), topic),
+                progress=_reporter(str(task.output), topic),
                 inform=said.append,
                 begin=note,
             )
@@ -186,8 +186,8 @@ def replay_whole(
     return ReplayedRecording(report, made, times, said, worker, judging_code())
 
 
-def _telling(output: str, topic: str) -> Callable[[int, int], None]:
-    """Tell the process that waits, now and then, how far an output is."""
+def _reporter(output: str, topic: str) -> Callable[[int, int], None]:
+    """Return what reports to the process that waits, now and then, how far an output is."""
     from distributed import get_worker  # noqa: PLC0415  an extra, and takes half a second
 
     worker, due = get_worker(), monotonic() + SECONDS
