@@ -16,6 +16,7 @@ from pyproj import CRS
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import points
+from lidar_outlier_filter.files.clean_log import UNITS
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.files.units import metres_per_unit
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -189,6 +190,13 @@ def test_a_unit_that_the_user_gives(tmp_path: Path) -> None:
         out = tmp_path / f'{unit}.csv'
         assert main(['clean', str(path), *options, '--unit', unit, '--output', str(out)]) == 0
         assert json.loads(out.with_name(f'{unit}.csv.json').read_text())['rejected'] == rejected
+
+
+def test_every_unit_is_offered(capsys: pytest.CaptureFixture[str]) -> None:
+    """The command knows the same units as what judges files."""
+    with pytest.raises(SystemExit):
+        main(['clean', '--help'])
+    assert f'--unit {{{",".join(UNITS)}}}' in ' '.join(capsys.readouterr().out.split())
 
 
 def test_a_unit_counts_more_than_the_file(tmp_path: Path) -> None:

@@ -66,7 +66,8 @@ class Engine:
             make_ready(self._parameters)  # before workers would compile the same at once
             if folder is not None:
                 self._whole = WholeRecordings(tasks, order, workers, folder)
-            following = (self._pieces(task.place) for task in tasks if not self._is_whole(task))
+            cut_up = (task for task in tasks if self._whole is None or task not in self._whole)
+            following = (self._pieces(task.place) for task in cut_up)
             self._queue = PieceQueue(following, workers, tick)
 
     def _can_be_cut(self) -> bool:
@@ -76,10 +77,6 @@ class Engine:
         if added:
             self._inform(f'one process judges all: workers do not know {", ".join(added)}')
         return not added
-
-    def _is_whole(self, task: Task) -> bool:
-        """Return whether a worker replays a recording as a whole."""
-        return self._whole is not None and task in self._whole
 
     def _pieces(self, place: Place) -> list[Piece]:
         """Cut a recording; one that cannot be read has no pieces: who writes it says why."""
@@ -133,12 +130,9 @@ class Engine:
                 report = replay(
                     path,
                     output,
-                    order.topics,
-                    order.parameters,
-                    drop_input=order.drop_input,
-                    salvage=order.salvage,
+                    parameters=order.parameters,
                     resume=order.resume,
-                    largest=order.largest,
+                    **order.options,
                     progress=step,
                     inform=self._inform,
                     chain=chain,

@@ -8,9 +8,7 @@ worker that dies, nor one that was given up and still works, spoils an output.
 
 from __future__ import annotations
 
-import os
 import shutil
-import socket
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
@@ -20,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.file_cleaners import JUDGE, CleanedFile, Job, clean_job
 from lidar_outlier_filter.archive.fingerprints import judging_code
+from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.archive.workers import check_code
 from lidar_outlier_filter.errors import CloudError, FilterError
 from lidar_outlier_filter.files.new_files import new_files
@@ -150,7 +149,7 @@ def clean_file(
 
     A refusal is returned: raised, it would be tried again.
     """
-    worker = f'{socket.gethostname()}:{os.getpid()}'
+    worker = name_of_worker()
     try:
         own = None if folder is None else Path(mkdtemp(prefix=prefix, dir=folder))
     except OSError as err:

@@ -64,7 +64,7 @@ class ManyFiles:
         With a manifest, what becomes of each file is written there. With ``resume``, what it proves
         to be done is left, and what a killed run has left of an output is replaced.
         """
-        self._wanted, self._manifest, self._resume = wanted, manifest, resume
+        self._manifest, self._resume = manifest, resume
         values = FilterParameters().changed(wanted.parameters)
         options = {k: v for k, v in asdict(wanted).items() if k != 'parameters'}
         self._how = How(parameters_hash(values, **options), version(JUDGE), model_hash())
@@ -146,10 +146,9 @@ class ManyFiles:
 
     def _end(self, job: Job, entry: Entry | None, take: Callable[[], CleanedFile]) -> Result:
         """Note what became of a file."""
-        worker = ''
+        cleaned = None
         try:
             cleaned = take()
-            worker = cleaned.worker
             result = Result(job, DONE, cleaned.report, found=cleaned.found)
         except SchedulerError:
             raise
@@ -162,14 +161,15 @@ class ManyFiles:
             return result
         finished = datetime.now(UTC).isoformat(timespec='seconds')
         entry = replace(entry, state=result.state, error=result.error or None, finished=finished)
-        if result.report is not None:
-            entry = replace(_proved(entry, result.report, job), worker=worker)
+        if cleaned is not None:
+            entry = _proved(entry, cleaned, job)
         self._manifest.add(entry)
         return result
 
 
-def _proved(entry: Entry, report: CleanReport, job: Job) -> Entry:
+def _proved(entry: Entry, cleaned: CleanedFile, job: Job) -> Entry:
     """Add to the entry of a file what it holds, and what was made of it."""
+    report = cleaned.report
     if not report.outputs:
         return entry
     source, made = place_of(job.path.resolve()), place_of(job.output.resolve())
@@ -181,6 +181,7 @@ def _proved(entry: Entry, report: CleanReport, job: Job) -> Entry:
         seconds=round(sum(report.seconds.values()), 3),
         output_hash=content_hash(made),
         output_state=made.state,
+        worker=cleaned.worker,
     )
 
 

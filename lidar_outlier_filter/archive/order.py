@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.pieces import LENGTH
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -32,6 +32,12 @@ class Order:
     resume: bool = False
     largest: int = LARGEST
     length: float = LENGTH
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What the bytes of an output depend on, beside the parameters."""
+        names = ('topics', 'drop_input', 'salvage', 'largest')
+        return {name: getattr(self, name) for name in names}
 
     @property
     def filter(self) -> FilterParameters:

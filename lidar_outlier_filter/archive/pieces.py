@@ -8,8 +8,6 @@ decide how all others are read and cut, then those shortly before the piece, wit
 
 from __future__ import annotations
 
-import os
-import socket
 import threading
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -20,6 +18,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.known_chain import NotingChain
 from lidar_outlier_filter.archive.places import staged
+from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
@@ -166,8 +165,7 @@ def judge_piece(piece: Piece) -> JudgedPiece:
         chain.awake = True
         for stream in streams:
             stream.finish()
-    worker = f'{socket.gethostname()}:{os.getpid()}'
-    return JudgedPiece(chain.verdicts, worker, perf_counter() - began, judging_code())
+    return JudgedPiece(chain.verdicts, name_of_worker(), perf_counter() - began, judging_code())
 
 
 def warm_up(parameters: FilterParameters) -> float:

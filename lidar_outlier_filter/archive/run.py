@@ -138,10 +138,7 @@ def _built(output: RecordingPath) -> Iterator[Path]:
 
 
 def _how(order: Order) -> How:
-    options = {
-        name: getattr(order, name) for name in ('topics', 'drop_input', 'salvage', 'largest')
-    }
-    return How(parameters_hash(order.filter, **options), version(), model_hash())
+    return How(parameters_hash(order.filter, **order.options), version(), model_hash())
 
 
 class _Times:

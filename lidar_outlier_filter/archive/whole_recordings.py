@@ -10,9 +10,7 @@ a recording into another hidden folder of this run, so that one that dies spoils
 from __future__ import annotations
 
 import heapq
-import os
 import shutil
-import socket
 from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +21,7 @@ from uuid import uuid4
 
 from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.places import staged
+from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.archive.workers import check_code
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.recordings.bags import writable
@@ -170,11 +169,8 @@ def replay_whole(
             report = replay(
                 path,
                 made,
-                order.topics,
-                order.parameters,
-                drop_input=order.drop_input,
-                salvage=order.salvage,
-                largest=order.largest,
+                parameters=order.parameters,
+                **order.options,
                 progress=_reporter(str(task.output), topic),
                 inform=said.append,
                 begin=note,
@@ -182,8 +178,7 @@ def replay_whole(
         task.place.check_unchanged()
     except FilterError as err:
         return err
-    worker = f'{socket.gethostname()}:{os.getpid()}'
-    return ReplayedRecording(report, made, times, said, worker, judging_code())
+    return ReplayedRecording(report, made, times, said, name_of_worker(), judging_code())
 
 
 def _reporter(output: str, topic: str) -> Callable[[int, int], None]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.stream.memory import keep_memory
@@ -14,6 +15,11 @@ if TYPE_CHECKING:
     from distributed import Worker
 
 NICER = 2  # than the process that writes, which shall not wait for what it need not
+
+
+def name_of_worker() -> str:
+    """Name this process, as a manifest does: machine and number."""
+    return f'{socket.gethostname()}:{os.getpid()}'
 
 
 def dask_setup(worker: Worker) -> None:
