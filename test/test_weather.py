@@ -170,7 +170,7 @@ def test_fog_is_a_soft_target() -> None:
     rng = np.random.default_rng(1)
     distance, power, _ = plumes.strike(cloud, OPTICS, beams, beams.range, rng)
     middle = np.arange(OPTICS.nearest, plumes.FARTHEST, 0.001)
-    echo = np.pi / 65.0 * alpha * OPTICS.overlap(middle) * np.exp(-2 * alpha * (middle - 0.8))
+    echo = np.pi / 65.0 * alpha * OPTICS.overlap(middle) * np.exp(-2 * alpha * middle)
     echo /= middle**2
     half = int(OPTICS.pulse / 0.001 / 2)
     sums = np.cumsum(echo) * 0.001
@@ -201,7 +201,7 @@ def test_extinction_of_an_even_cloud() -> None:
     beams = hall(8.0)
     cloud = plumes.Plume(density=0.1, uneven=0.0, grains=1e6, cell=0.05)
     _, _, left = plumes.strike(cloud, OPTICS, beams, beams.range, np.random.default_rng(1))
-    expected = np.exp(-2 * 0.1 * (8.0 - OPTICS.nearest))
+    expected = np.exp(-2 * 0.1 * 8.0)
     assert left == pytest.approx(np.full(len(beams), expected), rel=0.02)
 
 

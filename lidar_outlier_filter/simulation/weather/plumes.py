@@ -8,6 +8,8 @@ and S the ratio of extinction and backscatter. So fog is that of Hahner et al. 2
 2108.05249, eq. 7 to 10: soft target), cut into cells; its β = 0.046 / MOR is the same as S = 65.
 Echoes that are closer than a pulse add up, the number of grains fluctuates (a Gamma law), and the
 strongest cell is measured if it is above the noise and above what is left of the surface's echo.
+Light is lost on the whole way to the surface and back (Beer and Lambert), echoes come from before
+it: the last cell ends there.
 Spray comes off wheels in clumps that trail behind: it is emitted there by Yang et al. 2023 (arXiv
 2312.12772), too.
 """
@@ -15,7 +17,7 @@ Spray comes off wheels in clumps that trail behind: it is emitted there by Yang 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.ndimage import map_coordinates, uniform_filter1d
@@ -35,7 +37,9 @@ BEAMS = 4096  # that are followed at once
 WIDE = 3.0  # standard deviations of a puff that count
 OUTSIDE = 1e-3  # per metre: so little extinction is none
 VOXEL = 0.2  # metres
-FARTHEST = 12.0  # metres up to which what is everywhere is seen
+FARTHEST = 12.0  # metres up to which what is everywhere sends back echoes that count
+STEP = 1.0  # metres: cells of what is beyond, which only takes light
+MOST_STEPS = 128  # up to a surface, however far
 
 
 @dataclass(frozen=True)
@@ -158,55 +162,89 @@ def strike(
     -------
     distance : (N,) metres of the strongest echo of the cloud; inf: there is none
     power : (N,) of that echo
-    left : (N,) share of the surface's light that comes through, there and back
+    left : (N,) share of the surface's light that comes through, there and back; of beams without
+        a surface it says nothing
 
     """
     field = _Field(cloud, rng)
     count = len(beams)
     distance, power, left = np.full(count, np.inf), np.zeros(count), np.ones(count)
-    begin, end = _limits(cloud, beams, optics)
-    end = np.minimum(end, reach)
+    begin, end = _limits(cloud, beams, reach)
     met = np.flatnonzero(end > begin)
     # Beams of like length together: all of a part take as many steps.
     met = met[np.argsort(end[met] - begin[met], kind='stable')]
     for first in range(0, len(met), BEAMS):
         some = met[first : first + BEAMS]
-        cells = max(int(np.ceil((end[some] - begin[some]).max() / cloud.cell)), 1)
-        middle = begin[some, None] + cloud.cell * (np.arange(cells) + 0.5)
-        density = field.at(beams.direction[some], middle)
-        density[middle > end[some, None]] = 0.0
-        depth = density * cloud.cell
-        before = np.cumsum(depth, axis=1) - depth
-        echo = np.pi / cloud.ratio * -np.expm1(-depth) * np.exp(-2.0 * before)
-        echo *= optics.overlap(middle) / middle**2
-        echo *= rng.gamma(cloud.grains, 1.0 / cloud.grains, echo.shape)
-        pulse = max(int(optics.pulse / cloud.cell), 1)
-        seen = pulse * uniform_filter1d(echo, pulse, axis=1, mode='constant')
-        # What is measured is where the pulse is strongest; within it the brightest cell leads.
-        best = np.argmax(seen + echo, axis=1)
-        row = np.arange(len(some))
-        power[some] = seen[row, best]
-        distance[some] = middle[row, best] + cloud.cell * rng.uniform(-0.5, 0.5, len(some))
-        left[some] = np.exp(-2.0 * depth.sum(axis=1))
+        direction, start, stop = beams.direction[some], begin[some], end[some]
+        near = np.clip(optics.nearest, start, stop)
+        far = stop if cloud.puffs else np.clip(FARTHEST, near, stop)
+        before = _depth(field, direction, start, near)
+        cells = _cells(field, direction, near, far, cloud.cell)
+        behind = _depth(field, direction, far, stop)
+        left[some] = np.exp(-2.0 * (before + cells.depth.sum(axis=1) + behind))
+        distance[some], power[some] = _measure(cloud, optics, cells, before, rng)
     distance[power <= 0.0] = np.inf
     return distance, power, left
 
 
-def _limits(cloud: Plume, beams: Beams, optics: Optics) -> tuple[Floats, Floats]:
-    """Return between which ranges each beam may meet the cloud."""
+class _Cells(NamedTuple):
+    """Cells (N, M) of beams: where they begin and end, metres, and their optical depth."""
+
+    low: Floats
+    high: Floats
+    depth: Floats
+
+
+def _cells(field: _Field, direction: Floats, begin: Floats, end: Floats, cell: float) -> _Cells:
+    """Cut beams into cells; the last one of each ends where the beam does."""
+    count = max(int(np.ceil((end - begin).max() / cell)), 1)
+    edges = np.minimum(begin[:, None] + cell * np.arange(count + 1), end[:, None])
+    low, high = edges[:, :-1], edges[:, 1:]
+    return _Cells(low, high, field.at(direction, (low + high) / 2.0) * (high - low))
+
+
+def _depth(field: _Field, direction: Floats, begin: Floats, end: Floats) -> Floats:
+    """Return the optical depth (N,) between two ranges."""
+    count = int(np.clip(np.ceil((end - begin).max() / STEP), 1, MOST_STEPS))
+    step = (end - begin) / count
+    middle = begin[:, None] + step[:, None] * (np.arange(count) + 0.5)
+    depth: Floats = field.at(direction, middle).sum(axis=1) * step
+    return depth
+
+
+def _measure(
+    cloud: Plume, optics: Optics, cells: _Cells, before: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Return how far (N,) the strongest echo of cells is, and its power; ``before`` is a depth."""
+    low, high, depth = cells
+    middle, row = (low + high) / 2.0, np.arange(len(low))
+    passed = before[:, None] + np.cumsum(depth, axis=1) - depth
+    echo = np.pi / cloud.ratio * -np.expm1(-depth) * np.exp(-2.0 * passed)
+    echo *= optics.overlap(middle) / middle**2
+    echo *= rng.gamma(cloud.grains, 1.0 / cloud.grains, echo.shape)
+    pulse = max(int(optics.pulse / cloud.cell), 1)
+    seen = pulse * uniform_filter1d(echo, pulse, axis=1, mode='constant')
+    # What is measured is where the pulse is strongest; within it the brightest cell leads.
+    best = np.argmax(seen + echo, axis=1)
+    low, high = low[row, best], high[row, best]
+    return low + (high - low) * rng.uniform(0.0, 1.0, len(low)), seen[row, best]
+
+
+def _limits(cloud: Plume, beams: Beams, reach: Floats) -> tuple[Floats, Floats]:
+    """Return between which ranges each beam is in the cloud, up to its surface."""
     count = len(beams)
     if not cloud.puffs:
-        return np.full(count, optics.nearest), np.full(count, FARTHEST)
+        return np.zeros(count), np.where(np.isfinite(reach), reach, FARTHEST)
     begin, end = np.full(count, np.inf), np.zeros(count)
     for puff in cloud.puffs:
         centre, radius = np.array(puff.centre), WIDE * max(puff.size)
         along = beams.direction @ centre
         square = radius**2 - (centre @ centre - along**2)
         half = np.sqrt(np.maximum(square, 0.0))
-        hit = (square > 0) & (along + half > optics.nearest)
+        hit = (square > 0) & (along + half > 0)
         begin = np.where(hit, np.minimum(begin, along - half), begin)
         end = np.where(hit, np.maximum(end, along + half), end)
-    return np.maximum(begin, optics.nearest), end
+    return np.maximum(begin, 0.0), np.minimum(end, reach)
 
 
 def trail(  # noqa: PLR0913  what makes a plume
