@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -72,6 +74,40 @@ def test_distances() -> None:
         sizes = np.linalg.norm(new[run] - new[run].mean(axis=0), axis=1)
         if len(run) <= 30:
             assert sizes.max() < 0.7
+
+
+def test_far_from_all_that_is_seen_with_it() -> None:
+    """From every good point up to a window away in time, whichever cloud that is in."""
+    for seconds, spacing in ((0.2, 1), (0.05, 1), (0.35, 3)):
+        how = Injection(share=0.02, distance=(1.0, 4.0), window=seconds)
+        made, code = inject(road(12)[::spacing], how)
+        xyz = np.concatenate([cloud.xyz for cloud in made])
+        t = np.concatenate([cloud.t for cloud in made])
+        good = code == Cause.GOOD
+        for k in np.flatnonzero(~good):
+            seen = xyz[good & (np.abs(t - t[k]) <= seconds * SECOND)]
+            assert np.linalg.norm(seen - xyz[k], axis=1).min() >= 1.0
+
+
+def test_what_is_seen_later_may_be_near() -> None:
+    """Good points of another moment leave room: nobody sees them together."""
+    early, later = road(1, 4000)[0], road(1, 4000)[0]
+    rng = np.random.default_rng(7)
+    later = replace(later, xyz=rng.uniform(-8, 8, (4000, 3)), t=later.t + SECOND)
+    (one, two), code = inject([early, later], Injection(share=0.02, distance=(1.0, 60.0)))
+    bad, good = one.xyz[code[:4000] != Cause.GOOD], two.xyz[code[4000:] == Cause.GOOD]
+    assert (cKDTree(good).query(bad)[0] < 1.0).sum() > 3
+
+
+def test_sizes_of_clusters() -> None:
+    """From the least to the most, both of which there are; only the last may have fewer."""
+    for low, high in ((2, 4), (7, 7)):
+        _, code = inject(road(), Injection(share=0.002, clustered=1.0, size=(low, high)))
+        clustered = np.flatnonzero(code == Cause.CLUSTER)
+        runs = np.split(clustered, np.flatnonzero(np.diff(clustered) > 1) + 1)
+        sizes = sorted(len(run) for run in runs)
+        assert {*sizes[1:]} == {*range(low, high + 1)}
+        assert 80 - low < sum(sizes) <= 80
 
 
 def test_clusters_are_twice_as_far() -> None:

@@ -12,6 +12,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern import find_either, ju
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
 from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import (
     REASONS,
+    Reasons,
     contribute,
     explain,
 )
@@ -94,6 +95,14 @@ def test_reason_of_strays() -> None:
     first = REASONS.index('first')
     assert not reasons.added[first:, once].any()
     assert reasons.added[first:, ~once].any()
+
+
+def test_strongest_is_one_that_was_asked() -> None:
+    """Not one that adds nothing, where all others take away; nothing of points not explained."""
+    nothing = np.zeros(3, np.float32)
+    added = np.array([[0, 0, 0], [-1, 2, 0], [-2, 1, 0]], np.float32)
+    reasons = Reasons(nothing, nothing, added, ('step', 'leap', 'along'), 0.0)
+    assert reasons.strongest == ['leap', 'leap', '']
 
 
 def test_points_without_a_pattern() -> None:

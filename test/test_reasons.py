@@ -23,7 +23,11 @@ from lidar_outlier_filter.core.detectors.evidence.features import FEATURES as OF
 from lidar_outlier_filter.core.detectors.evidence.features import compute, see
 from lidar_outlier_filter.core.detectors.evidence.pattern import first_pass
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import PROFILE_MODEL, load
+from lidar_outlier_filter.core.detectors.evidence.pattern_model import (
+    PROFILE_MODEL,
+    PatternModel,
+    load,
+)
 from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import contribute
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
     AGAIN,
@@ -32,12 +36,15 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
 from lidar_outlier_filter.core.detectors.evidence.profile_features import PROFILE, measure_profile
-from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.evidence.reasons import (
+    REASON_NAMES,
+    strongest_of_trees,
+)
+from lidar_outlier_filter.core.detectors.evidence.trees import Trees
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.detectors.evidence.pattern_model import PatternModel
     from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
@@ -104,6 +111,33 @@ def test_profile_scanner() -> None:
         name if out else '' for name, out in zip(expected, found.rejected, strict=True)
     ]
     assert {*names_of(found)} & {*PROFILE}
+
+
+@pytest.mark.parametrize(
+    ('asked', 'asked_again', 'expected'),
+    [
+        (['near3'], ['near3'], 'near3'),  # whatever is asked takes away
+        (['near3'], ['first'], 'near3'),
+        (['range'], ['range'], ''),
+        (['range', 'leap'], ['range', 'beside'], 'beside'),
+    ],
+)
+def test_only_what_trees_ask(asked: list[str], asked_again: list[str], expected: str) -> None:
+    """A feature that no tree asks about is no reason, even where all others speak against it."""
+    some = prepare(spinning_of(sweep(5, 0.2, columns=200)))
+
+    def ask(names: list[str]) -> Trees:
+        """Ask always the same, what no value is above: the least value is right."""
+        every = [*FEATURES, *AGAIN]
+        feature = np.repeat([[every.index(name)] for name in names], 7, axis=1).astype(np.int32)
+        value = np.tile(np.arange(-8, 0, dtype=np.float32), (len(names), 1))
+        limit = np.full(feature.shape, np.inf, np.float32)
+        return Trees(feature, limit, value, np.float32(0))
+
+    model = PatternModel(ask(asked), ask(asked_again), -100.0, 0.0, 0.0)
+    there = some.pattern.order >= 0
+    found = strongest_of_trees(some, first_pass(some, model.first), model, there)
+    assert {REASON_NAMES.get(number, '') for number in found[there].tolist()} == {expected}
 
 
 def test_weighted_sum() -> None:

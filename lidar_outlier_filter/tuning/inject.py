@@ -98,8 +98,9 @@ def inject(
     first = np.cumsum([0, *(len(cloud) for cloud in clouds)])
     code, groups = _choose(first, how, rng)
     xyz = np.concatenate([cloud.xyz for cloud in clouds]) if clouds else np.zeros((0, 3))
-    for begin, end in _windows(clouds, first, how.window):
-        good = xyz[begin:end][code[begin:end] == Cause.GOOD]
+    is_good = code == Cause.GOOD
+    for begin, end, seen in _windows(clouds, first, how.window):
+        good = np.concatenate([xyz[part][is_good[part]] for part in seen])
         for kind in (Cause.SINGLE, Cause.CLUSTER):
             here = bisect_left(groups[kind], begin, key=lambda group: group.start)
             there = bisect_left(groups[kind], end, key=lambda group: group.start)
@@ -150,18 +151,25 @@ def _choose(
     return code, groups
 
 
-def _windows(clouds: Sequence[Points], first: Integers, window: float) -> Iterator[tuple[int, int]]:
-    """Put clouds together that a detector may see together: their points, from where to where."""
-    begin, start = 0, None
-    for number, cloud in enumerate(clouds):
-        if len(cloud) == 0:
-            continue
-        if start is not None and int(cloud.t.max()) - start > window * SECOND:
-            yield begin, int(first[number])
-            begin, start = int(first[number]), None
-        if start is None:
-            start = int(cloud.t.min())
-    yield begin, int(first[-1])
+def _windows(
+    clouds: Sequence[Points], first: Integers, window: float
+) -> Iterator[tuple[int, int, list[slice]]]:
+    """Put clouds together: their points, from where to where, and all that are seen with these.
+
+    Those of other clouds up to a window before the first of them and after the last.
+    """
+    there = [number for number, cloud in enumerate(clouds) if len(cloud) > 0]
+    low = np.array([clouds[number].t.min() for number in there])
+    high = np.array([clouds[number].t.max() for number in there])
+    parts = [slice(int(first[number]), int(first[number + 1])) for number in there]
+    longest, begin = round(window * SECOND), 0
+    while begin < len(there):
+        late = np.flatnonzero(high[begin + 1 :] - low[begin] > longest)
+        end = begin + 1 + int(late[0]) if len(late) else len(there)
+        until, since = high[begin:end].max() + longest, low[begin:end].min() - longest
+        seen = np.flatnonzero((low <= until) & (high >= since)).tolist()
+        yield parts[begin].start, parts[end - 1].stop, [parts[k] for k in seen]
+        begin = end
 
 
 def _move(

@@ -77,8 +77,14 @@ class Reasons(NamedTuple):
 
     @property
     def strongest(self) -> list[str]:
-        """Name the feature that adds the most, of each point."""
-        return [self.names[f] for f in self.added.argmax(axis=0)]
+        """Name the feature that adds the most, of each point; '' where none adds anything.
+
+        Only of those that trees asked about: the others add nothing.
+        """
+        asked = self.added != 0
+        largest = np.where(asked, self.added, -np.inf).argmax(axis=0)
+        known = asked.any(axis=0)
+        return [self.names[f] if one else '' for f, one in zip(largest, known, strict=True)]
 
 
 def explain(

@@ -5,7 +5,7 @@
 Each tree asks three questions. Each leaves half of the values that were possible before it: what
 the mean of the possible values changes by is what the question's feature adds. Where that is the
 point's own result of the first pass, the reason is the strongest feature of that pass. Features
-that only say where outliers are likely are no reason.
+that only say where outliers are likely are no reason, nor are those that trees do not ask about.
 """
 
 from __future__ import annotations
@@ -130,20 +130,25 @@ def _explain(
                         strongest = _find_strongest(both[1], means[1], rows, values[:, lane], added)
                     if strongest == own:
                         strongest = _find_strongest(both[0], means[0], rows, values[:, lane], added)
-                    reason[k + lane] = rows[strongest]
+                    reason[k + lane] = rows[strongest] if strongest >= 0 else 0
 
 
 @inner_kernel
 def _find_strongest(
     trees: Trees, means: Singles, rows: Numbers, features: Singles, added: Singles
 ) -> int:
-    """Return the row of the feature that adds most, of those that can be a reason."""
+    """Return the row of the feature that adds most, of those that can be a reason; -1: none can.
+
+    What adds nothing cannot: trees did not ask about it, or it made no difference.
+    """
     added[:] = 0
     add_up_reasons(trees, means, features, added)
+    strongest = -1
     for row in range(len(rows)):
-        if rows[row] == 0:
-            added[row] = -np.inf
-    return int(added.argmax())
+        can = rows[row] != 0 and added[row] != 0
+        if can and (strongest < 0 or added[row] > added[strongest]):
+            strongest = row
+    return strongest
 
 
 @inner_kernel
