@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -13,8 +13,10 @@ import pytest
 from lidar_outlier_filter.core.detectors.evidence.survey_far import NAMES
 from lidar_outlier_filter.core.detectors.evidence.survey_model import load
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.simulation.scene import Cause
 from lidar_outlier_filter.simulation.survey_errors import NEIGHBOUR, add_errors
 from lidar_outlier_filter.simulation.survey_scenes import KINDS, training_scene
+from lidar_outlier_filter.tuning import train_survey as train_module
 from lidar_outlier_filter.tuning.train_survey import SCENES, train_survey
 
 if TYPE_CHECKING:
@@ -62,6 +64,28 @@ def test_file_is_complete_and_repeats(walls: list[SurveyScene]) -> None:
     assert data['scenes'] == [scene.name for scene in walls]
     assert len(data['first']['features']) == len(data['again']['features']) == 4
     assert set(data['held_out']['kinds']) == {'walls'}
+
+
+def test_rare_causes_count_more_than_their_share(
+    walls: list[SurveyScene], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cause counts as the root of its share of a scene's points, what is good 5 times its own."""
+
+    class Drawn(Exception):  # noqa: N818  it ends training, it is no error
+        """What trains the first ensemble."""
+
+    def stop(drawn: Any, *_: object) -> None:
+        raise Drawn(drawn)
+
+    monkeypatch.setattr(train_module, 'learn_in_folds', stop)
+    with pytest.raises(Drawn) as told:
+        train_survey(walls, {})
+    neither = [Cause.MIXED, Cause.NEAR_SURFACE, Cause.SNOW]
+    for scene, drawn in zip(walls, told.value.args[0], strict=True):
+        share = np.bincount(scene.cause.astype(np.int64)) / len(scene.cause)
+        rare = sum(np.sqrt(s) for cause, s in enumerate(share) if cause and cause not in neither)
+        assert drawn.weight[drawn.outlier].sum() == pytest.approx(rare)
+        assert drawn.weight[~drawn.outlier].sum() == pytest.approx(5 * share[0])
 
 
 def test_what_cannot_be_trained_on(walls: list[SurveyScene]) -> None:

@@ -25,6 +25,7 @@ from lidar_outlier_filter.simulation.recording import to_message
 from lidar_outlier_filter.simulation.scene import Cause
 from lidar_outlier_filter.simulation.weather.beams import FEWEST
 from lidar_outlier_filter.simulation.weather.clouds import CloudWeather
+from lidar_outlier_filter.simulation.weather.labelled_cloud import LabelledCloud
 from lidar_outlier_filter.simulation.weather.names import RETURN_NAMES, WEATHER_NAMES
 
 if TYPE_CHECKING:
@@ -240,6 +241,31 @@ def test_clouds_without_a_pattern_stay(recordings: Path) -> None:
             assert rows(made)['label'].tolist() == [0] * len(points)
             assert rows(made)['x'].tobytes() == points['x'].tobytes()
     assert weather.counts.untouched == weather.counts.messages == 3
+
+
+@pytest.mark.parametrize(
+    ('kinds', 'missing', 'hidden'),
+    [
+        ('fff', (np.nan, np.nan, np.nan), (np.nan, np.nan, np.nan)),
+        ('fff', (0, 0, 0), (0, 0, 0)),
+        ('fff', (1, 2, 3), (np.nan, np.nan, np.nan)),  # none is missing
+        ('uff', (1, 2, 3), (0, 0, 0)),
+    ],
+)
+def test_hidden_like_what_is_missing(
+    kinds: str, missing: tuple[float, ...], hidden: tuple[float, ...]
+) -> None:
+    """All axes alike; points in a plane through the sensor, at x = 0, are not missing."""
+    points = np.ones(8, [(axis, f'<{kind}4') for axis, kind in zip('xyz', kinds, strict=True)])
+    for row, axis in enumerate('xyz'):
+        points[axis][row] = 0
+    points[3] = missing
+    msg = replace(to_message(10**18, points), height=2, width=4, row_step=48)
+    cloud = LabelledCloud(msg)
+    cloud.hide(np.array([5, 6]))
+    made = rows(cloud.message())
+    np.testing.assert_array_equal([[*row][:3] for row in made[5:7].tolist()], [hidden] * 2)
+    assert [[*row][:3] for row in made[:3].tolist()] == [[0, 1, 1], [1, 0, 1], [1, 1, 0]]
 
 
 def random_cloud(fields: list[tuple[str, str]], count: int = 4000) -> Any:

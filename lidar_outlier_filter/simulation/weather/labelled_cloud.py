@@ -122,14 +122,18 @@ class LabelledCloud:
         self.column(LABEL)[rows] = found.cause
 
     def hide(self, rows: Ints) -> None:
-        """Let points be missing: as 0 or NaN in an organised cloud, otherwise they go."""
+        """Let points be missing: as 0 or NaN in an organised cloud, otherwise they go.
+
+        All axes alike, as in the rows that are missing already; whole numbers know no NaN.
+        """
         if self._msg.height == 1:
             self._kept[rows] = False
             return
-        zero = all((self.column(name)[: self.count] == 0).any() for name in AXES)
+        xyz = np.stack([self.column(name)[: self.count] for name in AXES])
+        whole = any(self._layout[name].kind != 'f' for name in AXES)
+        missing = 0 if whole or (xyz == 0).all(axis=0).any() else np.nan
         for name in AXES:
-            whole = self._layout[name].kind != 'f'
-            self.column(name)[rows] = 0 if zero or whole else np.nan
+            self.column(name)[rows] = missing
         for name in self._ranges:
             self.column(name)[rows] = 0
 
