@@ -7,6 +7,10 @@ call clearly good, with the first's results around them. Each sensor is left out
 second ensemble sees of a sweep is what a first one says that never saw the sweep's sensor. The
 thresholds and the figures of the file are of ensembles, too, that never saw it.
 
+So the trees that judge a sensor never saw it. But first results of other sensors, which their
+second ensemble learns from, are of ensembles that did; and the thresholds are chosen on the sweeps
+that the figures are of. Both can make the figures better than those of a sensor of one's own.
+
 Every second sweep trains without its intensities, so that trees can do without. All are judged both
 ways, and there is a threshold for either.
 """

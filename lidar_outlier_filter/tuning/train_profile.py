@@ -6,6 +6,10 @@ As for spinning sensors, there are two ensembles, and the second sees the result
 Streets are in three folds, each of which is left out once: what the second ensemble sees of a
 street is what a first one says that never saw it. The threshold and the figures of the file are of
 ensembles, too, that never saw the street.
+
+So the trees that judge a street never saw it. But first results of the other folds, which their
+second ensemble learns from, are of ensembles that did; and the threshold is chosen on the streets
+that the figures are of. Both can make the figures better than those of a street never seen.
 """
 
 from __future__ import annotations

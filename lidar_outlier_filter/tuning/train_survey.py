@@ -6,6 +6,10 @@ There are two ensembles, and the second sees the results of the first. Scenes ar
 each of which is left out once: what the second ensemble sees of a scene is what a first one says
 that never saw it. The threshold and the figures of the file are of ensembles, too, that never saw
 the scene.
+
+So the trees that judge a scene never saw it. But first results of the other folds, which their
+second ensemble learns from, are of ensembles that did; and the threshold is chosen on the scenes
+that the figures are of. Both can make the figures better than those of a scene never seen.
 """
 
 from __future__ import annotations
