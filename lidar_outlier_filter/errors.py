@@ -20,6 +20,13 @@ _OF_THE_READER = (
     UnicodeError,
     struct.error,
 )
+LONGEST = 1000  # characters of each part of a sentence: what is quoted may be a megabyte
+
+
+def short(text: str) -> str:
+    """Leave out the middle of what nobody reads to its end."""
+    half = LONGEST // 2
+    return text if len(text) <= LONGEST else f'{text[:half]}…{text[-half:]}'
 
 
 def printable(text: str) -> str:
@@ -39,6 +46,7 @@ class FilterError(Exception):
 
     def __init__(self, what: str, must_be: str, got: object) -> None:
         """Keep ``what`` apart, so that refusals can be counted by it."""
+        what, must_be, got = short(what), short(must_be), short(str(got))
         super().__init__(printable(f'{what} must be {must_be}, got {got}'))
         self.what = printable(what)
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import hypothesis
 import pytest
 
 if TYPE_CHECKING:
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
 # A program of its own, which turns compilation off where it is imported.
 collect_ignore = ['covering.py']
+
+# No example is late: the machine may be busy.
+hypothesis.settings.register_profile('house', hypothesis.settings(), deadline=None)
+hypothesis.settings.load_profile('house')
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -147,9 +147,9 @@ def resize(**attributes: int) -> Callable[[Any], None]:
 
 
 REFUSALS = [
-    (change('t', datatype=0), "the datatype of field 't' must be from 1 to 11, got 0"),
-    (change('t', datatype=12), "the datatype of field 't' must be from 1 to 11, got 12"),
-    (change('t', count=0), "the count of field 't' must be at least 1, got 0"),
+    (change('t', datatype=0), "the datatype of a field must be from 1 to 11, got 0 for 't'"),
+    (change('t', datatype=12), "the datatype of a field must be from 1 to 11, got 12 for 't'"),
+    (change('t', count=0), "the count of a field must be at least 1, got 0 for 't'"),
     (change('t', name='x'), "the names of the fields must be given and different, got 'x'"),
     (change('t', name=''), "the names of the fields must be given and different, got ''"),
     (change('x', name='X'), 'the fields must be with x, y and z, got X, y, z, t'),

@@ -12,7 +12,7 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN, Backlog, Health
-from lidar_outlier_filter.stream.statistics import Statistics
+from lidar_outlier_filter.stream.statistics import Kinds, Statistics
 
 NOTHING = Backlog(0, 0.0, 0)
 MAX_DELAY = 1.0
@@ -36,8 +36,8 @@ def test_what_has_happened_since_the_last_look() -> None:
         health.answered(delay, 10 * delay)
     counts = Statistics(messages=2, points=400, invalid=1, untested=20, outliers=8)
     counts.rejected, counts.undecided = Counter(a=5, b=4), Counter(b=6)
-    counts.refusals, counts.passed = Counter({'the fields': 2}), Counter(disabled=1)
-    counts.poses = Counter({'a pose': 3})
+    counts.refusals, counts.passed = Kinds({'the fields': 2}), Counter(disabled=1)
+    counts.poses = Kinds({'a pose': 3})
     health.spent(0.05)
     health.counted(counts)
     level, _, values, plotted = look(

@@ -119,6 +119,17 @@ def test_numbers_in_another_spelling_are_refused(text: str) -> None:
         FilterParameters().changed(read_parameters([], [f'sor.k={text}']))
 
 
+@pytest.mark.parametrize('text', ['a\0b', '\ud800', 'a/\udcff'])
+def test_texts_that_ros_cannot_hold(text: str) -> None:
+    """A text with NUL ends there for ROS, and half a character cannot be sent at all."""
+    for name, value in (('save_to', text), ('time_field', text), ('inputs', (text,))):
+        with pytest.raises(ParameterError) as caught:
+            FilterParameters().changed({name: value})
+        assert str(caught.value).startswith(f'{name} must be ')
+        assert 'Unicode' in str(caught.value)
+        assert str(caught.value).isprintable()
+
+
 @given(st.integers(-(2**70), 2**70))
 def test_whole_numbers(number: int) -> None:
     """Every whole number is read as it is written."""

@@ -12,6 +12,7 @@ import pytest
 
 from lidar_outlier_filter.core.points import SECOND, Points
 from lidar_outlier_filter.core.stream_cloud import StreamCloud
+from lidar_outlier_filter.report import live_clouds
 from lidar_outlier_filter.report.live_clouds import (
     KEPT_SECONDS,
     MOST_FRAMES,
@@ -97,6 +98,15 @@ def test_memory_is_bounded_where_time_stands_still() -> None:
     header, _ = read(clouds.since(-1))
     assert len(header['frames']) == MOST_FRAMES
     assert header['frames'][0]['points'] == MOST_PENDING
+
+
+def test_large_clouds_of_one_time_are_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame is full when it has so many points, however few clouds they came in."""
+    monkeypatch.setattr(live_clouds, 'MOST_POINTS', 1000)
+    clouds, same = LiveClouds(), cloud(1, 0, 400)
+    for _ in range(7):
+        clouds.add(same, None)
+    assert [frame['points'] for frame in read(clouds.since(-1))[0]['frames']] == [1200, 1200]
 
 
 def test_a_clock_that_goes_back_begins_anew() -> None:

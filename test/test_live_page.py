@@ -154,7 +154,7 @@ def test_only_this_machine_with_the_token(ros: Ros) -> None:
     assert get(server, f'/?token={token}', host=f'example.org:{port}')[0] == 403
     assert get(server, f'/?token={token}', host=f'localhost:{port}')[0] == 200
     assert get(server, f'/nothing?token={token}')[0] == 404
-    assert get(server, f'/frames?token={token}&after=x')[0] == 404
+    assert get(server, f'/frames?token={token}&after=x')[0] == 400
     for address in own_addresses():
         with pytest.raises(OSError, match='refused'):
             socket.create_connection((address, port), timeout=10)

@@ -120,6 +120,23 @@ def test_a_place_that_cannot_be_written(ros: Ros, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ['folder']
 
 
+@pytest.mark.parametrize('name', ['~nosuch/x', '/', '..', 'x' * 300])
+def test_a_name_that_no_file_can_have(
+    ros: Ros, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The caller is said why nothing was saved, and the node serves on."""
+    monkeypatch.chdir(tmp_path)
+    node = ros.filter(parameters={'save_to': name})
+    node.start()
+    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert not answer.success
+    said = 'the parameters were not saved: the file must be one that can be written, got '
+    assert answer.message.startswith(said)
+    assert list(tmp_path.iterdir()) == []
+    assert ros.set(save_to=str(tmp_path / 'saved.yaml')) == ['']
+    assert ros.call(Trigger, 'save_parameters', Trigger.Request()).success
+
+
 def test_reset_puts_parameters_back(ros: Ros) -> None:
     """All parameters are again as at the start, together, and ROS learns which changed."""
     node = ros.filter('-p', 'gap_factor:=3.0', parameters={'alpha_beta_gamma.after': 8})

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from lidar_outlier_filter.ros.health import Health
 from lidar_outlier_filter.ros.losses import LOSS_PERIOD, LossWarning
-from lidar_outlier_filter.stream.statistics import Statistics
+from lidar_outlier_filter.stream.statistics import Kinds, Statistics
 
 SEEN = st.tuples(
     st.floats(0, 2 * LOSS_PERIOD),
@@ -65,7 +65,7 @@ def test_what_counts() -> None:
     health.lost(1)
     health.dropped(2)
     passed = Counter(overload=3, failure=4, disabled=100)
-    refused = Counter({'point_step': 100})
+    refused = Kinds({'point_step': 100})
     health.counted(Statistics(passed=passed, shed=5, unmoved=6, refusals=refused))
     assert health.losses() == {
         'lost on the way': 1,

@@ -32,6 +32,8 @@ _FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1'
 # PointField.datatype by numpy's name without byte order
 DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(_FORMATS[:11]) if name}}
 AXES = ('x', 'y', 'z')
+MOST_LAYOUTS = 64  # that are remembered: a topic has one or two
+REMEMBERED_NAMES = 10_000  # characters of all fields of one
 SCORE, DETECTORS, NUMBER = 'outlier_score', 'outlier_detectors', 'outlier_detector_number'
 REASON = 'outlier_reason'
 # What `scores` adds behind each point, by numpy's names of the types
@@ -64,21 +66,24 @@ def structured(msg: Any) -> Rows:
 
 def _dtype(msg: Any) -> np.dtype[np.void]:
     fields = tuple((item.name, item.datatype, item.offset, item.count) for item in msg.fields)
-    return _layout(fields, msg.point_step, is_bigendian=bool(msg.is_bigendian))
+    # What is remembered is bounded: a name may be a megabyte.
+    names = sum(len(name) for name, *_ in fields)
+    layout = _known_layout if names <= REMEMBERED_NAMES else _layout
+    return layout(fields, msg.point_step, is_bigendian=bool(msg.is_bigendian))
 
 
-@lru_cache(maxsize=64)
 def _layout(
     fields: tuple[tuple[str, int, int, int], ...], point_step: int, *, is_bigendian: bool
 ) -> np.dtype[np.void]:
-    """Check the fields of a cloud and make their dtype: once for all clouds of a topic."""
+    """Check the fields of a cloud and make their dtype: once for all clouds of a usual topic."""
     names, formats, offsets = [], [], []
+    known: set[str] = set()  # names may be many
     for name, datatype, offset, count in fields:
         if not 1 <= datatype < len(_FORMATS):
-            raise CloudError(f'the datatype of field {name!r}', 'from 1 to 11', datatype)
+            raise CloudError('the datatype of a field', 'from 1 to 11', f'{datatype} for {name!r}')
         if count < 1:
-            raise CloudError(f'the count of field {name!r}', 'at least 1', count)
-        if not name or name in names:
+            raise CloudError('the count of a field', 'at least 1', f'{count} for {name!r}')
+        if not name or name in known:
             raise CloudError('the names of the fields', 'given and different', repr(name))
         if name in AXES and count > 1:
             raise CloudError(f'field {name!r}', 'a single number', count)
@@ -87,6 +92,7 @@ def _layout(
         if end > point_step:
             must_be = f'at least {end}, the end of field {name!r}'
             raise CloudError('point_step', must_be, point_step)
+        known.add(name)
         names.append(name)
         formats.append(kind if count == 1 else np.dtype((kind, (count,))))
         offsets.append(offset)
@@ -95,6 +101,9 @@ def _layout(
             raise CloudError('the fields', 'with x, y and z', ', '.join(names) or 'none')
     layout = {'names': names, 'formats': formats, 'offsets': offsets, 'itemsize': point_step}
     return np.dtype(layout)  # type: ignore[call-overload,no-any-return]
+
+
+_known_layout = lru_cache(maxsize=MOST_LAYOUTS)(_layout)
 
 
 def is_empty(msg: Any) -> bool:

@@ -5,15 +5,23 @@
 from __future__ import annotations
 
 import copy
+from collections import OrderedDict
 from dataclasses import dataclass
+from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidar_outlier_filter.core.points import SECOND, Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.core.scan_lines import LineCounter
-from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.messages.cloud import AXES, SCORE_FIELDS, is_empty, structured
+from lidar_outlier_filter.errors import CloudError, short
+from lidar_outlier_filter.messages.cloud import (
+    AXES,
+    MOST_LAYOUTS,
+    SCORE_FIELDS,
+    is_empty,
+    structured,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -65,7 +73,8 @@ class Decoder:
         self._inform = inform
         self._warn = warn
         self.convention: Convention | None = None  # of the last cloud that had a valid point
-        self._found: dict[np.dtype[np.void], Convention] = {}
+        self._found: OrderedDict[bytes, Convention] = OrderedDict()  # by layout, the last one last
+        self._said = 0  # layouts of which it was said how they are read
         self._counter = LineCounter()
         self._before = self._counter
         self._coarse = False  # whether it was said that coordinates are
@@ -100,7 +109,8 @@ class Decoder:
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
         valid = returns(xyz)
-        convention = self._convention(view, valid)
+        layout = _named_by(view.dtype)
+        convention = self._convention(layout, view, valid)
         if convention is None:
             # No valid point: nothing to find out from, and nothing to judge.
             zeros = np.zeros(view.size, np.int64)
@@ -109,7 +119,7 @@ class Decoder:
         sigma = self._sigma(view, valid)
         line = self._line(view, xyz, valid, convention)
         # By now nothing is refused any more.
-        self._remember(view.dtype, convention)
+        self._remember(layout, view.dtype, convention)
         if not self._coarse:
             self._look_at_steps(view.dtype, xyz, valid)
         return Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
@@ -153,22 +163,39 @@ class Decoder:
                     must_be = 'a float, to become NaN under keep_organized'
                     raise CloudError(f'field {axis!r}', must_be, str(view.dtype[axis]))
 
-    def _convention(self, view: NDArray[np.void], valid: NDArray[np.bool_]) -> Convention | None:
+    def _convention(
+        self, layout: bytes, view: NDArray[np.void], valid: NDArray[np.bool_]
+    ) -> Convention | None:
         """Look up how clouds of this layout are read, or find it out from this one."""
-        if view.dtype in self._found:
-            return self._found[view.dtype]
+        if layout in self._found:
+            return self._found[layout]
         return self._find_out(view, valid) if valid.any() else None
 
-    def _remember(self, dtype: np.dtype[np.void], convention: Convention) -> None:
-        """Read all clouds of this layout in the same way, and say so once."""
+    def _remember(self, layout: bytes, dtype: np.dtype[np.void], convention: Convention) -> None:
+        """Read all clouds of this layout in the same way, and say so once.
+
+        Of more layouts than a topic has, those that came last are remembered, the first are said.
+        """
         self.convention = convention
-        if dtype not in self._found:
-            self._found[dtype] = convention
-            self._inform(str(convention))
-            if convention.missing:
-                self._warn(
-                    f'among the fields {", ".join(dtype.names or ())} there is {convention.missing}'
-                )
+        if layout not in self._found:
+            if len(self._found) == MOST_LAYOUTS:
+                self._found.popitem(last=False)
+            self._found[layout] = convention
+            self._say(dtype, convention)
+        self._found.move_to_end(layout)
+
+    def _say(self, dtype: np.dtype[np.void], convention: Convention) -> None:
+        """Say how the clouds of a new layout are read."""
+        self._said += 1
+        if self._said > MOST_LAYOUTS:
+            if self._said == MOST_LAYOUTS + 1:
+                said = f'more than {MOST_LAYOUTS} layouts of clouds'
+                self._warn(f'{said}: how others are read is not said')
+            return
+        self._inform(str(convention))
+        if convention.missing:
+            names = short(', '.join(dtype.names or ()))
+            self._warn(f'among the fields {names} there is {convention.missing}')
 
     def _look_at_steps(
         self, dtype: np.dtype[np.void], xyz: NDArray[np.float64], valid: NDArray[np.bool_]
@@ -269,6 +296,11 @@ class Decoder:
         sigma = _named(view, name, 'alpha_beta_gamma.sigma_field', 'iuf').astype(np.float64)
         check_sigma(sigma, valid, f'field {name!r}')
         return sigma
+
+
+def _named_by(dtype: np.dtype[np.void]) -> bytes:
+    """Name a layout by few bytes, however long the names of its fields are."""
+    return blake2b(repr(dtype).encode('utf-8', 'surrogatepass'), digest_size=16).digest()
 
 
 def _nothing(*, with_sigma: bool) -> Points:

@@ -65,12 +65,18 @@ class Parameter:
         if type(value) is not wanted:
             raise ParameterError(self.name, TYPE_NAMES[wanted], shown(value))
         if wanted is str:
+            self._check_text(value)
             if self.choices and value not in self.choices:
                 got = shown(value) + did_you_mean([value], self.choices)
                 raise ParameterError(self.name, self.range_text, got)
         elif wanted is not bool:
             self._check_range(value)
         return value
+
+    def _check_text(self, value: object) -> None:
+        """Refuse what ROS can neither hold nor send: its texts are UTF-8, and end at a NUL."""
+        if isinstance(value, str) and not _is_text(value):
+            raise ParameterError(self.name, 'a text in Unicode without NUL', shown(value))
 
     def _check_range(self, value: Any) -> None:
         inside = abs(value) < LARGEST and math.isfinite(value)
@@ -83,6 +89,8 @@ class Parameter:
         if not isinstance(value, list | tuple):
             raise ParameterError(self.name, 'a list of texts', shown(value))
         values = tuple(value)
+        for item in values:
+            self._check_text(item)
         right = [isinstance(item, str) and self._is_choice(item) for item in values]
         if not all(right) or not values or len(set(values)) < len(values):
             must_be = 'a list, without repetition, of '
@@ -94,6 +102,11 @@ class Parameter:
 
     def _is_choice(self, text: str) -> bool:
         return text in self.choices if self.choices else bool(text)
+
+
+def _is_text(text: str) -> bool:
+    """Return whether a text is whole: half a pair of UTF-16, as JSON may name, is none."""
+    return '\0' not in text and not any('\ud800' <= one <= '\udfff' for one in text)
 
 
 def shown(value: object) -> str:

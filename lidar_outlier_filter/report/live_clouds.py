@@ -37,6 +37,7 @@ KEPT_SECONDS = 5.0  # of sensor time
 MOST_IN_FRAME = 20_000  # points that are drawn of a frame
 MOST_FRAMES = 100  # also of clouds whose times stand still
 MOST_PENDING = 1000  # clouds of a frame
+MOST_POINTS = 2_000_000  # of a frame, before it is thinned: times may stand still
 WHOLE = STRETCH * 9 // 10  # nanoseconds: what covers as much is a frame
 REJECTED_BIT, NEAR_BIT = 1, 2  # of a point's last word
 ALIGNMENT = 16  # bytes: the points begin at a multiple
@@ -130,7 +131,8 @@ class LiveClouds:
         self._frames: deque[LiveFrame] = deque(maxlen=MOST_FRAMES)
         self._count = 0
         self._pending: list[LivePoints] = []
-        self._first = self._last = 0  # of the pending points
+        self._points = 0  # of the pending ones
+        self._first = self._last = 0  # time of these
         self._span: tuple[float, float] | None = None
         self._rng = np.random.default_rng(0)
 
@@ -159,7 +161,9 @@ class LiveClouds:
         )
         is_sweep = cloud.last - cloud.first >= SHORT
         covers = self._last - self._first >= WHOLE
-        if is_sweep or covers or len(self._pending) == MOST_PENDING:
+        self._points += len(verdict)
+        is_full = len(self._pending) == MOST_PENDING or self._points >= MOST_POINTS
+        if is_sweep or covers or is_full:
             self._close()
 
     def since(self, number: int) -> bytes:
@@ -186,7 +190,7 @@ class LiveClouds:
             for one in fields(LivePoints)
         ]
         points = LivePoints(*columns)
-        self._pending = []
+        self._pending, self._points = [], 0
         if self._span is None and np.isfinite(points.intensity).any():
             self._span = span(points.intensity)
         total, rejected = len(points.score), int(np.count_nonzero(points.rejected))

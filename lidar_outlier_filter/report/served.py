@@ -8,6 +8,7 @@ import json
 import secrets
 import sys
 import threading
+from contextlib import suppress
 from functools import lru_cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -16,8 +17,9 @@ from urllib.parse import parse_qs, urlsplit
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.declaration import shown
 from lidar_outlier_filter.report.header import detectors
 from lidar_outlier_filter.report.live_clouds import KEPT_SECONDS, MOST_IN_FRAME, LiveClouds
 from lidar_outlier_filter.report.pack import REASONS
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 
 HERE = '127.0.0.1'
 LARGEST_REQUEST = 1 << 16  # bytes of what is set
+LARGEST_NUMBER = 2**53  # that a page can count to
+LONGEST_NUMBER = 20  # characters: Python refuses thousands, with an error of its own
 TOKEN_BYTES = 24
 # Nothing but what the page itself brings is run, and it talks to nobody but this server.
 POLICY = (
@@ -47,6 +51,15 @@ HEADERS = {
     'X-Content-Type-Options': 'nosniff',
 }
 JSON, BYTES, HTML = 'application/json', 'application/octet-stream', 'text/html; charset=utf-8'
+TEXT = 'text/plain; charset=utf-8'
+
+
+class _RequestError(FilterError):
+    """A request that makes no sense, or is not allowed, and the status that says so."""
+
+    def __init__(self, what: str, must_be: str, got: object, status: HTTPStatus) -> None:
+        super().__init__(what, must_be, got)
+        self.status = status
 
 
 class RunningNode(Protocol):
@@ -134,18 +147,18 @@ class PageServer:
         hosts = (f'{HERE}:{self.port}', f'localhost:{self.port}')
         return host in hosts and secrets.compare_digest(token.encode(), self.token.encode())
 
-    def answer(self, path: str, asked: Mapping[str, str]) -> tuple[str, bytes] | None:
-        """Give the type and the content of a path; None where there is none."""
+    def answer(self, path: str, asked: Mapping[str, str]) -> tuple[str, bytes]:
+        """Give the type and the content of a path; refuse what makes no sense."""
         if path == '/':
             return HTML, self._page
         if path in {'/about', '/status'}:
             known = self.status() if path == '/status' else about()
             return JSON, json.dumps(known, allow_nan=False).encode()
-        after = asked.get('after', '-1')
-        if path == '/frames' and after.removeprefix('-').isdecimal():
+        if path == '/frames':
+            after = _number('after', asked.get('after', '-1'), -1, LARGEST_NUMBER)
             clouds = self._clouds.get(asked.get('topic', '')) or LiveClouds()
-            return BYTES, clouds.since(int(after))
-        return None
+            return BYTES, clouds.since(after)
+        raise _nothing_at(path)
 
     def status(self) -> dict[str, Any]:
         """Say what may have changed, and is not in the clouds."""
@@ -161,11 +174,28 @@ class PageServer:
         """Set the parameters that a request names; say why not, '' where they are set."""
         try:
             values = json.loads(content)
-        except ValueError:
+        except (ValueError, RecursionError):
             values = None
         if not isinstance(values, dict) or not all(isinstance(one, str) for one in values.values()):
-            return 'a request must be an object of names and texts, got something else'
+            must_be = 'an object of names and texts'
+            raise _RequestError('what is set', must_be, 'others', HTTPStatus.BAD_REQUEST)
         return self.node.set(values)
+
+
+def _number(what: str, text: str, least: int, most: int) -> int:
+    """Read a whole number of a request."""
+    if text.isascii() and text.removeprefix('-').isdecimal() and len(text) < LONGEST_NUMBER:
+        number = int(text)
+        if least <= number <= most:
+            return number
+    must_be = f'a whole number from {least} to {most}'
+    raise _RequestError(what, must_be, shown(text), HTTPStatus.BAD_REQUEST)
+
+
+def _nothing_at(path: str) -> _RequestError:
+    return _RequestError(
+        'the path', 'one that the page asks for', shown(path), HTTPStatus.NOT_FOUND
+    )
 
 
 def about() -> dict[str, Any]:
@@ -220,45 +250,66 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Give the page, its frames or its status."""
-        path, asked = self._asked()
-        if self._refuses(asked):
-            return
-        answer = self.server.page.answer(path, asked)
-        if answer is None:
-            self._send(HTTPStatus.NOT_FOUND, 'text/plain', b'there is nothing here\n')
+        try:
+            path, asked = self._asked()
+            kind, content = self.server.page.answer(path, asked)
+        except _RequestError as err:
+            self._refuse(err)
         else:
-            self._send(HTTPStatus.OK, *answer)
+            self._send(HTTPStatus.OK, kind, content)
 
     def do_POST(self) -> None:
         """Set parameters."""
-        path, asked = self._asked()
-        length = self.headers.get('Content-Length', '')
-        if not length.isdecimal() or int(length) > LARGEST_REQUEST:
-            self.close_connection = True  # what follows is not read
-            self._send(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, 'text/plain', b'too large\n')
+        try:
+            path, _ = self._asked()
+        except _RequestError as err:
+            self._refuse(err)
+            with suppress(_RequestError):
+                self._content()  # or the answer might be lost: what is unread resets a connection
             return
-        content = self.rfile.read(int(length))
-        if self._refuses(asked):
-            return
-        if path != '/set':
-            self._send(HTTPStatus.NOT_FOUND, 'text/plain', b'there is nothing here\n')
-            return
-        refusal = self.server.page.change(content)
-        self._send(HTTPStatus.OK, JSON, json.dumps({'refusal': refusal}).encode())
+        try:
+            content = self._content()
+            if path != '/set':
+                raise _nothing_at(path)
+            refusal = self.server.page.change(content)
+        except _RequestError as err:
+            self._refuse(err)
+        else:
+            self._send(HTTPStatus.OK, JSON, json.dumps({'refusal': refusal}).encode())
 
     def log_message(self, *_: object) -> None:
         """Log nothing: addresses hold the token."""
 
     def _asked(self) -> tuple[str, dict[str, str]]:
-        address = urlsplit(self.path)
-        return address.path, {name: one[0] for name, one in parse_qs(address.query).items()}
+        """Read what is asked for, and refuse who may not ask."""
+        try:
+            address = urlsplit(self.path)
+            asked = {name: one[0] for name, one in parse_qs(address.query).items()}
+        except ValueError as err:
+            must_be, got = 'a path and what is asked', shown(self.path)
+            raise _RequestError('the address', must_be, got, HTTPStatus.BAD_REQUEST) from err
+        if not self.server.page.allows(self.headers.get('Host', ''), asked.get('token', '')):
+            must_be = 'the one that the log of the node names, with its token'
+            raise _RequestError('the address', must_be, 'another', HTTPStatus.FORBIDDEN)
+        return address.path, asked
 
-    def _refuses(self, asked: Mapping[str, str]) -> bool:
-        if self.server.page.allows(self.headers.get('Host', ''), asked.get('token', '')):
-            return False
-        text = 'the address must be the one that the log of the node names, with its token\n'
-        self._send(HTTPStatus.FORBIDDEN, 'text/plain', text.encode())
-        return True
+    def _content(self) -> bytes:
+        """Read what a request brings."""
+        what, said = 'the length of a request', self.headers.get('Content-Length', '')
+        length = _number(what, said, 0, LARGEST_NUMBER)
+        if length > LARGEST_REQUEST:
+            must_be = f'at most {LARGEST_REQUEST} bytes'
+            raise _RequestError(what, must_be, length, HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        content = self.rfile.read(length)
+        if len(content) < length:
+            must_be = f'of {length} bytes, as it says'
+            raise _RequestError('a request', must_be, len(content), HTTPStatus.BAD_REQUEST)
+        return content
+
+    def _refuse(self, err: _RequestError) -> None:
+        """Say what was wrong; what follows on this connection is not read."""
+        self.close_connection = True
+        self._send(err.status, TEXT, f'{err}\n'.encode())
 
     def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
         self.send_response(status)

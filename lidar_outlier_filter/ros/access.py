@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-import threading
+from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
 from rclpy.parameter import Parameter as RosParameter
@@ -53,20 +53,30 @@ class NodeAccess:
         ]
 
     def set(self, values: Mapping[str, str]) -> str:
-        """Set all parameters or none, as `ros2 param set` does; say why not, '' where they are."""
-        done = threading.Event()
-        reasons: list[str] = []
+        """Set all parameters or none, as `ros2 param set` does; say why not, '' where they are.
+
+        What the node has not begun in time is withdrawn: it does not come later.
+        """
+        answer: Future[str] = Future()
 
         def apply() -> None:
+            if not answer.set_running_or_notify_cancel():
+                return
             given = [RosParameter(name, value=value) for name, value in values.items()]
-            result = self._node.set_parameters_atomically(given)
-            reasons.append('' if result.successful else result.reason)
-            done.set()
+            try:
+                result = self._node.set_parameters_atomically(given)
+            except BaseException as err:
+                answer.set_exception(err)
+                raise
+            answer.set_result('' if result.successful else result.reason)
 
         executor = self._node.executor
         if executor is None:
             return 'the node must run, got one that starts or ends'
         executor.create_task(apply)
-        if not done.wait(PATIENCE):
-            return f'the node must answer within {PATIENCE:g} s, got nothing'
-        return reasons[0]
+        try:
+            return answer.result(PATIENCE)
+        except TimeoutError:
+            if answer.cancel():
+                return f'the node must answer within {PATIENCE:g} s, got nothing'
+            return answer.result()  # it has begun, and ends soon

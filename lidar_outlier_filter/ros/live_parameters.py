@@ -19,8 +19,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
-from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters.declaration import did_you_mean
+from lidar_outlier_filter.errors import ParameterError, said_by
+from lidar_outlier_filter.parameters.declaration import did_you_mean, shown
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
 
@@ -64,7 +64,7 @@ class TunableNode(Node):  # type: ignore[misc]
         for item in parameter_list:
             if not self.has_parameter(item.name):
                 must_be = 'one of those that `ros2 param list` names'
-                got = repr(item.name) + did_you_mean([item.name], (one.name for one in describe()))
+                got = shown(item.name) + did_you_mean([item.name], (one.name for one in describe()))
                 err = ParameterError('a parameter', must_be, got)
                 return SetParametersResult(successful=False, reason=str(err))
         given = [_as_declared(item) for item in parameter_list]
@@ -138,18 +138,22 @@ class TunableNode(Node):  # type: ignore[misc]
         """Write the parameters to a file that ``--params-file`` reads."""
         path = self._file()
         try:
+            path = path.expanduser()
             _write_whole(path, write_yaml(self._parameters_now.flat()))
-        except OSError as err:
-            response.message = f'the parameters were not saved: {err}'
+        # A home that nobody has is a RuntimeError, a name that no file can have a ValueError.
+        except (OSError, RuntimeError, ValueError) as err:
+            got = f'{shown(str(path))}: {said_by(err)}'
+            wrong = ParameterError('the file', 'one that can be written', got)
+            response.message = f'the parameters were not saved: {wrong}'
         else:
             response.success, response.message = True, str(path)
         return response
 
     def _file(self) -> Path:
-        """Name the file of ``save_to``, or one for this node where ROS keeps its own."""
+        """Name the file of ``save_to``, or one for this node where ROS keeps its own; with ~."""
         if self._parameters_now.save_to:
-            return Path(str(self._parameters_now.save_to)).expanduser()
-        home = Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser()
+            return Path(str(self._parameters_now.save_to))
+        home = Path(os.environ.get('ROS_HOME') or '~/.ros')
         name: str = self.get_fully_qualified_name()
         return home / (name.strip('/').replace('/', '.') + '.yaml')
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import importlib
-from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from lidar_outlier_filter.core.poses import Cover, Mounting, Track
 from lidar_outlier_filter.errors import ParameterError, PoseError
 from lidar_outlier_filter.ros.tf_links import Links
 from lidar_outlier_filter.stream.motion import Odometry
+from lidar_outlier_filter.stream.statistics import Kinds
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -49,12 +49,13 @@ class Tf:
             raise ParameterError('motion.source', must_be, "'tf'") from err
         self.topic = ''
         self._fixed = parameters.motion.fixed_frame
-        self.refusals: Counter[str] = Counter()
+        self.refusals = Kinds()
         self._time: Any = lambda t: Time(nanoseconds=t)
         self._jump, self._gap = parameters.time_jump, parameters.motion.max_gap
         self._buffer: Any = tf2_ros.Buffer(cache_time=Duration(seconds=60), node=node)
         self._unknown: Any = tf2_ros.TransformException
         self._links = Links(self._buffer, parameters.time_jump)
+        self._links.refuse = self.refusals.note
         self._listener = tf2_ros.TransformListener(self._links, node)
 
     def take(self, msg: Any) -> None:
@@ -87,7 +88,7 @@ class Tf:
             except self._unknown:
                 return None
             except PoseError as err:
-                self.refusals[err.what] += 1
+                self.refusals.note(err.what)
                 return None
         self._links.caught_up()
         return track.move(points, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))

@@ -5,12 +5,18 @@
 from __future__ import annotations
 
 import threading
-from bisect import bisect_left, bisect_right, insort
+from bisect import bisect_left, bisect_right
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.core.poses import KEPT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+MOST_FRAMES = 10_000  # of a tree: a buffer forgets no name
+LONGEST_NAME = 1000  # characters
 
 
 class Links:
@@ -26,6 +32,7 @@ class Links:
         A transform that is older than the last one of its frame by more than ``time_jump`` seconds
         begins anew.
         """
+        self.refuse: Callable[[str], object] = str  # is called with what was wrong
         self._buffer = buffer
         self._jump = round(time_jump * SECOND)
         self._is_new = False  # began anew, and no point was moved since
@@ -41,24 +48,26 @@ class Links:
     def set_transform(self, transform: Any, authority: str) -> None:
         """Put a transform of one time."""
         # Noted first: what the buffer knows is known here, too.
-        self.note(transform)
-        self._buffer.set_transform(transform, authority)
+        if self.note(transform):
+            self._buffer.set_transform(transform, authority)
 
     def set_transform_static(self, transform: Any, authority: str) -> None:
         """Put a transform that holds for ever."""
         parent, child = _frames(transform)
         with self._lock:
-            self._parents[child] = parent
+            if not self._link(parent, child):
+                return
             self._times.pop(child, None)
         self._buffer.set_transform_static(transform, authority)
 
-    def note(self, transform: Any) -> None:
-        """Note the time of a transform, and the frames that it links."""
+    def note(self, transform: Any) -> bool:
+        """Note the time of a transform, and the frames that it links; False: it is refused."""
         parent, child = _frames(transform)
         stamp = transform.header.stamp
         t = stamp.sec * SECOND + stamp.nanosec
         with self._lock:
-            self._parents[child] = parent
+            if not self._link(parent, child):
+                return False
             times = self._times.setdefault(child, [])
             if times and t < times[-1] - self._jump:
                 self._clear()
@@ -66,11 +75,23 @@ class Links:
                 times = self._times.setdefault(child, [])
             if not times or t > times[-1]:
                 times.append(t)
-            else:
-                insort(times, t)
+            elif times[at := bisect_left(times, t)] != t:  # a clock that stands still adds none
+                times.insert(at, t)
             old = bisect_left(times, times[-1] - KEPT)
             if 2 * old > len(times):  # not one by one
                 del times[:old]
+        return True
+
+    def _link(self, parent: str, child: str) -> bool:
+        """Note that a frame hangs on another; under the lock. False where names are too many."""
+        if max(len(parent), len(child)) > LONGEST_NAME:
+            self.refuse('the name of a frame')
+            return False
+        if child not in self._parents and len(self._parents) == MOST_FRAMES:
+            self.refuse('the number of frames')
+            return False
+        self._parents[child] = parent
+        return True
 
     def has_gap(self, target: str, source: str, first: int, last: int, longest: int) -> bool:
         """Return whether a transform on the way between two frames has a gap.

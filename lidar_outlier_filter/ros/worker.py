@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import threading
-from functools import partial
+from collections import Counter
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -56,6 +56,9 @@ class Worker:
         self._thread: threading.Thread | None = None
         self.ready = threading.Event()  # the kernels are
         self.ready.set()
+        self._lock = threading.Lock()
+        self._unread: Counter[str] = Counter()  # clouds that wait to be counted, by what was wrong
+        self._unread_last: dict[str, CloudError] = {}
         self._held: Received | None = None  # the cloud that is filtered, or waits for them
         self._waits: Received | None = None  # the cloud that has waited longest for its answer
 
@@ -131,8 +134,20 @@ class Worker:
         self._do(lambda: self._publish(self._filter.hurry()))
 
     def refuse(self, err: CloudError) -> None:
-        """Count a cloud that could not even be read."""
-        self._do(partial(self._filter.refused, err))
+        """Count a cloud that could not even be read: once the filter has time, however many."""
+        with self._lock:
+            is_first = not self._unread
+            self._unread[err.what] += 1
+            self._unread_last[err.what] = err
+        if is_first:
+            self._do(self._count_unread)
+
+    def _count_unread(self) -> None:
+        with self._lock:
+            counts, self._unread = self._unread, Counter()
+            errors, self._unread_last = self._unread_last, {}
+        for what, count in counts.items():
+            self._filter.refused(errors[what], count)
 
     def _do(self, command: Callable[[], object], *, in_turn: bool = False) -> None:
         """Do something to the filter between two clouds: at once, where there is no thread."""

@@ -196,7 +196,7 @@ class CloudFilter:
             finished = self._push(points, msg, tag, known=known)
         except CloudError as err:
             self._decoder.undo()
-            self.statistics.refusals[err.what] += 1
+            self.statistics.refusals.note(err.what)
             raise
         return self._answers(finished)
 
@@ -215,7 +215,7 @@ class CloudFilter:
             points = missing(0 if view is None else view.size)
             finished = self._push(points, msg, tag, reason)
         except CloudError as err:
-            self.statistics.refusals[err.what] += 1
+            self.statistics.refusals.note(err.what)
             raise
         return self._answers(finished)
 
@@ -287,9 +287,9 @@ class CloudFilter:
         if self._moving is not None:
             self._moving.wait_at_most(parameters.max_delay)
 
-    def refused(self, err: CloudError) -> None:
-        """Count and report a cloud that was refused elsewhere on its way."""
-        self.statistics.refusals[err.what] += 1
+    def refused(self, err: CloudError, count: int = 1) -> None:
+        """Count and report a cloud, or several alike, that was refused elsewhere on its way."""
+        self.statistics.refusals.note(err.what, count)
         self.refuse(err)
 
     def _push(
@@ -326,7 +326,7 @@ class CloudFilter:
         try:
             return as_message(cloud, stamp)
         except CloudError as err:
-            self.statistics.refusals[err.what] += 1
+            self.statistics.refusals.note(err.what)
             raise
 
     def _answers(self, finished: list[_FilteredCloud]) -> list[Answer]:

@@ -7,12 +7,12 @@ Only the points that detectors see are moved. What is published keeps its frame 
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import TYPE_CHECKING, Any, Protocol
 
 from lidar_outlier_filter.core.points import SECOND, Points
 from lidar_outlier_filter.core.poses import Cover, Mounting, Track
 from lidar_outlier_filter.errors import PoseError
+from lidar_outlier_filter.stream.statistics import Kinds
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -22,7 +22,7 @@ class PoseSource(Protocol):
     """What knows where the sensor was."""
 
     topic: str  # of nav_msgs/Odometry; empty: none
-    refusals: Counter[str]  # poses, by what was wrong
+    refusals: Kinds  # poses, by what was wrong
 
     def take(self, msg: Any) -> None:
         """Take the next message with a pose; one that makes no sense is counted."""
@@ -47,7 +47,7 @@ class Odometry:
         """Take the mounting and the longest gap."""
         motion = parameters.motion
         self.topic = motion.topic
-        self.refusals: Counter[str] = Counter()
+        self.refusals = Kinds()
         self._track = Track(motion.max_gap, parameters.time_jump)
         self._mounting = Mounting.at(
             (motion.x, motion.y, motion.z), (motion.roll, motion.pitch, motion.yaw)
@@ -64,7 +64,7 @@ class Odometry:
 
     def refuse(self, what: str) -> None:
         """Count a pose that was refused, by what was wrong."""
-        self.refusals[what] += 1
+        self.refusals.note(what)
 
     def cover(self, first: int, last: int, _frame: str) -> Cover:
         """Return whether there is odometry from ``first`` to ``last``."""

@@ -19,8 +19,18 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.verdict import Verdict
 
+MOST_KINDS = 50  # of what is wrong with clouds, or with poses: far more than there are
+OTHERS = 'other reasons'
 # Counts of clouds and points that were judged.
 JUDGED = ('messages', 'points', 'invalid', 'untested', 'outliers', 'rejected', 'undecided')
+
+
+class Kinds(Counter[str]):
+    """Counts by what was wrong. It may quote what was sent, so kinds beyond a bound are one."""
+
+    def note(self, what: str, count: int = 1) -> None:
+        """Count more of a kind."""
+        self[what if what in self or len(self) < MOST_KINDS else OTHERS] += count
 
 
 @dataclass
@@ -56,8 +66,8 @@ class Statistics:
     reasons: Counter[str] = field(default_factory=Counter)
     undecided: Counter[str] = field(default_factory=Counter)
     passed: Counter[str] = field(default_factory=Counter)
-    refusals: Counter[str] = field(default_factory=Counter)
-    poses: Counter[str] = field(default_factory=Counter)
+    refusals: Kinds = field(default_factory=Kinds)
+    poses: Kinds = field(default_factory=Kinds)
     shed: int = 0
     unmoved: int = 0
     resets: int = 0

@@ -1,0 +1,225 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the page's server makes of requests that no browser sends: a sentence, never an error."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from contextlib import closing, suppress
+from typing import TYPE_CHECKING, NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.report.served import LARGEST_REQUEST, PageServer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+PATIENCE = 120.0  # seconds; reached in failures only
+DIGITS = '9' * 5000
+DEEP = '[' * 60_000
+KNOWN = {200, 400, 403, 404, 413, 414, 431, 501, 505}
+
+
+class Settable:
+    """What a page reads of a node, and sets: here it is only noted."""
+
+    name = '/node'
+    parameters = FilterParameters()
+
+    def __init__(self) -> None:
+        self.topics = ['/points']
+        self.values: list[Mapping[str, str]] = []
+
+    def statuses(self) -> list[dict[str, object]]:
+        """Say nothing."""
+        return []
+
+    def set(self, values: Mapping[str, str]) -> str:
+        """Note what is set."""
+        self.values.append(values)
+        return ''
+
+
+class Page(NamedTuple):
+    """A server, what was set through it, and the errors that it did not expect."""
+
+    server: PageServer
+    node: Settable
+    errors: list[BaseException | None]
+
+    def ask(self, request: str, *, ended: bool = True) -> bytes:
+        """Send characters as bytes; return all that comes back until the server has done."""
+        address = ('127.0.0.1', self.server.port)
+        with closing(socket.create_connection(address, PATIENCE)) as connection:
+            # Who is refused may find the door shut before all was said.
+            with suppress(BrokenPipeError, ConnectionResetError):
+                connection.sendall(request.encode('latin-1'))
+                if ended:
+                    connection.shutdown(socket.SHUT_WR)
+            answer = b''
+            with suppress(ConnectionResetError):
+                while data := connection.recv(1 << 16):
+                    answer += data
+        return answer
+
+    def status(self, request: str, *, ended: bool = True) -> int:
+        """Return the status of the answer."""
+        return int(self.ask(request, ended=ended).split(maxsplit=2)[1])
+
+    def headers(self, *more: str) -> str:
+        """Write the headers of a request that is meant for this server."""
+        return '\r\n'.join([f'Host: 127.0.0.1:{self.server.port}', *more, '', ''])
+
+
+@pytest.fixture(scope='module')
+def page() -> Iterator[Page]:
+    """Serve a page; what would be a traceback is noted."""
+    node, errors = Settable(), list[BaseException | None]()
+    server = PageServer(node)
+    server._server.handle_error = (  # type: ignore[method-assign]
+        lambda *_: errors.append(sys.exception())
+    )
+    server.start()
+    yield Page(server, node, errors)
+    server.close()
+
+
+@pytest.mark.parametrize('target', ['http://[', 'http://[::1/', '/?token=é', '/nothing', '/?a=1'])
+@pytest.mark.parametrize('method', ['GET', 'POST'])
+def test_a_stranger_is_refused(page: Page, target: str, method: str) -> None:
+    """Whatever the address is, and before anything else of the request is looked at."""
+    for length in ('2', DIGITS, 'x', '-1', str(10 * LARGEST_REQUEST)):
+        head = f'{method} {target} HTTP/1.1\r\n' + page.headers(f'Content-Length: {length}')
+        assert page.status(head + '{}') in {400, 403}
+    assert page.errors == []
+    assert page.node.values == []
+
+
+def test_a_stranger_is_refused_before_he_has_said_all(page: Page) -> None:
+    """The answer does not wait for content that never comes."""
+    head = 'POST /set?token=x HTTP/1.1\r\n' + page.headers('Content-Length: 5')
+    with closing(socket.create_connection(('127.0.0.1', page.server.port), PATIENCE)) as stranger:
+        stranger.sendall(head.encode())
+        assert stranger.recv(1 << 16).startswith(b'HTTP/1.1 403 ')
+
+
+@pytest.mark.parametrize('after', [DIGITS, '-' + DIGITS, 'x', '', '1.5', '--1', '²', '%D9%A3'])
+def test_after_is_a_number(page: Page, after: str) -> None:
+    """What is none is refused in a sentence that is not longer than a line."""
+    address = f'/frames?token={page.server.token}&topic=/points&after={after or "%20"}'
+    answer = page.ask(f'GET {address} HTTP/1.1\r\n' + page.headers())
+    assert answer.startswith(b'HTTP/1.1 400 ')
+    sentence = answer.rpartition(b'\r\n\r\n')[2].decode()
+    assert sentence.startswith('after must be a whole number from -1 to ')
+    assert len(sentence) < 200
+    assert page.errors == []
+
+
+@pytest.mark.parametrize(
+    ('length', 'status'),
+    [
+        (DIGITS, 400),
+        ('x', 400),
+        ('-1', 400),
+        ('1_0', 400),
+        ('²', 400),
+        ('', 400),
+        (str(LARGEST_REQUEST + 1), 413),
+        ('3', 400),  # and then it ends
+    ],
+)
+def test_lengths(page: Page, length: str, status: int) -> None:
+    """A length that is none, too large, or not kept to."""
+    head = f'POST /set?token={page.server.token} HTTP/1.1\r\n'
+    assert page.status(head + page.headers(f'Content-Length: {length}') + '{}') == status
+    assert page.status(head + page.headers() + '{}') == 400
+    assert page.errors == []
+    assert page.node.values == []
+
+
+@pytest.mark.parametrize(
+    'content',
+    [DEEP, '{"a":' * 10_000, '{"a": ' + DIGITS, f'[{DIGITS}]', '{"a": 1}', '1', '"', '\xff', ''],
+)
+def test_content(page: Page, content: str) -> None:
+    """What is set is an object of names and texts; nothing else reaches the node."""
+    head = f'POST /set?token={page.server.token} HTTP/1.1\r\n'
+    assert (
+        page.status(head + page.headers(f'Content-Length: {len(content)}') + content, ended=False)
+        == 400
+    )
+    assert page.errors == []
+    assert page.node.values == []
+
+
+def test_what_makes_sense_is_served(page: Page) -> None:
+    """Over the same connection, one request after the other."""
+    token, content = page.server.token, '{"a": "1", "b": "\\ud800"}'
+    set_ = f'POST /set?token={token} HTTP/1.1\r\n'
+    set_ += page.headers(f'Content-Length: {len(content)}') + content
+    frames = f'GET /frames?token={token}&topic=/points HTTP/1.1\r\n' + page.headers()
+    answer = page.ask(set_ + frames + set_)
+    assert answer.count(b'HTTP/1.1 200 OK') == 3
+    assert page.node.values == [{'a': '1', 'b': '\ud800'}] * 2
+    page.node.values.clear()
+
+
+PARTS = (
+    '/',
+    '?',
+    '&',
+    'token=',
+    'after=',
+    'topic=',
+    '[',
+    ']',
+    '//',
+    'http://',
+    ':',
+    '%',
+    '%00',
+    '#',
+)
+TARGETS = st.lists(
+    st.sampled_from((*PARTS, 'TOKEN', 'set', 'frames', 'status', DIGITS))
+    | st.text(st.characters(max_codepoint=255), max_size=5),
+    max_size=8,
+).map(''.join)
+NAMES = ('Host', 'Content-Length', 'Transfer-Encoding', 'Connection', 'Expect', '', 'é')
+VALUES = st.sampled_from(('HOST', '0', '2', '70000', DIGITS, 'chunked', 'close', '100-continue'))
+HEADERS = st.lists(
+    st.tuples(st.sampled_from(NAMES), VALUES | st.text(st.characters(max_codepoint=255))),
+    max_size=4,
+)
+
+
+@given(
+    method=st.sampled_from(('GET', 'POST', 'HEAD', 'get', '', '\0')),
+    target=TARGETS,
+    version=st.sampled_from(('HTTP/1.1', 'HTTP/1.0', '', 'HTTP/9.9', f'HTTP/1.{DIGITS}', 'x')),
+    headers=HEADERS,
+    content=st.sampled_from(('', '{}', DEEP[:2000], '"\\ud800"', 'GET / HTTP/1.1\r\n\r\n')),
+)
+def test_any_request(  # noqa: PLR0913  the parts of one
+    page: Page,
+    method: str,
+    target: str,
+    version: str,
+    headers: list[tuple[str, str]],
+    content: str,
+) -> None:
+    """No request ends in an error, and the next one is served."""
+    known = {'TOKEN': page.server.token, 'HOST': f'127.0.0.1:{page.server.port}'}
+    head = ''.join(f'{name}: {known.get(value, value)}\r\n' for name, value in headers)
+    target = target.replace('TOKEN', known['TOKEN'])
+    answer = page.ask(f'{method} {target} {version}\r\n{head}\r\n{content}')
+    if answer.startswith(b'HTTP/1.1 '):
+        assert int(answer.split(maxsplit=2)[1]) in KNOWN | {100}
+    assert page.errors == []
+    address = f'/status?token={page.server.token}'
+    assert page.status(f'GET {address} HTTP/1.1\r\n' + page.headers()) == 200
