@@ -116,6 +116,14 @@ def test_what_came_with_the_installation_is_read(toy: Path, tmp_path: Path) -> N
     assert run_elsewhere(toy, NUMBA_CACHE_DIR=str(tmp_path / 'other')) == [22, 1, 0]
 
 
+def test_kernels_that_check_bounds_are_others(toy: Path, tmp_path: Path) -> None:
+    """They are not those that came with the installation, though numba's key is the same."""
+    assert run(toy) == [22, 0]
+    folder = str(tmp_path / 'checked')
+    assert run_elsewhere(toy, NUMBA_CACHE_DIR=folder, NUMBA_BOUNDSCHECK='1') == [22, 0, 0]
+    assert run(toy) == [22, 1]
+
+
 def test_no_folder_can_be_written(toy: Path, tmp_path: Path) -> None:
     """It works all the same, says so in one sentence, and leaves nothing behind."""
     temporary = tmp_path / 'temporary'

@@ -14,6 +14,12 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.evidence.pattern import judge
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES, measure
+from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
+    AGAIN,
+    COUNT_AGAIN,
+    count_scores,
+    measure_again,
+)
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern, arctangent, find_pattern
@@ -21,7 +27,8 @@ from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
-RATE = -2 * np.pi / 1e8  # rad/ns: ten turns a second, clockwise
+TURN_NS = 100_000_000  # ten turns a second
+RATE = -2 * np.pi / TURN_NS  # rad/ns: clockwise
 
 
 RINGS = (-20.0, -14.0, -9.0, -6.0, -3.0, 0.0, 4.0, 9.0)  # degrees
@@ -216,3 +223,55 @@ def test_trees_are_those_of_loops() -> None:
                 expected + np.float32(naive.tree(f, at, v, points[:, n].tolist()))
             )
         assert total[n] == expected
+
+
+def turned_later(points: Points, turns: int) -> Points:
+    """Return what a head sees that turns so many times, and then sees the same again."""
+    later = points.t + turns * TURN_NS
+    both = np.concatenate
+    return Points(
+        both([points.xyz, points.xyz]),
+        both([points.t, later]),
+        both([points.line, points.line]),
+        both([points.valid, points.valid]),
+    )
+
+
+@pytest.mark.parametrize('turns', [40, 3000, 20_000])
+def test_a_turn_is_judged_alike_whenever_it_is(turns: int) -> None:
+    """The verdicts on points do not depend on how often the head turned before it saw them."""
+    points = sweep(10, 0.2, 1.3, columns=1800)
+    score = judge(pattern_of(turned_later(points, turns)), 1.0)
+    once, again = score[: len(points)], score[len(points) :]
+    assert 0 < np.count_nonzero(once > 1) < 0.2 * len(points)
+    np.testing.assert_array_equal(once > 1, again > 1)
+    # A phase in single precision may still be rounded the other way: its window sees that.
+    assert np.count_nonzero(once != again) < 0.01 * len(points)
+
+
+@pytest.mark.parametrize('count', range(64, 97, 5))
+def test_nothing_is_read_behind_the_last_line(count: int) -> None:
+    """Lines of any length: under numba's bounds check, what lies behind the last raises."""
+    points = sweep(11, 0.0, columns=count)
+    assert (judge(pattern_of(points), 1.0) >= 0).all()
+
+
+def test_scores_of_the_first_pass_around_points() -> None:
+    """Shares of points as far away, and of rings beside: there are none beyond the outermost."""
+    points = sweep(12, 0.0)
+    pattern = pattern_of(points)
+    prepared = prepare(pattern)
+    score = np.full(len(pattern.order), -1.0, np.float32)
+    score[pattern.first[0] : pattern.first[0] + 9] = 1.0
+    out = np.zeros((COUNT_AGAIN, len(score)), np.float32)
+    measure_again(prepared, count_scores(pattern, score), 0, len(pattern.first), out)
+    found = dict(zip(AGAIN, out[COUNT:], strict=True))
+    there = pattern.order >= 0
+    # Nearer than 1 m, than 2 m and so on: an edge belongs to what is nearer.
+    octave = np.ceil(np.log2(np.maximum(pattern.range, 1.0)))
+    for k in np.flatnonzero(there):
+        alike = there & (octave == octave[k])
+        assert found['share_range'][k] == np.float32((score[alike] > 0).mean())
+    for line in range(len(pattern.first)):
+        wide = found['wide_other'][pattern.first[line] : pattern.last[line]]
+        assert wide.any() == (line in {1, 2})

@@ -6,7 +6,8 @@ numba looks at the kernel's own file only. A kernel that calls one of another fi
 old machine code after a change there. So the files of a kernel carry, in their names, a hash of all
 files of the package that the kernel's own file imports, directly or by others. Files of another
 hash are never read, because they may name classes that are gone. They are removed when the kernel
-is compiled anew.
+is compiled anew. Kernels that check the bounds of arrays (``NUMBA_BOUNDSCHECK=1``) have another
+hash.
 
 They lie beside the sources where that can be written, and are read there where it cannot. New ones
 then go to the user's own cache, or to a folder that is removed at the end.
@@ -107,7 +108,7 @@ def stamp(module: str) -> str:
     module : its full name; it must be imported, or about to be.
 
     """
-    total = sha256()
+    total = sha256(b'bounds' if numba.config.BOUNDSCHECK else b'')  # type: ignore[attr-defined]
     for path in sorted(_reachable(module)):
         total.update(path.name.encode() + _content(path))
     return total.hexdigest()

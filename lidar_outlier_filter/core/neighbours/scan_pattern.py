@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel, median
+from lidar_outlier_filter.core.lanes import LANES
 from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN, write_brightness
 from lidar_outlier_filter.core.scan_lines import is_interleaved, line_starts, order_by_line
 
@@ -37,12 +38,16 @@ FEWEST = 2 * LAG  # returns of a ring that show how fast the head turns
 EVEN_FROM, EVEN_TO, EVEN = 0.5, 1.75, 0.8
 STEADY = 0.9  # share of the steps along rings that go the way the head turns: less is no pattern
 LINES_AT_ONCE, AT_ONCE = 4, 1 << 14  # lines, and points, that a thread takes
-PAD = 40  # places: as many as are looked at side by side, and a window's
+STRETCH = 24  # places on either side of a point: nothing looks farther along a line
+PAD = LANES + STRETCH  # places: as many as are looked at side by side, and what these look at
 LEAST_GAP = 1e-4  # rad between rings
 MOST_MOVES = 16  # for each return of a line, one by one; beyond, the line is merged
 NOISE_M = 0.02  # metres that are added to what beams are apart: no range is better
 LEVEL_M = 0.06  # metres that ranges may differ by, and still be the same
 NOWHERE = 1e9  # rad: the phase where there is no point
+# rad. Phases are compared in single precision, less the nearest multiple of it: so they are as
+# exact after a day of turns as in the first ones, from which nothing is taken.
+MANY_TURNS = 40 * TURN
 # atan(x) ÷ x in x², up to 1, within 1e-9. No processor's own function: their answers differ.
 ATAN = np.array(
     [
@@ -73,8 +78,10 @@ class Pattern(NamedTuple):
         The index, as given, of each; -1 for none.
     first, last : (L,) int64
         Where each ring begins, and the place behind its end.
-    x, y, z, range, phase : (M,) float32
-        Metres, about a point near them; and rad turned, never falling along a ring.
+    x, y, z, range : (M,) float32
+        Metres, about a point near them.
+    phase : (M,) float64
+        Rad turned, never falling along a ring; :func:`origin_of` says how to compare them.
     bright : (M,) float32
         Intensity ÷ what is usual at the range; -1 where it is not known.
     step, gap : (L,) float32
@@ -94,7 +101,7 @@ class Pattern(NamedTuple):
     y: Singles
     z: Singles
     range: Singles
-    phase: Singles
+    phase: Floats
     bright: Singles
     step: Singles
     gap: Singles
@@ -217,7 +224,7 @@ def make_pattern(sizes: Ints, *of_lines: Singles) -> Pattern:
         np.zeros(count, np.float32),
         np.zeros(count, np.float32),
         np.ones(count, np.float32),
-        np.full(count, NOWHERE, np.float32),
+        np.full(count, NOWHERE),
         np.full(count, UNKNOWN, np.float32),
         *of_lines,
     )
@@ -247,6 +254,12 @@ def _gaps(between: Floats) -> Singles:
     nearer = np.minimum(np.append(between, np.inf), np.append(np.inf, between))
     gaps: Singles = np.maximum(nearer, LEAST_GAP).astype(np.float32)
     return gaps
+
+
+@inlined_kernel
+def origin_of(phase: float) -> float:
+    """Return what to take off a phase, and off those near it, before they get single precision."""
+    return float(MANY_TURNS * np.rint(phase / MANY_TURNS))
 
 
 @kernel

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.evidence.pattern_window import PatternWindow, Prepared
     from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern
 
+    Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
     Number = np.float32
 
@@ -113,7 +114,7 @@ def write_features(
     Lanes behind the line's end mean nothing.
     """
     _count(pattern, line, k, window)
-    _along(pattern, line, k, values)
+    _along(pattern, line, k, window.origin, values)
     _distances(pattern, line, k, window, values)
     _shares(window, values)
     _ranges(pattern, line, k, window, values)
@@ -166,7 +167,7 @@ def _count(pattern: Pattern, line: int, k: int, window: PatternWindow) -> None:
 
 
 @inner_kernel
-def _along(pattern: Pattern, line: int, k: int, values: Singles) -> None:
+def _along(pattern: Pattern, line: int, k: int, origin: Floats, values: Singles) -> None:
     """Write what three predictions along the ring say of the range."""
     step, noise = pattern.step[line], pattern.noise[line]
     r0, p0 = pattern.range[k : k + LANES], pattern.phase[k : k + LANES]
@@ -176,10 +177,11 @@ def _along(pattern: Pattern, line: int, k: int, values: Singles) -> None:
     rd, pd = pattern.range[k + 2 : k + 2 + LANES], pattern.phase[k + 2 : k + 2 + LANES]
     most = REACH_OWN * step
     for lane in range(width(values)):
-        r, p = r0[lane], p0[lane]
-        middle = _off(r, p, ra[lane], pa[lane], rb[lane], pb[lane], most)
-        before = _off(r, p, ra[lane], pa[lane], rc[lane], pc[lane], most)
-        after = _off(r, p, rb[lane], pb[lane], rd[lane], pd[lane], most)
+        r, o = r0[lane], origin[lane]
+        p, a, b = F(p0[lane] - o), F(pa[lane] - o), F(pb[lane] - o)
+        middle = _off(r, p, ra[lane], a, rb[lane], b, most)
+        before = _off(r, p, ra[lane], a, rc[lane], F(pc[lane] - o), most)
+        after = _off(r, p, rb[lane], b, rd[lane], F(pd[lane] - o), most)
         least = min(middle, before, after)
         unit = step + noise / r
         values[2, lane] = min(least / unit, MOST)

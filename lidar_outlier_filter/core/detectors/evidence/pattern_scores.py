@@ -32,6 +32,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
 )
 from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel
 from lidar_outlier_filter.core.lanes import LANES, rows_of_singles
+from lidar_outlier_filter.core.neighbours.scan_pattern import STRETCH
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -59,8 +60,7 @@ AGAIN = (
 COUNT_AGAIN = COUNT + len(AGAIN)
 CLIP = F(4.0)
 UNKNOWN = F(-5.0)
-STRETCH = 24  # returns on either side, of the longer stretch
-PLACES_WIDE = F(2 * STRETCH + 1)
+PLACES_WIDE = F(2 * STRETCH + 1)  # of the longer stretch
 BINS = 8  # of range: up to 1, 2, 4, 8 ... m
 # Rows of sums over a window: of clipped scores × a weight, and then of the weights. Those of the
 # other rings are behind those of the own one.

@@ -15,11 +15,16 @@ import numpy as np
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel
 from lidar_outlier_filter.core.lanes import LANES, rows_of_singles
-from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE, Pattern
+from lidar_outlier_filter.core.neighbours.scan_pattern import (
+    LINES_AT_ONCE,
+    Pattern,
+    origin_of,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
     Places = NDArray[np.int32]
     Number = np.float32
@@ -29,7 +34,7 @@ RINGS = 2  # rings above, and below
 AROUND = 2 * OTHER + 1
 SIZE = 2 * OWN + 2 * RINGS * AROUND  # returns of a window
 QUANTITIES = 5  # of a return: x, y, z, range, phase
-RANGE = 3  # the row of the ranges among them
+RANGE, PHASE = 3, 4  # the rows of ranges and phases among them
 NEAR = 5  # nearest distances that are kept in order
 # Rows of the sums; of the first five, the next row is that of the other rings.
 THERE, BEFORE, BEHIND, LEVEL, ROUGH, ROUGH_COUNT = 0, 2, 4, 6, 8, 10
@@ -81,6 +86,8 @@ class PatternWindow(NamedTuple):
     sums : (SUMS, LANES) float32
     inverse : (2 * RINGS, LANES) float32
         1 ÷ range of the nearest return on each ring beside, 1/m; below 0 for none.
+    origin : (LANES,) float64
+        What is taken off the phases of each point's window, rad.
 
     """
 
@@ -91,6 +98,7 @@ class PatternWindow(NamedTuple):
     best: Singles
     sums: Singles
     inverse: Singles
+    origin: Floats
 
 
 @inlined_kernel
@@ -104,6 +112,7 @@ def make_window() -> PatternWindow:
         rows_of_singles(NEAR),
         rows_of_singles(SUMS),
         rows_of_singles(2 * RINGS),
+        np.empty(LANES),
     )
 
 
@@ -133,8 +142,10 @@ def write_roughness(pattern: Pattern, begin: int, end: int, rough: Singles) -> N
         step, noise = pattern.step[line], pattern.noise[line]
         rough[low], rough[high - 1] = ZERO, ZERO
         for k in range(low + 1, high - 1):
-            span = phase[k + 1] - phase[k - 1]
-            part = (phase[k] - phase[k - 1]) / span if span > ZERO else HALF
+            origin = origin_of(phase[k])
+            mine, before = F(phase[k] - origin), F(phase[k - 1] - origin)
+            span = F(phase[k + 1] - origin) - before
+            part = (mine - before) / span if span > ZERO else HALF
             value = (ONE - part) / reach[k - 1] + part / reach[k + 1]
             rough[k] = min(abs(ONE - reach[k] * value) / (step + noise / reach[k]), MOST)
 
@@ -159,11 +170,13 @@ def find_beside(pattern: Pattern, begin: int, end: int, near: Places) -> None:
                 continue
             j, stop = pattern.first[other], pattern.last[other] - 1
             for k in range(low, high):
-                mine = phase[k]
-                while j < stop and phase[j + 1] <= mine:
+                origin = origin_of(phase[k])
+                mine = F(phase[k] - origin)
+                while j < stop and F(phase[j + 1] - origin) <= mine:
                     j += 1
                 # Behind the last one is a place that is far away.
-                near[m, k] = j + 1 if phase[j + 1] - mine < mine - phase[j] else j
+                before, after = mine - F(phase[j] - origin), F(phase[j + 1] - origin) - mine
+                near[m, k] = j + 1 if after < before else j
 
 
 @inlined_kernel
@@ -175,11 +188,12 @@ def gather(prepared: Prepared, line: int, k: int, window: PatternWindow) -> None
     """
     # Once, because every time that an array is taken from a tuple its references are counted.
     pattern, rough, near, _ = prepared
-    rows = (pattern.x, pattern.y, pattern.z, pattern.range, pattern.phase)
+    rows, phase = (pattern.x, pattern.y, pattern.z, pattern.range), pattern.phase
     step, gap = pattern.step[line], pattern.gap[line]
-    _gather_own(rows, rough, k, step, window)
+    _gather_own(rows, phase, rough, k, step, window)
     for ring in range(2 * RINGS):
-        _gather_other(rows, rough, near[ring, k : k + LANES], ring, max(step, gap), window)
+        others = near[ring, k : k + LANES]
+        _gather_other(rows, phase, rough, others, ring, max(step, gap), window)
 
 
 @inlined_kernel
@@ -190,12 +204,23 @@ def place_of(k: int, slot: int) -> int:
 
 @inner_kernel
 def _gather_own(
-    rows: tuple[Singles, ...], rough: Singles, k: int, step: Number, window: PatternWindow
+    rows: tuple[Singles, ...],
+    phase: Floats,
+    rough: Singles,
+    k: int,
+    step: Number,
+    window: PatternWindow,
 ) -> None:
     """Look at the returns before and after, which lie side by side in memory."""
     square, mine, side, sums = window.square, window.mine, window.side, window.sums
+    origin = window.origin
     sums[:] = ZERO
-    for q in range(QUANTITIES):
+    for lane in range(len(origin)):
+        origin[lane] = origin_of(phase[k + lane])
+    _copy_phases(phase[k:], origin, mine[PHASE])
+    for slot in range(2 * OWN):
+        _copy_phases(phase[place_of(k, slot) :], origin, side[2 * OWN * PHASE + slot])
+    for q in range(PHASE):
         values = rows[q]
         _copy(values[k : k + LANES], mine[q])
         for slot in range(2 * OWN):
@@ -219,8 +244,16 @@ def _copy(values: Singles, row: Singles) -> None:
 
 
 @inner_kernel
+def _copy_phases(phase: Floats, origin: Floats, row: Singles) -> None:
+    """Write the phases of each lane, less its origin."""
+    for lane in range(len(row)):
+        row[lane] = phase[lane] - origin[lane]
+
+
+@inner_kernel
 def _gather_other(
     rows: tuple[Singles, ...],
+    phase: Floats,
     rough: Singles,
     others: Places,
     ring: int,
@@ -229,8 +262,9 @@ def _gather_other(
 ) -> None:
     """Look at the returns around the azimuth in another ring: first put them side by side."""
     side, in_step = window.side, _is_in_step(others)
-    for q in range(QUANTITIES):
+    for q in range(PHASE):
         _line_up(rows[q], others, in_step, side[q * AROUND : (q + 1) * AROUND])
+    _line_up_phases(phase, others, in_step, window.origin, side[PHASE * AROUND :])
     begin = 2 * OWN + ring * AROUND
     _compare(window, REACH_OTHER * unit, begin, AROUND, window.sums[THERE + 1])
     middle, inverse = window.square[begin + OTHER], window.inverse[ring]
@@ -283,3 +317,17 @@ def _line_up(values: Singles, others: Places, in_step: bool, side: Singles) -> N
         else:
             for lane in range(len(row)):
                 row[lane] = values[others[lane] + off]
+
+
+@inner_kernel
+def _line_up_phases(
+    phase: Floats, others: Places, in_step: bool, origin: Floats, side: Singles
+) -> None:
+    """Do so with phases."""
+    for m in range(AROUND):
+        row, off = side[m], np.int32(m - OTHER)
+        if in_step:
+            _copy_phases(phase[others[0] + off :], origin, row)
+        else:
+            for lane in range(len(row)):
+                row[lane] = phase[others[lane] + off] - origin[lane]

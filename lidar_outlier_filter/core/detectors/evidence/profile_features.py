@@ -92,13 +92,14 @@ def _predict_own(
     """Write what pairs of the line predict more than the range, standard deviations, plus MOST."""
     pattern, square = prepared.pattern, window.square
     reach, phase = pattern.range, pattern.phase
-    sigma = HALF * pattern.noise[line]
+    sigma, origin = HALF * pattern.noise[line], window.origin
     for m in range(OWN):
         a, b, row = OWN - 1 - m, OWN + m, pairs[m]
         before, after = k - 1 - m, k + 1 + m
         for lane in range(len(row)):
-            r, p = reach[k + lane], phase[k + lane]
-            pa, pb = phase[before + lane], phase[after + lane]
+            r, o = reach[k + lane], origin[lane]
+            p, pa = F(phase[k + lane] - o), F(phase[before + lane] - o)
+            pb = F(phase[after + lane] - o)
             good = (square[a, lane] < FAR) & (square[b, lane] < FAR) & (pb > pa)
             part = (p - pa) / (pb - pa if good else ONE)
             value = (ONE - part) / reach[before + lane] + part / reach[after + lane]
