@@ -490,7 +490,7 @@ def test_some_refused_give_status_3(folder: Path, capsys: Capture) -> None:
 def test_nothing_tested(folder: Path, capsys: Capture) -> None:
     """A cloud of which no point could be tested is written, but not without a word."""
     path = folder / 'few.csv'
-    path.write_text('x,y\n' + '1,2\n' * 3)
+    path.write_text('x,y,z\n' + '1,2,3\n' * 3)
     assert main(['clean', '--chain', 'sor', str(path)]) == 3
     sentence = 'few.csv: sor could test none of its points\n'
     assert capsys.readouterr().err.endswith(sentence)
@@ -594,7 +594,7 @@ def read_terminal(leader: int) -> bytes:
 def test_interrupted(tmp_path: Path, number: signal.Signals, status: int, tile: str) -> None:
     """Ctrl-C and SIGTERM in the middle of a run leave nothing, and no trace."""
     path = tmp_path / 'long.csv'
-    path.write_text('x,y\n' + '1.5,2.5\n' * 1_200_000)
+    path.write_text('x,y,z\n' + '1.5,2.5,0\n' * 1_200_000)
     command = [sys.executable, '-c', COMMAND, 'clean', str(path), '--tile', tile]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         while not list(tmp_path.glob('.long_cleaned.csv.partial-*')):

@@ -142,7 +142,7 @@ def test_all_or_none(tmp_path: Path) -> None:
                 path.write_text('mine')
             paths[1].write_text('theirs')
 
-    with pytest.raises(CloudError, match='the output must be a new file, got .*b, which exists'):
+    with pytest.raises(CloudError, match=r'the output must be a new file, got .*b, which exists'):
         write()
     assert names(tmp_path) == ['b']
     assert paths[1].read_text() == 'theirs'

@@ -57,14 +57,15 @@ def choose_coordinates(file: CloudFile, wanted: Sequence[str]) -> tuple[str, ...
     Raises
     ------
     CloudError
-        If they are not two or three different columns of the file.
+        If x, y or z is no column of numbers, or what is wanted are not two or three columns.
 
     """
     lower = {name.lower(): name for name in reversed(list(file.columns))}
-    names = tuple(wanted) or tuple(lower[axis] for axis in 'xyz' if axis in lower)
     has = f'the columns {", ".join(file.columns) or "none"}'
-    if not wanted and len(names) not in DIMENSIONS:
-        raise CloudError(f'{file.path}', 'with columns x and y, or --columns given', has)
+    if not wanted and (lacks := [axis for axis in 'xyz' if axis not in lower]):
+        must_be = 'with the numbers x, y and z, or clean --columns given'
+        raise CloudError(f'{file.path}', must_be, f'no numbers {" and ".join(lacks)} in {has}')
+    names = tuple(wanted) or tuple(lower[axis] for axis in 'xyz')
     for name in names:
         if name not in file.columns:
             raise CloudError(f'the coordinates {", ".join(names)}', f'columns of {file.path}', has)
