@@ -314,10 +314,10 @@ def test_output_must_be_new(tmp_path: Path) -> None:
 
 
 def test_name_taken_meanwhile(tmp_path: Path) -> None:
-    """What takes the name of the output during the run is not written over."""
-    with pytest.raises(RecordingError, match='must be written in full'), NewBag(tmp_path / 'bag'):
-        (tmp_path / 'bag' / 'mine').mkdir(parents=True)
-    assert [path.name for path in tmp_path.iterdir()] == ['bag']
+    """What takes the name of the output during the run is not written over, not even if empty."""
+    with pytest.raises(RecordingError, match='must be a new folder, got'), NewBag(tmp_path / 'bag'):
+        (tmp_path / 'bag').mkdir()
+    assert [path.name for path in tmp_path.rglob('*')] == ['bag']
 
 
 def test_messages_are_written_as_they_come(tmp_path: Path) -> None:

@@ -24,12 +24,17 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.clean import clean
+from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.judged_file import JudgedFile
 
     Capture = pytest.CaptureFixture[str]
 
@@ -48,7 +53,8 @@ def folder(recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     """Copy the real clouds to where output may be put beside them; widen the terminal."""
     monkeypatch.setenv('COLUMNS', '200')
     for path in (recordings / 'clouds').iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
+        if path.is_file():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
     return tmp_path
 
 
@@ -484,7 +490,7 @@ def test_some_refused_give_status_3(folder: Path, capsys: Capture) -> None:
 def test_nothing_tested(folder: Path, capsys: Capture) -> None:
     """A cloud of which no point could be tested is written, but not without a word."""
     path = folder / 'few.csv'
-    path.write_text('x,y\n' + '1,2\n' * 3)
+    path.write_text('x,y,z\n' + '1,2,3\n' * 3)
     assert main(['clean', '--chain', 'sor', str(path)]) == 3
     sentence = 'few.csv: sor could test none of its points\n'
     assert capsys.readouterr().err.endswith(sentence)
@@ -518,6 +524,40 @@ def test_help_imports_nothing_heavy() -> None:
     )
     assert '--outliers FILE' in done.stdout
     assert done.stderr == 'set()'
+
+
+def test_a_name_that_is_taken_meanwhile(folder: Path) -> None:
+    """Of two runs for one output the one that ends later is refused; the other's files stay."""
+    path, output = folder / 'plane.laz', folder / 'out.laz'
+    wanted = Wanted(parameters={'chain': ('sor',)})
+    reports: list[CleanReport] = []
+
+    def other_run(_judged: JudgedFile) -> None:
+        reports.append(clean(path, output, wanted))
+
+    with pytest.raises(CloudError, match=f'the output must be a new file, got {output}, which'):
+        clean(path, output, wanted, look=other_run)
+    made = {'out.laz', 'out.laz.log', 'out.laz.json'}
+    assert {name for name in names(folder) if 'out.laz' in name} == made
+    log = json.loads((folder / 'out.laz.json').read_text())
+    assert log['started'] == reports[0].started
+
+
+def test_two_runs_at_once(folder: Path) -> None:
+    """Of two commands for one output, one says that it is written, and one that it is not."""
+    output = folder / 'out.laz'
+    words = ['clean', str(folder / 'plane.laz'), '--chain', 'sor', '--output', str(output)]
+    command = [sys.executable, '-c', COMMAND, *words]
+    runs = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    said = [run.communicate() for run in runs]
+    assert sorted(run.returncode for run in runs) == [0, 1]
+    written, refused = sorted(range(2), key=lambda number: runs[number].returncode)
+    assert f'written to {output}' in said[written][0]
+    assert 'the output must be a new file, got' in said[refused][1]
+    assert 'written to' not in said[refused][0]
 
 
 # A terminal, and interruptions
@@ -554,7 +594,7 @@ def read_terminal(leader: int) -> bytes:
 def test_interrupted(tmp_path: Path, number: signal.Signals, status: int, tile: str) -> None:
     """Ctrl-C and SIGTERM in the middle of a run leave nothing, and no trace."""
     path = tmp_path / 'long.csv'
-    path.write_text('x,y\n' + '1.5,2.5\n' * 1_200_000)
+    path.write_text('x,y,z\n' + '1.5,2.5,0\n' * 1_200_000)
     command = [sys.executable, '-c', COMMAND, 'clean', str(path), '--tile', tile]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         while not list(tmp_path.glob('.long_cleaned.csv.partial-*')):

@@ -12,6 +12,9 @@ import pytest
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.heights import is_high
+from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.files import classes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -149,6 +152,19 @@ def test_classes_of_a_file_without(tmp_path: Path, capsys: Capture) -> None:
     path.write_text('x,y,z\n' + '1,2,3\n' * 20)
     assert main(['clean', str(path), '--keep-classes', '2']) == 1
     assert f'the classes of {path} must be in the file' in capsys.readouterr().err
+
+
+def test_spared_points() -> None:
+    """Of some points those that are rejected become untested; all else of a verdict stays."""
+    verdict = Verdict.untested(4)
+    verdict.add(1, np.arange(4), Scores(np.array([0.5, 3.0, 0.25, 2.0])))
+    verdict.settle(1)
+    kept = np.array([True, True, False, False])
+    spared = classes.spare(verdict, kept)
+    assert verdict.rejected.tolist() == [False, True, False, True]
+    assert spared.rejected.tolist() == [False, False, False, True]
+    np.testing.assert_array_equal(spared.score, np.float32([0.5, np.nan, 0.25, 2.0]))
+    assert spared.detectors.tolist() == [0, 0, 0, 1]
 
 
 def test_high_and_low() -> None:

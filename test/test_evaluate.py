@@ -132,7 +132,10 @@ def test_columns_of_a_table(tmp_path: Path, capsys: Capture) -> None:
         (['--labels', 'nowhere.npy'], 'the file nowhere.npy must be readable, got "No such file'),
         (['--labels', '.'], 'the labels must be with files, got ., empty'),
         (['--output', '.'], 'the output must be a new folder, got ., which exists'),
-        (['--output', 'no/where'], 'the folder no/where must be written in full, got No such file'),
+        (
+            ['--output', 'no/where'],
+            'the output no/where must be written in full, got "No such file',
+        ),
     ],
 )
 def test_refused_in_one_sentence(  # noqa: PLR0913  fixtures

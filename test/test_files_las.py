@@ -274,6 +274,16 @@ def test_coordinates_that_are_no_numbers(tmp_path: Path, place: int, value: floa
         open_cloud(path, None)
 
 
+@pytest.mark.parametrize('value', [0.0, -0.0])
+@pytest.mark.parametrize('place', [131, 139, 147])
+def test_coordinates_that_are_all_one(tmp_path: Path, place: int, value: float) -> None:
+    """A scale of 0 puts all points at one place, and is refused."""
+    path = make(tmp_path / 'made.las', version='1.2')
+    patch(path, place, struct.pack('<d', value))
+    with pytest.raises(CloudError, match=r'made.las must be such that coordinates differ, got -?0'):
+        open_cloud(path, None)
+
+
 def write_copc(path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300)) -> Any:
     """Write a COPC file of a root and some of its children, each a chunk; return the points."""
     header = laspy.LasHeader(point_format=6, version='1.4')

@@ -4,14 +4,18 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from itertools import product
 from typing import TYPE_CHECKING
 
 import pytest
 
-from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.errors import CloudError, RecordingError
+from lidar_outlier_filter.files import publication
 from lidar_outlier_filter.files.cloud_file import open_cloud
-from lidar_outlier_filter.files.new_files import new_files
+from lidar_outlier_filter.files.new_files import new_files, new_output
+from lidar_outlier_filter.files.publication import FILE, FOLDER
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,6 +70,94 @@ def test_refused(tmp_path: Path) -> None:
             pytest.fail('never comes here')
     assert there.read_text() == 'mine'
     assert names(tmp_path) == ['there']
+
+
+def refuse_in_one_step(_built: Path, _path: Path) -> bool:
+    """Say that the system has no rename that refuses, as on NFS."""
+    return False
+
+
+@pytest.fixture(params=['one step', 'two steps', 'two steps without links'])
+def renames(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Publish in each way that file systems have: all of them are used on this one."""
+    if request.param != 'one step':
+        monkeypatch.setattr(publication, '_rename_in_one_step', refuse_in_one_step)
+    if request.param.endswith('links'):
+        monkeypatch.setattr(os, 'link', no_links)
+
+
+def no_links(_built: Path, _path: Path) -> None:
+    """Refuse a second name, as FAT does."""
+    raise PermissionError
+
+
+@pytest.mark.usefixtures('renames')
+def test_published(tmp_path: Path) -> None:
+    """Files and folders get their names, with all that they hold."""
+    with new_output(tmp_path / 'file') as built:
+        built.write_text('whole')
+    with new_output(tmp_path / 'folder', FOLDER) as built:
+        (built / 'page').write_text('whole')
+    assert (tmp_path / 'file').read_text() == (tmp_path / 'folder' / 'page').read_text() == 'whole'
+    assert names(tmp_path) == ['file', 'folder']
+
+
+@pytest.mark.usefixtures('renames')
+def test_what_was_made_meanwhile_stays(tmp_path: Path) -> None:
+    """A name that was taken after the start is refused: a file, an empty folder, a dead link."""
+
+    def take(path: Path, kind: str) -> None:
+        if kind == 'file':
+            path.write_text('theirs')
+        elif kind == 'folder':
+            path.mkdir()
+        else:
+            path.symlink_to('nowhere')
+
+    def write(path: Path, must_be: str, kind: str) -> None:
+        with new_output(path, must_be) as built:
+            (built / 'page' if must_be == FOLDER else built).write_text('mine')
+            take(path, kind)
+
+    for number, (must_be, kind) in enumerate(product((FILE, FOLDER), ('file', 'folder', 'link'))):
+        path = tmp_path / f'{number}'
+        with pytest.raises(RecordingError, match=f'must be {must_be}, got {path}, which exists'):
+            write(path, must_be, kind)
+        assert names(tmp_path) == [f'{i}' for i in range(number + 1)]
+        assert path.is_symlink() == (kind == 'link')
+        if kind == 'folder':
+            assert not list(path.iterdir())
+        elif kind == 'file':
+            assert path.read_text() == 'theirs'
+
+
+@pytest.mark.usefixtures('renames')
+def test_all_or_none(tmp_path: Path) -> None:
+    """Where the second name was taken meanwhile, the first is given back."""
+    paths = [tmp_path / 'a', tmp_path / 'b']
+
+    def write() -> None:
+        with new_files(paths) as built:
+            for path in built:
+                path.write_text('mine')
+            paths[1].write_text('theirs')
+
+    with pytest.raises(CloudError, match=r'the output must be a new file, got .*b, which exists'):
+        write()
+    assert names(tmp_path) == ['b']
+    assert paths[1].read_text() == 'theirs'
+
+
+def test_a_name_that_the_system_refuses(tmp_path: Path) -> None:
+    """Whatever else goes wrong with a name is said in one sentence."""
+
+    def write() -> None:
+        with new_output(tmp_path / 'folder' / 'file') as built:
+            built.unlink(missing_ok=True)
+
+    (tmp_path / 'folder').mkdir()
+    with pytest.raises(RecordingError, match='written in full, got "No such file or directory"'):
+        write()
 
 
 def test_unknown_formats(tmp_path: Path) -> None:

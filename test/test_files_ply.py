@@ -195,6 +195,7 @@ def test_truncated(tmp_path: Path, form: str, length: int) -> None:
         ('property float x', 'property x', "got 'property x\\n'"),
         ('property float x', 'property half x', "got 'half'"),
         ('0.25 ', 'no ', 'must be readable, got "could not convert'),
+        ('0.25 ', '0.25 7 ', 'point 2 of {} must be of 4 numbers, as it says, got 5'),
     ],
 )
 def test_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
@@ -203,4 +204,4 @@ def test_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(CloudError) as caught:
         columns(path)
-    assert sentence in str(caught.value)
+    assert sentence.format(path) in str(caught.value)

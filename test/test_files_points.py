@@ -47,14 +47,14 @@ def loaded(path: Path, *columns: str, timed: bool = True, **values: Any) -> Load
         ('x,y,z', '', 'x,y,z'),
         ('z,w,y,x', '', 'x,y,z'),
         ('X,Y,Z', '', 'X,Y,Z'),
-        ('x,X,y,Y', '', 'x,y'),
+        ('x,X,y,z', '', 'x,y,z'),
         ('lat,lon,speed', 'lon,lat', 'lon,lat'),
         ('lat,lon,speed', 'lat,lon,speed', 'lat,lon,speed'),
     ],
 )
 def test_coordinates(tmp_path: Path, names: str, wanted: str, expected: str) -> None:
     """Those that are named, or x, y and z in any order and case."""
-    path = table(tmp_path, f'{names}\n1,2,3,4\n')
+    path = table(tmp_path, f'{names}\n' + ','.join('1234'[: names.count(',') + 1]) + '\n')
     chosen = choose_coordinates(open_cloud(path), wanted.split(',') if wanted else ())
     assert chosen == tuple(expected.split(','))
 
@@ -62,8 +62,9 @@ def test_coordinates(tmp_path: Path, names: str, wanted: str, expected: str) -> 
 @pytest.mark.parametrize(
     ('names', 'wanted', 'sentence'),
     [
-        ('a,b,c', '', 'must be with columns x and y, or --columns given, got the columns a, b, c'),
-        ('x,b,c', '', 'must be with columns x and y, or --columns given'),
+        ('a,b,c', '', 'got no numbers x and y and z in the columns a, b, c'),
+        ('x,b,c', '', 'must be with the numbers x, y and z, or clean --columns given, got no numb'),
+        ('x,y,c', '', 'got no numbers z in the columns x, y, c'),
         ('a,b,c', 'a', 'the coordinates must be two or three columns, got a'),
         ('a,b,c', 'a,a', 'the coordinates must be two or three columns, got a, a'),
         ('a,b,c,d', 'a,b,c,d', 'the coordinates must be two or three columns, got a, b, c, d'),
@@ -72,10 +73,39 @@ def test_coordinates(tmp_path: Path, names: str, wanted: str, expected: str) -> 
 )
 def test_no_coordinates(tmp_path: Path, names: str, wanted: str, sentence: str) -> None:
     """What cannot be coordinates is refused, and what there is is said."""
-    path = table(tmp_path, f'{names}\n1,2,3,4\n')
+    path = table(tmp_path, f'{names}\n' + ','.join('1234'[: names.count(',') + 1]) + '\n')
     with pytest.raises(CloudError) as caught:
         choose_coordinates(open_cloud(path), wanted.split(',') if wanted else ())
     assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize('word', ['n/a', '-', 'NULL'])
+def test_a_first_row_with_a_word(tmp_path: Path, word: str) -> None:
+    """Where x is no number in the first row, the cloud is not judged on y and z alone."""
+    path = table(tmp_path, f'x,y,z\n{word},2,3\n4,5,6\n')
+    with pytest.raises(CloudError, match='got no numbers x in the columns y, z'):
+        loaded(path)
+
+
+def test_a_coordinate_of_several_numbers(tmp_path: Path) -> None:
+    """In every format, x of several numbers, or of none, is no coordinate."""
+    two = tmp_path / 'cloud.parquet'
+    x = pa.array([{'a': 1.0, 'b': 2.0}] * 2)
+    parquet.write_table(pa.table({'x': x, 'y': [1.0, 2], 'z': [1.0, 2]}), two)
+    pcd = tmp_path / 'cloud.pcd'
+    pcd.write_text(
+        'FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 2 1 1\n'
+        'WIDTH 1\nHEIGHT 1\nDATA ascii\n1 1 2 3\n'
+    )
+    base = tmp_path / 'cloud.db'
+    with closing(sqlite3.connect(base)) as database, database:
+        database.execute('CREATE TABLE points (x, y, z)')
+        database.execute("INSERT INTO points VALUES ('here', 2, 3)")
+    for path in (two, pcd, base):
+        with pytest.raises(
+            CloudError, match=rf'{path} must be .* no numbers x in the columns y, z'
+        ):
+            loaded(path)
 
 
 def test_two_coordinates(tmp_path: Path) -> None:
@@ -360,13 +390,10 @@ def test_first_null_in_a_later_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr('lidar_outlier_filter.files.parquet.CHUNK', 2)
     path = tmp_path / 'cloud.parquet'
-    time = pa.array([1, 2, 3, None])
-    parquet.write_table(
-        pa.table({'x': [1.0] * 4, 'y': [1.0] * 4, 't': time, 'ring': [1] * 4}), path
-    )
+    rest = {name: [1.0] * 4 for name in 'yz'}
+    rest |= {'t': pa.array([1, 2, 3, None]), 'ring': [1] * 4}
+    parquet.write_table(pa.table({'x': [1.0] * 4, **rest}), path)
     with pytest.raises(CloudError, match='the time of a point must be finite'):
         loaded(path)
-    parquet.write_table(
-        pa.table({'x': [1.0] * 3 + [None], 'y': [1.0] * 4, 't': time, 'ring': [1] * 4}), path
-    )
+    parquet.write_table(pa.table({'x': [1.0] * 3 + [None], **rest}), path)
     assert loaded(path, time_unit='ns').points.t.tolist() == [1, 2, 3, 0]

@@ -123,6 +123,39 @@ def test_blanks_and_empty_lines(tmp_path: Path) -> None:
     assert copy.read_bytes() == b'1   2 3\n7 8 9'
 
 
+def test_rows_of_empty_fields(tmp_path: Path) -> None:
+    """A row of empty fields is a missing return: a point as any other, in its place."""
+    data = b'x,y,z\n,,\n1,2,3\n , ,\n\n"","",""\n4,5,6\n,,\n'
+    path = make(tmp_path, data)
+    x, y, _ = columns(path)
+    np.testing.assert_array_equal(x, [np.nan, 1, np.nan, np.nan, 4, np.nan])
+    np.testing.assert_array_equal(y, [np.nan, 2, np.nan, np.nan, 5, np.nan])
+    copy = copied(path, Change(added={'outlier': np.arange(6, dtype=np.uint8)}))
+    assert copy.read_bytes() == (
+        b'x,y,z,outlier\n,,,0\n1,2,3,1\n , ,,2\n"","","",3\n4,5,6,4\n,,,5\n'
+    )
+    path = make(tmp_path, b'x\ty\n\t\n1\t2\n', 'table.tsv')
+    np.testing.assert_array_equal(columns(path, 'y')[0], [np.nan, 2])
+
+
+def test_blanks_at_the_end(tmp_path: Path) -> None:
+    """Between blanks, those at the end of a line, or of the names, are no further column."""
+    path = make(tmp_path, b'x y  \n1 2 \n3 4\n', 'cloud.xyz')
+    assert list(open_cloud(path).columns) == ['x', 'y']
+    assert [column.tolist() for column in columns(path)] == [[1, 3], [2, 4]]
+
+
+@pytest.mark.parametrize('end', [b'\n', b'\r\n'])
+def test_names_with_line_breaks(tmp_path: Path, end: bytes) -> None:
+    """A quoted name may have a line break; new names stand behind the last one."""
+    head = b'x,"y' + end + b'(north)",z'
+    path = make(tmp_path, head + end + b'1,2,3' + end)
+    assert list(open_cloud(path).columns) == ['x', f'y{end.decode()}(north)', 'z']
+    assert copied(path, Change()).read_bytes() == path.read_bytes()
+    copy = copied(path, Change(added={'outlier': np.ones(1, np.uint8)}))
+    assert copy.read_bytes() == head + b',outlier' + end + b'1,2,3,1' + end
+
+
 def test_byte_order_mark(tmp_path: Path) -> None:
     """A byte order mark belongs to no name, and is kept."""
     path = make(tmp_path, b'\xef\xbb\xbfx;y\n1;2\n3;4\n')
@@ -153,8 +186,14 @@ def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (b'', 'must be of at least one point, got 0'),
         (b'x,y,z\n', 'must be of at least one point, got 0'),
         (b'x,y,x\n1,2,3\n', 'must be of different names, got x'),
-        (b'x,y,z\n1,2,3\n4,five,6\n', "row 2 of {} must be of numbers, got 'five'"),
-        (b'x,y,z\n1,2,3\n4,5\n', 'row 2 of {} must be of 3 fields, got 2'),
+        (b'x,y,z\n1,2,3\n4,five,6\n', "line 3 of {} must be of numbers, got 'five'"),
+        (b'x,y,z\n1,2,3\n4,5\n', 'line 3 of {} must be of 3 fields, as the first, got 2'),
+        (b'x,y,z\n1,2,3\n\n4,5,6,7\n', 'line 4 of {} must be of 3 fields, as the first, got 4'),
+        (b'1,2,3\n4,5,6,\n', 'line 2 of {} must be of 3 fields, as the first, got 4'),
+        # R's write.table, which has a name for every column but the first, of row numbers.
+        (b'"x" "y" "z"\n"1" 7 8 9\n', 'line 2 of {} must be of 3 fields, as the first, got 4'),
+        # Behind rows of several lines, too, it is the line where a row begins.
+        (b'x,y\n"1\n",2\n3,"4\n",5\n', 'line 4 of {} must be of 2 fields, as the first, got 3'),
         (b'x,y,z\n1,"2,3\n4,5,6\n', 'must be readable, got "unexpected end of data"'),
     ],
 )
@@ -178,8 +217,9 @@ def test_byte_order_mark_without_names(tmp_path: Path, separator: str) -> None:
     assert copy.read_bytes() == b'\xef\xbb\xbf' + separator.join('456').encode() + b'\n'
 
 
-def test_a_first_line_without_an_end(tmp_path: Path) -> None:
-    """Of a file that is one endless line no more than a first line is read."""
-    path = make(tmp_path, b'1,' * 2_000_000)
-    with pytest.raises(CloudError, match='must be of fewer than 1000000 letters, got more'):
-        open_cloud(path)
+def test_a_line_without_an_end(tmp_path: Path) -> None:
+    """Of a file that is one endless line, or has one, no more than a line is read."""
+    for before in (b'', b'x,y\n', b'x,y\n1,2\n'):
+        path = make(tmp_path, before + b'1,' * 2_000_000)
+        with pytest.raises(CloudError, match='must be of fewer than 1000000 letters, got more'):
+            open_cloud(path)

@@ -145,6 +145,28 @@ def test_which_of_both_counts() -> None:
     assert metres_per_unit(dict(both), HERE, wkt=True)['x'] == pytest.approx(SURVEY)
 
 
+def test_the_other_where_one_says_nothing() -> None:
+    """WKT counts without the header's word where no keys say a unit, and keys where no WKT does."""
+    feet = pytest.approx(dict.fromkeys('xyz', SURVEY))
+    for keys_without in ([], [keys()], [keys((1024, 0, 1, 1))]):
+        assert metres_per_unit(dict([wkt(FLAT), *keys_without]), HERE, wkt=False) == feet
+    said = keys((3076, 0, 1, 9003))
+    for text_without in ([], [wkt('')]):
+        assert metres_per_unit(dict([said, *text_without]), HERE, wkt=True) == feet
+
+
+def test_deviations_have_the_unit_of_the_coordinates(tmp_path: Path) -> None:
+    """A column of standard deviations beside coordinates in millimetres is in millimetres."""
+    path = tmp_path / 'scan.csv'
+    path.write_text('x,y,z,time,ring,s\n1000,2000,3000,0.5,1,5\n')
+    parameters = FilterParameters().changed({'alpha_beta_gamma.sigma_field': 's'})
+    sizes = dict.fromkeys('xyz', UNITS['mm'])
+    loaded = points.load(open_cloud(path), 'xyz', parameters, timed=True, metres=sizes)
+    np.testing.assert_allclose(loaded.points.xyz, [[1.0, 2.0, 3.0]])
+    assert loaded.points.sigma is not None
+    np.testing.assert_allclose(loaded.points.sigma, [0.005])
+
+
 @pytest.mark.parametrize('name', ['autzen_trim.laz', 'autzen-point-format-3.las'])
 def test_real_files_in_feet(recordings: Path, name: str) -> None:
     """What is loaded are metres; the columns stay in feet."""

@@ -68,7 +68,7 @@ builtins.__import__ = swallow
 def cloud(folder: Path) -> str:
     """Write a small cloud."""
     path = folder / 'cloud.csv'
-    path.write_text('x,y\n' + ''.join(f'{i},{i * i % 7}\n' for i in range(50)))
+    path.write_text('x,y,z\n' + ''.join(f'{i},{i * i % 7},0\n' for i in range(50)))
     return str(path)
 
 

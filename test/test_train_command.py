@@ -114,7 +114,7 @@ def test_what_the_command_refuses(tmp_path: Path, capsys: Capture) -> None:
     there = tmp_path / 'there.json'
     there.write_text('{}')
     assert main(['train', '--output', str(there)]) == 1
-    assert '--output must be a new file' in capsys.readouterr().err
+    assert 'the output must be a new file' in capsys.readouterr().err
     new = ['train', '--output', str(tmp_path / 'new.json')]
     assert main([*new, '--seed', '-1']) == 1
     assert '--seed must be at least 0' in capsys.readouterr().err

@@ -274,7 +274,7 @@ def test_an_output_that_cannot_be_written(bag: Path, tmp_path: Path, capsys: Cap
     """A folder that is not there is said at the end of it all, in one sentence."""
     output = str(tmp_path / 'no' / 'tuned.yaml')
     assert main(['tune', str(bag), *SEARCH, '--output', output]) == 1
-    assert 'must be written, got No such file or directory' in capsys.readouterr().err
+    assert 'must be written in full, got "No such file or directory"' in capsys.readouterr().err
 
 
 # Lines for a running node -----------------------------------------------------------------------

@@ -26,6 +26,7 @@ from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Step
 from lidar_outlier_filter.errors import FilterError, RecordingError, SchedulerError, said_by
 from lidar_outlier_filter.files.hidden_folder import hidden_folder
+from lidar_outlier_filter.files.publication import publish
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -130,11 +131,12 @@ def _built(output: RecordingPath) -> Iterator[Path]:
             yield path
         return
     output.parent.mkdir(parents=True, exist_ok=True)
+    older = output.exists()
     with hidden_folder(output) as folder:
         yield folder / output.name
-        if output.exists():
+        if older:
             shutil.rmtree(output)
-        (folder / output.name).rename(output)
+        publish(folder / output.name, output)
 
 
 def _how(order: Order) -> How:

@@ -24,6 +24,7 @@ from lidar_outlier_filter.archive.places import staged
 from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.archive.workers import check_code
 from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.files.publication import publish
 from lidar_outlier_filter.recordings.bags import writable
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.stream.topics import CLOUD
@@ -114,7 +115,7 @@ class WholeRecordings:
             raise RecordingError(what, 'replayed by this version', type(found).__name__)
         check_code(found.worker, found.code, judging_code())
         with writable(output):
-            found.made.rename(output)
+            publish(found.made, output)
         shutil.rmtree(found.made.parent, ignore_errors=True)
         return replace(found, report=replace(found.report, output=output))
 

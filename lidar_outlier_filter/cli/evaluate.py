@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -151,9 +150,10 @@ def _run(options: argparse.Namespace) -> int:
     from rich.console import Console
 
     from lidar_outlier_filter.evaluation.report import evaluate, tables
+    from lidar_outlier_filter.files.publication import FOLDER, check_new
 
-    if options.output is not None and os.path.lexists(options.output):
-        raise RecordingError('the output', 'a new folder', f'{options.output}, which exists')
+    if options.output is not None:
+        check_new(options.output, FOLDER)
     points, codes = _read(options)
     result = evaluate(points, codes, _numbers(options.ranges))
     console = Console()
@@ -199,25 +199,16 @@ def write(result: Evaluation, folder: Path, confidence: float, seed: int) -> Non
 
     """
     import json
-    from tempfile import TemporaryDirectory
 
     from lidar_outlier_filter.evaluation.plots import draw_precision_recall, draw_roc
     from lidar_outlier_filter.evaluation.report import to_json
+    from lidar_outlier_filter.files.new_files import new_output
+    from lidar_outlier_filter.files.publication import FOLDER
 
-    if os.path.lexists(folder):
-        raise RecordingError('the output', 'a new folder', f'{folder}, which exists')
-    try:
-        parent = folder.absolute().parent
-        with TemporaryDirectory(prefix=f'.{folder.name}.partial-', dir=parent) as hidden:
-            built = Path(hidden, folder.name)
-            built.mkdir()
-            text = json.dumps(to_json(result, confidence, seed), indent=1) + '\n'
-            (built / NUMBERS).write_text(text, encoding='utf-8')
-            if result.curve is not None:
-                curves, settings = {'score': result.curve}, {'score': result.whole}
-                draw_roc(curves, built / ROC, settings)
-                draw_precision_recall(curves, built / PRECISION_RECALL, settings)
-            built.rename(folder)
-    except OSError as err:
-        reason = err.strerror or err
-        raise RecordingError(f'the folder {folder}', 'written in full', reason) from err
+    with new_output(folder, FOLDER) as built:
+        text = json.dumps(to_json(result, confidence, seed), indent=1) + '\n'
+        (built / NUMBERS).write_text(text, encoding='utf-8')
+        if result.curve is not None:
+            curves, settings = {'score': result.curve}, {'score': result.whole}
+            draw_roc(curves, built / ROC, settings)
+            draw_precision_recall(curves, built / PRECISION_RECALL, settings)

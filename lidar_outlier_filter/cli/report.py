@@ -71,15 +71,16 @@ def add_report(commands: Commands) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.files.publication import FILE, FOLDER, check_new
     from lidar_outlier_filter.report.figures import write_figures
-    from lidar_outlier_filter.report.page import check_new, write_page
+    from lidar_outlier_filter.report.page import write_page
 
     output = options.output
     if output is None and options.figures is None:
         output = beside(options.data, '_report.html')
-    for path in (output, options.figures):
+    for path, must_be in ((output, FILE), (options.figures, FOLDER)):
         if path is not None:
-            check_new(path)
+            check_new(path, must_be)
     if options.points < 1:
         raise ParameterError('--points', 'at least 1', options.points)
     with stoppable_bar(options.data.name) as progress:

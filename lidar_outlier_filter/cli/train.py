@@ -104,6 +104,8 @@ def add_train(commands: Commands) -> None:
 def _run(options: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from lidar_outlier_filter.files.new_files import new_output
+    from lidar_outlier_filter.files.publication import check_new
     from lidar_outlier_filter.tuning.learner import check_learner
 
     check_learner()
@@ -117,11 +119,11 @@ def _run(options: argparse.Namespace) -> int:
     output = options.output or usual
     if options.seed < 0:
         raise FilterError('--seed', 'at least 0', options.seed)
-    if output.exists():
-        raise FilterError('--output', 'a new file', output)
+    check_new(output)
     with stoppable_bar('training') as progress:
         text, threshold, tables = train(options, progress)
-    output.write_text(text, encoding='utf-8')
+    with new_output(output) as built:
+        built.write_text(text, encoding='utf-8')
     console = Console()
     for table in tables:
         console.print(table)

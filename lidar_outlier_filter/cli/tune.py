@@ -135,6 +135,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.evaluation.confusion import check_confidence
+    from lidar_outlier_filter.files.publication import check_new
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning import output as tuned
     from lidar_outlier_filter.tuning.model import Goal
@@ -145,7 +146,7 @@ def _run(options: argparse.Namespace) -> int:
     folds = options.folds
     if folds is None:
         folds = FOLDS if len(options.data) == 1 else len(options.data)
-    tuned.check_new(output)
+    check_new(output)
     check_confidence(options.confidence)
     goal = Goal(options.by, options.most_lost)
     parameters = FilterParameters().changed(read_parameters(options.params, options.settings))

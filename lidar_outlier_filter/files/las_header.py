@@ -74,15 +74,17 @@ def _check_chain(
 
 
 def check_scaling(path: Path, scales: Iterable[float], offsets: Iterable[float]) -> None:
-    """Refuse scales and offsets that give coordinates which are no numbers.
+    """Refuse scales and offsets that give coordinates which are no numbers, or all one.
 
     laspy takes NaN for another scaling than NaN, and would write other integers.
     """
     for axis, *pair in zip('xyz', scales, offsets, strict=True):
         scale, offset = map(float, pair)
+        what = f'scale and offset of {axis} in {path}'
         if not math.isfinite(abs(scale) * _MOST + abs(offset)):
-            what = f'scale and offset of {axis} in {path}'
             raise CloudError(what, 'such that all coordinates are finite', f'{scale} and {offset}')
+        if scale == 0:
+            raise CloudError(what, 'such that coordinates differ', f'{scale} and {offset}')
 
 
 def check_las_points(path: Path, count: int) -> None:

@@ -120,8 +120,8 @@ class PlyFile:
         behind = self._elements[self._place + 1 :]
         if self._format == 'ascii':
             columns = {name: (i, kind) for i, (name, kind) in enumerate(self.columns.items())}
-            count = self._vertex.count
-            lines = TextRows(self.path, offset, count, columns, is_last=not behind)
+            count, width = self._vertex.count, len(self._vertex.properties)
+            lines = TextRows(self.path, offset, count, width, columns, is_last=not behind)
             return lines, offset, lines.end()
         end = offset + self._dtype.itemsize * self._vertex.count
         least = sum(element.count * element.least for element in behind)

@@ -57,14 +57,15 @@ def choose_coordinates(file: CloudFile, wanted: Sequence[str]) -> tuple[str, ...
     Raises
     ------
     CloudError
-        If they are not two or three different columns of the file.
+        If x, y or z is no column of numbers, or what is wanted are not two or three columns.
 
     """
     lower = {name.lower(): name for name in reversed(list(file.columns))}
-    names = tuple(wanted) or tuple(lower[axis] for axis in 'xyz' if axis in lower)
     has = f'the columns {", ".join(file.columns) or "none"}'
-    if not wanted and len(names) not in DIMENSIONS:
-        raise CloudError(f'{file.path}', 'with columns x and y, or --columns given', has)
+    if not wanted and (lacks := [axis for axis in 'xyz' if axis not in lower]):
+        must_be = 'with the numbers x, y and z, or clean --columns given'
+        raise CloudError(f'{file.path}', must_be, f'no numbers {" and ".join(lacks)} in {has}')
+    names = tuple(wanted) or tuple(lower[axis] for axis in 'xyz')
     for name in names:
         if name not in file.columns:
             raise CloudError(f'the coordinates {", ".join(names)}', f'columns of {file.path}', has)
@@ -138,7 +139,9 @@ def load(  # noqa: PLR0913  which columns, and where to
     zeros = np.zeros(len(file), np.int64)
     found = Loaded(Points(xyz, zeros, zeros, valid), '', '')
     if timed:
-        found = _with_lines(file, found.points, columns, parameters)
+        # A standard deviation has the unit of the coordinates beside it.
+        size = sizes.get(coordinates[0], 1.0)
+        found = _with_lines(file, found.points, columns, parameters, size)
     return replace(found, more={name: columns[name] for name in more})
 
 
@@ -170,9 +173,9 @@ def _named(file: CloudFile, name: str, parameter: str, usual: Sequence[str]) -> 
 
 
 def _with_lines(
-    file: CloudFile, points: Points, columns: Columns, parameters: FilterParameters
+    file: CloudFile, points: Points, columns: Columns, parameters: FilterParameters, size: float
 ) -> Loaded:
-    """Add time, line and standard deviation to the points, if the columns hold them."""
+    """Add time, line and standard deviation, of ``size`` metres, if the columns hold them."""
     time = _named(file, parameters.time_field, 'time_field', (GPS_TIME, *TIME_NAMES))
     if not time:
         return Loaded(points, '', 'no column with the time of each point')
@@ -189,7 +192,7 @@ def _with_lines(
     found = _lines(file, points.valid, t, columns, parameters)
     if found is None:
         return Loaded(points, '', 'no column that says its scan lines')
-    sigma = _sigma(columns, points.valid, parameters.alpha_beta_gamma.sigma_field)
+    sigma = _sigma(columns, points.valid, parameters.alpha_beta_gamma.sigma_field, size)
     timed = Points(points.xyz, t, found.line, points.valid, sigma)
     return Loaded(timed, f'{time} ({unit}) and {found.found_by}', '')
 
@@ -232,9 +235,11 @@ def _numbers_of_lines(line: NDArray[Any], valid: NDArray[np.bool_], name: str) -
     return np.where(whole, values, 0).astype(np.int64)
 
 
-def _sigma(columns: Columns, valid: NDArray[np.bool_], name: str) -> NDArray[np.float64] | None:
+def _sigma(
+    columns: Columns, valid: NDArray[np.bool_], name: str, size: float
+) -> NDArray[np.float64] | None:
     if not name:
         return None
-    sigma = cloud_file.filled(columns[name]).astype(np.float64)
+    sigma = cloud_file.filled(columns[name]).astype(np.float64) * size
     check_sigma(sigma, valid, f'column {name!r}')
     return sigma

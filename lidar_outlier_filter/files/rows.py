@@ -94,21 +94,23 @@ def _is_big_endian(dtype: np.dtype[np.void]) -> bool:
 class TextRows:
     """Rows that are lines, with columns between blanks."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  where the lines are, and what is in them
         self,
         path: Path,
         offset: int,
         count: int,
+        width: int,
         columns: Mapping[str, tuple[int, np.dtype[Any]]],
         *,
         is_last: bool = True,
     ) -> None:
         """Note where the lines begin, how many there are, and place and type of the columns.
 
-        Behind the last lines of a file no other may stand.
+        Each line has as many numbers as the ``width``. Behind the last lines of a file no other may
+        stand.
         """
         self._path, self._offset, self._count, self._columns = path, offset, count, columns
-        self._is_last = is_last
+        self._width, self._is_last = width, is_last
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk, each number in its own type, as PCL does."""
@@ -116,12 +118,22 @@ class TextRows:
         dtype = np.dtype([(f'f{i}', kind) for i, (_, kind) in enumerate(places)])
         # numpy reads columns in the order in which they are asked for.
         use = [place for place, _ in places]
+        done = 0
         with self._path.open('rb') as stream:
             stream.seek(self._offset)
             for lines in self._chunks(stream):
+                self._check_width(lines, done)
+                done += len(lines)
                 text = [line.decode('latin-1') for line in lines]
                 table = np.loadtxt(text, dtype, comments=None, usecols=use, ndmin=1)
                 yield tuple(np.ascontiguousarray(table[name]) for name in dtype.names or ())
+
+    def _check_width(self, lines: Sequence[bytes], before: int) -> None:
+        """Refuse a line with more or fewer numbers: what is put behind them had another column."""
+        for number, line in enumerate(lines, before + 1):
+            if (found := len(line.split())) != self._width:
+                what = f'point {number} of {self._path}'
+                raise CloudError(what, f'of {self._width} numbers, as it says', found)
 
     def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
         """Write the lines, changed; yield how many are done."""

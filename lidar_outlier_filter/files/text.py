@@ -11,7 +11,7 @@ import csv
 from codecs import BOM_UTF8
 from itertools import islice
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import numpy as np
 
@@ -27,12 +27,18 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.files.cloud_file import Change
 
-    Row = tuple[list[str], str]  # the fields, and the text that they were
-
 _SEPARATORS = ',;\t| '
 FLOAT = np.dtype(np.float64)
-LONGEST_LINE = 1_000_000  # letters of the first line
+LONGEST_LINE = 1_000_000  # letters
 EXACT = 2**53  # up to here a float64 holds every whole number
+
+
+class _Row(NamedTuple):
+    """The fields of a row, the text that they were, and the number of its first line."""
+
+    fields: list[str]
+    text: str
+    line: int
 
 
 def open_file(path: Path, _table: str | None) -> TextFile:
@@ -55,21 +61,16 @@ class TextFile:
         self.path = path
         with path.open('rb') as raw:
             self._mark = raw.read(len(BOM_UTF8)) == BOM_UTF8
-        with self._open() as stream:
-            first = stream.readline(LONGEST_LINE)
-        if len(first) == LONGEST_LINE:
-            must_be = f'of fewer than {LONGEST_LINE} letters'
-            raise CloudError(f'the first line of {path}', must_be, 'more')
-        # The one that makes the most of the first line.
-        self._separator = max(_SEPARATORS, key=lambda mark: len(_split(first, mark)))
-        names = _split(first, self._separator)
+        # The one that makes the most of the first row.
+        self._separator = max(_SEPARATORS, key=lambda mark: len(self._first(mark).fields))
+        names, self._head, _ = self._first(self._separator)
         self._has_names = bool(names) and not all(_is_number(name) for name in names)
         if not self._has_names:
             names = [str(i + 1) for i in range(len(names))]
         check_names(path, names)
         self._width = len(names)
         with self._open() as stream:
-            first_row, _ = next(self._rows(stream), ([], ''))
+            first_row = next(self._rows(stream), _Row([], '', 1)).fields
         with self._open() as stream:
             self._count = sum(1 for _ in self._rows(stream))
         self._places = {
@@ -83,25 +84,47 @@ class TextFile:
         # What is no UTF-8 comes out again as it went in; a byte order mark belongs to no column.
         return self.path.open(encoding='utf-8-sig', errors='surrogateescape', newline='')
 
-    def _rows(self, stream: TextIO) -> Iterator[Row]:
-        """Yield the rows, each with the text that it was; empty lines are none."""
+    def _first(self, mark: str) -> _Row:
+        """Return the first row, whatever it is, with a separator; names may have line breaks."""
+        with self._open() as stream:
+            return next(self._parsed(stream, mark, strict=False), _Row([], '', 1))
+
+    def _parsed(self, stream: TextIO, mark: str, *, strict: bool) -> Iterator[_Row]:
+        """Yield the rows, and empty lines, each with the text that it was."""
         text: list[str] = []
 
         def noted() -> Iterator[str]:
-            for line in stream:
+            while line := stream.readline(LONGEST_LINE):
+                if len(line) == LONGEST_LINE:
+                    must_be = f'of fewer than {LONGEST_LINE} letters'
+                    raise CloudError(f'a line of {self.path}', must_be, 'more')
                 text.append(line)
                 yield line
 
-        reader = csv.reader(noted(), delimiter=self._separator, skipinitialspace=True, strict=True)
-        if self._has_names:
-            next(reader)
-        text.clear()
+        reader = csv.reader(noted(), delimiter=mark, skipinitialspace=True, strict=strict)
         for fields in reader:
-            if fields and any(fields):
-                yield fields, ''.join(text)
+            if mark == ' ' and fields and not fields[-1]:
+                fields.pop()  # blanks at the end separate nothing
+            yield _Row(fields, ''.join(text), reader.line_num - len(text) + 1)
             text.clear()
 
-    def _chunks(self, stream: TextIO) -> Iterator[list[Row]]:
+    def _rows(self, stream: TextIO) -> Iterator[_Row]:
+        """Yield the rows below the names; a row of empty fields is one, an empty line is none.
+
+        Every row has as many fields as the first: a number in the wrong column is none.
+        """
+        rows = self._parsed(stream, self._separator, strict=True)
+        if self._has_names:
+            next(rows)
+        for row in rows:
+            if len(row.fields) <= 1 and not row.text.strip():
+                continue
+            if len(row.fields) != self._width:
+                what = f'line {row.line} of {self.path}'
+                raise CloudError(what, f'of {self._width} fields, as the first', len(row.fields))
+            yield row
+
+    def _chunks(self, stream: TextIO) -> Iterator[list[_Row]]:
         rows = self._rows(stream)
         while chunk := list(islice(rows, CHUNK)):
             yield chunk
@@ -113,27 +136,23 @@ class TextFile:
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk; an empty field is missing."""
         places = [self._places[name] for name in names]
-        done = 0
         with self._open() as stream:
             for rows in self._chunks(stream):
                 table = [np.empty(len(rows)) for _ in names]
-                for i, (fields, _) in enumerate(rows):
-                    if len(fields) < self._width:
-                        what = f'row {done + i + 1} of {self.path}'
-                        raise CloudError(what, f'of {self._width} fields', len(fields))
+                for i, row in enumerate(rows):
                     for column, place in zip(table, places, strict=True):
-                        column[i] = self._number(fields[place], done + i)
-                done += len(rows)
+                        column[i] = self._number(row, place)
                 yield tuple(
-                    _exact(column, [fields[place] for fields, _ in rows])
+                    _exact(column, [row.fields[place] for row in rows])
                     for column, place in zip(table, places, strict=True)
                 )
 
-    def _number(self, text: str, row: int) -> float:
+    def _number(self, row: _Row, place: int) -> float:
+        text = row.fields[place]
         try:
             return float(text) if text and not text.isspace() else np.nan
         except ValueError:
-            what = f'row {row + 1} of {self.path}'
+            what = f'line {row.line} of {self.path}'
             raise CloudError(what, 'of numbers', repr(text)) from None
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
@@ -143,24 +162,18 @@ class TextFile:
         with self._open() as stream, path.open('wb') as output:
             output.write(BOM_UTF8 if self._mark else b'')
             if self._has_names:
-                head = self._head()
                 names = self._separator.join(['', *change.added])
-                held = head.rstrip('\r\n')
-                output.write(_bytes(held + names + head[len(held) :]))
+                held = self._head.rstrip('\r\n')
+                output.write(_bytes(held + names + self._head[len(held) :]))
             for rows in self._chunks(stream):
                 part = slice(done, done + len(rows))
                 added = [values[part].tolist() for values in change.added.values()]
                 keep = [True] * len(rows) if change.keep is None else change.keep[part].tolist()
-                for (_, text), stays, *values in zip(rows, keep, *added, strict=True):
+                for row, stays, *values in zip(rows, keep, *added, strict=True):
                     if stays:
-                        output.write(append(_bytes(text), mark, values))
+                        output.write(append(_bytes(row.text), mark, values))
                 done = part.stop
                 yield done
-
-    def _head(self) -> str:
-        """Return the text of the line with the names."""
-        with self._open() as stream:
-            return stream.readline()
 
 
 def _exact(column: NDArray[np.float64], texts: Sequence[str]) -> NDArray[Any]:
@@ -177,10 +190,6 @@ def _exact(column: NDArray[np.float64], texts: Sequence[str]) -> NDArray[Any]:
     except (ValueError, OverflowError):  # such as 1e300
         return column
     return np.ma.MaskedArray(whole, missing) if missing.any() else whole
-
-
-def _split(line: str, mark: str) -> list[str]:
-    return next(csv.reader([line.rstrip('\r\n')], delimiter=mark, skipinitialspace=True), [])
 
 
 def _is_number(text: str) -> bool:

@@ -37,7 +37,8 @@ def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> d
     ----------
     records : bytes of the (extended) variable length records of ``USER``, by their numbers
     path : of the file, for a refusal
-    wkt : whether the header says that WKT counts, and not the keys
+    wkt : whether the header says that WKT counts, and not the keys; where the one that counts is
+        missing or says no unit, it is the other
 
     Raises
     ------
@@ -45,19 +46,17 @@ def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> d
         If the coordinates are degrees, or of a system or a unit that is not known.
 
     """
-    if wkt and WKT in records:
-        plane, up = _of_wkt(records[WKT].split(b'\0')[0].decode('utf-8', 'replace'), path)
-    elif KEYS in records:
-        plane, up = _of_keys(records[KEYS], records.get(DOUBLES, b''), path)
-    else:
-        return {}
+    readers = (_of_wkt, _of_keys) if wkt else (_of_keys, _of_wkt)
+    said = (reader(records, path) for reader in readers)
+    plane, up = next((units for units in said if units != (None, None)), (None, None))
     # Heights without a unit of their own have that of the plane.
     up = plane if up is None else up
     found = {'x': plane, 'y': plane, 'z': up}
     return {axis: size for axis, size in found.items() if size is not None and size != 1.0}
 
 
-def _of_keys(data: bytes, doubles: bytes, path: Path) -> tuple[float | None, float | None]:
+def _of_keys(records: Mapping[int, bytes], path: Path) -> tuple[float | None, float | None]:
+    data, doubles = records.get(KEYS, b''), records.get(DOUBLES, b'')
     numbers = struct.unpack(f'<{len(data) // 2}H', data[: len(data) // 2 * 2])
     rows = [numbers[i : i + 4] for i in range(4, len(numbers) - 3, 4)]
     keys = {row[0]: row for row in rows}
@@ -94,7 +93,8 @@ def _of_height(code: int, path: Path) -> float | None:
     return _of_system(system, path)[1] if system.is_vertical else None
 
 
-def _of_wkt(text: str, path: Path) -> tuple[float | None, float | None]:
+def _of_wkt(records: Mapping[int, bytes], path: Path) -> tuple[float | None, float | None]:
+    text = records.get(WKT, b'').split(b'\0')[0].decode('utf-8', 'replace')
     return _of_system(_system(text, path), path) if text.strip() else (None, None)
 
 

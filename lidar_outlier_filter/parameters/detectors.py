@@ -43,7 +43,8 @@ class AlphaBetaGamma(Section):
     )
     sigma_field: str = declare(
         '',
-        "Field with each point's own standard deviation, from 1e-9 to 1e9 metres; empty: none.",
+        "Field with each point's own standard deviation, in the unit of the coordinates, from 1e-9 "
+        'to 1e9 metres; empty: none.',
         fixed=True,
     )
     sigma_floor: float = declare(

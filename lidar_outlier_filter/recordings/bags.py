@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
@@ -22,6 +21,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 from lidar_outlier_filter.files.hidden_folder import hidden_folder
+from lidar_outlier_filter.files.publication import FOLDER, check_new, publish
 from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
 from lidar_outlier_filter.recordings.packed import unpacked
 from lidar_outlier_filter.recordings.storage import (
@@ -180,7 +180,7 @@ class NewBag:
 
     def __enter__(self) -> Self:
         """Begin the bag in its hidden folder."""
-        check_new(self.path)
+        check_new(self.path, FOLDER)
         with ExitStack() as stack, writable(self.path):
             self.folder = stack.enter_context(hidden_folder(self.path))
             # In the hidden folder it has its final name already: its files are named after it.
@@ -211,7 +211,7 @@ class NewBag:
         _trace: TracebackType | None,
     ) -> None:
         if kind is None:
-            self._built.rename(self.path)
+            publish(self._built, self.path)
 
     def add(self, topic: Topic) -> None:
         """Add a topic; it is in the bag even if no message follows."""
@@ -250,12 +250,6 @@ def _readable(path: RecordingPath) -> Iterator[None]:
     except RecordingError as err:
         err.is_damage = True
         raise
-
-
-def check_new(path: Path) -> None:
-    """Refuse an output whose name is taken."""
-    if os.path.lexists(path):
-        raise RecordingError('the output', 'a new folder', f'{path}, which exists')
 
 
 @contextmanager

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.stream_cloud import END
 from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.files.publication import FOLDER, check_new
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic, check_new, writable
+from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic, writable
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.journal import Journal, Left, left_for
 from lidar_outlier_filter.recordings.losses import Losses
@@ -103,7 +104,7 @@ def replay(  # noqa: PLR0913  what the command line offers
     given = FilterParameters().changed(parameters or {})
     if isinstance(recording, Path) and recording.resolve() in output.resolve().parents:
         raise RecordingError('the output', f'outside of {recording}, which stays as it is', output)
-    check_new(output)
+    check_new(output, FOLDER)
     head = _head(recording, topics, given, drop_input=drop_input, salvage=salvage)
     with ExitStack() as stack:
         left = _left(stack, output, head, inform) if resume else None

@@ -14,7 +14,8 @@ import yaml
 
 from lidar_outlier_filter.errors import RecordingError, said_by
 from lidar_outlier_filter.files.hidden_folder import hidden_folder
-from lidar_outlier_filter.recordings.bags import LATEST, NewBag, check_new, writable
+from lidar_outlier_filter.files.publication import FOLDER, check_new
+from lidar_outlier_filter.recordings.bags import LATEST, NewBag, writable
 from lidar_outlier_filter.recordings.channels import ros1_channels, ros2_channels
 from lidar_outlier_filter.recordings.damaged_mcap import DamagedMcap
 from lidar_outlier_filter.recordings.damaged_ros1 import DamagedBag
@@ -49,7 +50,7 @@ def salvaged(path: Path, output: Path, largest: int) -> Iterator[tuple[Path, Los
     """
     if not path.exists():
         raise RecordingError('the recording', 'an existing file or folder', path)
-    check_new(output)
+    check_new(output, FOLDER)
     losses = Losses()
     with writable(output), hidden_folder(output) as folder:
         copy = folder / 'salvaged'

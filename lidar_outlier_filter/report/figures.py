@@ -4,20 +4,19 @@
 
 from __future__ import annotations
 
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.evaluation.plots import FRAME, INK, draw_roc, dress, save
+from lidar_outlier_filter.files.new_files import new_output
+from lidar_outlier_filter.files.publication import FOLDER
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.header import near_origin
-from lidar_outlier_filter.report.page import check_new
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES, SCORE_BINS
 
 if TYPE_CHECKING:
@@ -44,19 +43,9 @@ def write_figures(gathered: Gathered, folder: Path) -> list[str]:
         If the folder exists, or cannot be written.
 
     """
-    check_new(folder)
-    try:
-        parent = folder.absolute().parent
-        with TemporaryDirectory(prefix=f'.{folder.name}.partial-', dir=parent) as hidden:
-            built = type(folder)(hidden, folder.name)
-            built.mkdir()
-            _draw_all(gathered, built)
-            names = sorted(path.name for path in built.iterdir())
-            built.rename(folder)
-    except OSError as err:
-        must_be = 'written in full'
-        raise RecordingError(f'the folder {folder}', must_be, err.strerror or err) from err
-    return names
+    with new_output(folder, FOLDER) as built:
+        _draw_all(gathered, built)
+        return sorted(path.name for path in built.iterdir())
 
 
 def _draw_all(gathered: Gathered, folder: Path) -> None:

@@ -7,21 +7,19 @@ from __future__ import annotations
 import base64
 import html
 import json
-import os
 from importlib.resources import files
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from matplotlib import colormaps
 
-from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.files.new_files import new_output
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.header import header, split
 from lidar_outlier_filter.report.pack import pack
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from lidar_outlier_filter.report.gather import Gathered
 
@@ -119,23 +117,8 @@ def write_page(gathered: Gathered, output: Path) -> None:
         If the file exists, or cannot be written.
 
     """
-    check_new(output)
-    text = page(gathered)
-    try:
-        parent = output.absolute().parent
-        with TemporaryDirectory(prefix=f'.{output.name}.partial-', dir=parent) as hidden:
-            built = Path(hidden, output.name)
-            built.write_text(text, encoding='utf-8')
-            built.rename(output)
-    except OSError as err:
-        must_be = 'written in full'
-        raise RecordingError(f'the output {output}', must_be, err.strerror or err) from err
-
-
-def check_new(output: Path) -> None:
-    """Refuse to replace what is there."""
-    if os.path.lexists(output):
-        raise RecordingError('the output', 'new', f'{output}, which exists')
+    with new_output(output) as built:
+        built.write_text(page(gathered), encoding='utf-8')
 
 
 def _inlined() -> dict[str, str]:

@@ -15,6 +15,7 @@ from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation import pictures as picture
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_points, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate, summary
+from lidar_outlier_filter.files.publication import publish
 from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
 from lidar_outlier_filter.recordings.replay import replay
@@ -146,7 +147,7 @@ def _new_folder(output: Path) -> Iterator[Path]:
             _check(output)
             if output.exists():
                 output.rename(old)
-            new.rename(output)
+            publish(new, output)
     except OSError as err:
         reason = err.strerror or err
         raise RecordingError(f'the folder {output}', 'written in full', reason) from err

@@ -5,21 +5,20 @@
 from __future__ import annotations
 
 import math
-import os
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import yaml
 from rich.table import Table
 
-from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, f1_interval
 from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.files.new_files import new_output
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
@@ -124,21 +123,9 @@ def write(path: Path, parameters: FilterParameters, about: str) -> None:
         If it exists, or cannot be written.
 
     """
-    check_new(path)
-    text = f'# {about}\n{write_yaml(parameters.flat())}'
-    try:
-        with TemporaryDirectory(prefix=f'.{path.name}.partial-', dir=path.absolute().parent) as new:
-            built = Path(new, path.name)
-            built.write_text(text, encoding='utf-8')
-            built.rename(path)
-    except OSError as err:
-        raise RecordingError(f'the output {path}', 'written', err.strerror or err) from err
-
-
-def check_new(path: Path) -> None:
-    """Refuse to replace a file."""
-    if os.path.lexists(path):
-        raise RecordingError('the output', 'a new file', f'{path}, which exists')
+    with new_output(path) as built:
+        text = f'# {about}\n{write_yaml(parameters.flat())}'
+        built.write_text(text, encoding='utf-8')
 
 
 def sentence(found: Tuned, source: str, confidence: float, seed: int) -> str:
