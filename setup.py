@@ -118,7 +118,10 @@ setup(
         'test': [
             'atheris>=2.3',
             'catkin-pkg>=1.0',
+            # `--packages-select` and `install/setup.bash` of the README are parts of their own.
+            'colcon-bash>=0.5',
             'colcon-core>=0.17',
+            'colcon-package-selection>=0.2.10',
             'colcon-ros>=0.5',
             'dask>=2026.1.1',
             'distributed>=2026.1.1',

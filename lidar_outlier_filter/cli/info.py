@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, say, say_unread, stoppable_bar
+from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, say_unread, stoppable_bar
 
 if TYPE_CHECKING:
     import argparse
@@ -66,7 +66,7 @@ def _info(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.recordings.info import look
 
     with staged(place_of(path)) as readable, stoppable_bar(path.name) as progress:
-        info = look(readable, options.sample, progress, say)
+        info = look(readable, options.sample, progress)
     _show(console, info)
     say_unread(info.unread)
     return INCOMPLETE if info.unread else DONE

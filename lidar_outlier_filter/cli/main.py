@@ -86,4 +86,6 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    from lidar_outlier_filter.cli.start import start
+
+    sys.exit(start())

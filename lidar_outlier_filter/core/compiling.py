@@ -10,8 +10,8 @@ from threading import get_ident
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba.core.event import Event, Listener, install_listener
 
+from lidar_outlier_filter.core.compile_hearers import hearers
 from lidar_outlier_filter.core.points import Points
 
 if TYPE_CHECKING:
@@ -27,25 +27,20 @@ class NotCompiled(Exception):  # noqa: N818  no error: an answer
     """A kernel would have to be compiled."""
 
 
-class _Refusal(Listener):
-    """Stops numba from compiling in the thread that made it."""
-
-    def __init__(self) -> None:
-        self._thread = get_ident()
-
-    def on_start(self, _event: Event) -> None:
-        if get_ident() == self._thread:
-            raise NotCompiled
-
-    def on_end(self, _event: Event) -> None:
-        """Do nothing."""
-
-
 @contextmanager
 def only_compiled() -> Iterator[None]:
     """Raise :class:`NotCompiled` where this thread calls a kernel that is not on disk."""
-    with install_listener('numba:compile', _Refusal()):
+    asking = get_ident()
+
+    def refuse(_module: str) -> None:
+        if get_ident() == asking:
+            raise NotCompiled
+
+    hearers.insert(0, refuse)  # nobody hears of what is not compiled
+    try:
         yield
+    finally:
+        hearers.remove(refuse)
 
 
 def sample(sensor: str) -> Iterator[Points]:

@@ -28,6 +28,9 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 from numba.core.caching import IndexDataCacheFile
+from numba.core.event import Event, Listener, register
+
+from lidar_outlier_filter.core.compile_hearers import hearers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -40,6 +43,21 @@ _DIGITS = 16  # of the hash, hexadecimal, in the name of a file
 
 
 complaints: list[str] = []  # why what is compiled is not kept, one sentence for each reason
+
+
+class _Compilations(Listener):
+    """Tells who wants to hear it that numba is about to compile a kernel."""
+
+    def on_start(self, event: Event) -> None:
+        module = event.data['dispatcher'].py_func.__module__
+        for hear in tuple(hearers):
+            hear(module)
+
+    def on_end(self, _event: Event) -> None:
+        """Do nothing."""
+
+
+register('numba:compile', _Compilations())  # type: ignore[no-untyped-call]
 
 
 class CacheFile(IndexDataCacheFile):

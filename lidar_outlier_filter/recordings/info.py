@@ -20,7 +20,7 @@ from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.recordings.scan_geometry import scan_geometry
-from lidar_outlier_filter.stream.compiling import load, make_ready, seconds
+from lidar_outlier_filter.stream.compiling import make_ready
 from lidar_outlier_filter.stream.topics import CLOUD
 
 if TYPE_CHECKING:
@@ -84,7 +84,6 @@ def look(
     path: RecordingPath,
     sample: float = SAMPLE,
     progress: Callable[[int, int], object] = lambda _done, _total: None,
-    inform: Callable[[str], object] = str,
 ) -> RecordingInfo:
     """Read a recording once for its times, and the first seconds of its clouds for all else.
 
@@ -93,7 +92,6 @@ def look(
     path : ROS 2 bag folder, ``.mcap``, ``.db3``, or ROS 1 ``.bag``
     sample : seconds of bag time that are judged by the defaults
     progress : is called after each message: how many of how many have been read
-    inform : is called with a sentence if kernels have to be compiled first
 
     Raises
     ------
@@ -112,8 +110,7 @@ def look(
             {topic: CloudInfo() for topic in source.topics if topic.msgtype == CLOUD},
         )
         parameters = FilterParameters()
-        if info.clouds and not load(parameters):
-            inform(f'kernels are compiled, this once: about {seconds(parameters)} s')
+        if info.clouds:
             make_ready(parameters)
         for topic, cloud in info.clouds.items():
             _judge(source, topic, cloud, source.start + round(sample * SECOND))

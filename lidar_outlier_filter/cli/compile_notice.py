@@ -1,0 +1,55 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Says on stderr that kernels are compiled: the first run of a command takes a minute longer."""
+
+from __future__ import annotations
+
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.core.compile_hearers import hearers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PACKAGE = 'lidar_outlier_filter'
+SIMULATION_SECONDS = 10  # of the processor, about, as those of `stream.compiling`
+
+
+def say_what_is_compiled() -> None:
+    """Say it in this process, from now on."""
+    hearers.append(notice())
+
+
+def notice() -> Callable[[str], None]:
+    """Return what hears the module of each kernel that is compiled, and says each part once."""
+    said: set[str] = set()
+    lock = Lock()
+
+    def hear(module: str) -> None:
+        sentence = _sentence(module)
+        with lock:
+            if not sentence or sentence in said:
+                return
+            said.add(sentence)
+        # Not before it is needed: help is instant.
+        from lidar_outlier_filter.cli.terminal import say  # noqa: PLC0415
+
+        say(sentence)
+
+    return hear
+
+
+def _sentence(module: str) -> str:
+    """Name the part of the package that a kernel belongs to; nothing for kernels of others."""
+    from lidar_outlier_filter.stream.compiling import SECONDS, SHARED_SECONDS  # noqa: PLC0415
+
+    package, room, *rest = [*module.split('.'), '']
+    if package != PACKAGE:
+        return ''
+    whose, seconds = 'that all share', SHARED_SECONDS
+    if room == 'simulation':
+        whose, seconds = 'of the simulation', SIMULATION_SECONDS
+    elif rest[0] == 'detectors' and rest[1] in SECONDS:
+        whose, seconds = f'of {rest[1]}', SECONDS[rest[1]]
+    return f'the kernels {whose} are compiled, this once: about {seconds} s'
