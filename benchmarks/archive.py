@@ -25,9 +25,10 @@ from typing import TYPE_CHECKING
 import psutil
 
 from lidar_outlier_filter.archive.engine import Engine
-from lidar_outlier_filter.archive.order import Order, Task
+from lidar_outlier_filter.archive.order import Order
 from lidar_outlier_filter.archive.pieces import LENGTH, Piece, cut, judge_piece
 from lidar_outlier_filter.archive.places import place_of
+from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
 from lidar_outlier_filter.recordings.bags import Recording

@@ -21,9 +21,10 @@ from repeated_drives import sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive.engine import Engine
 from lidar_outlier_filter.archive.manifest import NAME, opened_manifest
-from lidar_outlier_filter.archive.order import Order, Task
+from lidar_outlier_filter.archive.order import Order
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
+from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.recordings.replay import replay

@@ -16,8 +16,9 @@ from repeated_drives import Sweeps, sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive import pieces
 from lidar_outlier_filter.archive.engine import Engine
-from lidar_outlier_filter.archive.order import Order, Task
+from lidar_outlier_filter.archive.order import Order
 from lidar_outlier_filter.archive.places import place_of
+from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay

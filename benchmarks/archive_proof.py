@@ -41,8 +41,9 @@ from repeated_drives import sweeps_of, write_repeated  # noqa: E402
 
 from lidar_outlier_filter.archive.engine import Engine  # noqa: E402
 from lidar_outlier_filter.archive.fingerprints import judging_code  # noqa: E402
-from lidar_outlier_filter.archive.order import Order, Task  # noqa: E402
+from lidar_outlier_filter.archive.order import Order  # noqa: E402
 from lidar_outlier_filter.archive.places import place_of  # noqa: E402
+from lidar_outlier_filter.archive.task import Task  # noqa: E402
 from lidar_outlier_filter.archive.workers import local_workers  # noqa: E402
 
 if TYPE_CHECKING:

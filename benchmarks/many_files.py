@@ -78,7 +78,7 @@ def kill_one() -> None:
 def stamps(folder: Path) -> dict[str, int]:
     """Say of each output that the manifest calls done when it was written."""
     done = [entry['output'] for entry in entries(folder) if entry['state'] == 'done']
-    return {output: Path(output).stat().st_mtime_ns for output in done}
+    return {output: (folder / output).stat().st_mtime_ns for output in done}
 
 
 def broken_twice(words: list[str], folder: Path, workers: Workers | None) -> list[int]:

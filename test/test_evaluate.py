@@ -17,6 +17,7 @@ from sklearn import metrics
 
 from lidar_outlier_filter.cli.evaluate import label_files
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive
 from lidar_outlier_filter.simulation.recording import record
@@ -165,13 +166,60 @@ def test_several_label_files_for_one_file_are_refused(tmp_path: Path, capsys: Ca
     assert 'the labels of one file must be one file, got 2 files' in capsys.readouterr().err
 
 
+def test_label_files_by_their_numbers(tmp_path: Path, capsys: Capture) -> None:
+    """The label of cloud 10 is not that of cloud 2, which comes behind it by name."""
+    clouds = [rows(SCORED)] * 12
+    rejected = [np.arange(8) == number % 8 for number in range(12)]
+    bag = write(tmp_path / 'bag', {'/lidar': clouds, **answers(clouds, rejected)})
+    folder = tmp_path / 'labels'
+    folder.mkdir()
+    for number, mask in enumerate(rejected):
+        np.where(mask, 1, 40).astype('<u4').tofile(folder / f'cloud_{number}.label')
+    assert main(['evaluate', str(bag), '--labels', str(folder)]) == 0
+    (line,) = (line for line in printed(capsys) if line.startswith('outlier '))
+    assert line.startswith('outlier 12 12 100.00 %')
+
+
 def test_folders_of_labels(tmp_path: Path) -> None:
-    """Files of a folder are taken by their names, folders in it are not."""
-    for name in ('b.label', 'a.label'):
-        (tmp_path / name).touch()
+    """Files of a folder are taken by their numbers; folders and what is hidden are not."""
     (tmp_path / 'c').mkdir()
-    assert [path.name for path in label_files([tmp_path])] == ['a.label', 'b.label']
+    (tmp_path / '.directory').touch()
+    for names in (
+        ['alone.label'],
+        ['drive3_9.label', 'drive3_10.label', 'drive3_011.label'],
+        ['1700000000.999999999.npy', '1700000001.000000001.npy', '1700000002_000000000.npy'],
+    ):
+        for name in reversed(names):
+            (tmp_path / name).touch()
+        assert [path.name for path in label_files([tmp_path])] == names
+        for name in names:
+            (tmp_path / name).unlink()
     assert label_files([tmp_path / 'x', tmp_path]) == [tmp_path / 'x', tmp_path]
+
+
+@pytest.mark.parametrize(
+    ('names', 'got'),
+    [
+        (['a.label', 'b.label'], 'a.label and b.label'),
+        (['1_1.label', '1_2.label', '2_1.label'], '1_2.label and 2_1.label'),
+        (['1_1.label', '1_2.label', '2_2.label'], '1_2.label and 2_2.label'),
+        (['1.label', '01.label'], '1.label'),
+        (['1.label', '2.label', 'README'], '2.label and README'),
+        (['1.label', '2.npy'], '1.label and 2.npy'),
+        (['1.label', '1_2.label'], '1.label and 1_2.label'),
+    ],
+)
+def test_labels_of_which_the_clouds_are_not_known(
+    tmp_path: Path, names: list[str], got: str
+) -> None:
+    """Names that differ in more than one number, or less, are refused."""
+    for name in names:
+        (tmp_path / name).touch()
+    sentence = f'the names in {tmp_path} must be alike but for one number, that of the cloud, got '
+    with pytest.raises(RecordingError) as caught:
+        label_files([tmp_path])
+    assert str(caught.value).startswith(sentence)
+    assert got in str(caught.value)
 
 
 def test_help_imports_nothing_heavy() -> None:

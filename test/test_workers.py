@@ -20,9 +20,10 @@ from lidar_outlier_filter.archive import worker_start
 from lidar_outlier_filter.archive import workers as module
 from lidar_outlier_filter.archive.engine import Engine
 from lidar_outlier_filter.archive.manifest import opened_manifest
-from lidar_outlier_filter.archive.order import Order, Task
+from lidar_outlier_filter.archive.order import Order
 from lidar_outlier_filter.archive.places import Place, path_at, place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
+from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.whole_recordings import choose
 from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
 from lidar_outlier_filter.cli.main import main

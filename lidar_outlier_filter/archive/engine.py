@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.order import Order, Task
+    from lidar_outlier_filter.archive.order import Order
     from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.bags import Topic
 

@@ -14,20 +14,34 @@ from tempfile import TemporaryDirectory
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from lidar_outlier_filter.archive.places import place_of
-from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.archive.task import last_parts
+from lidar_outlier_filter.errors import RecordingError, said_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath
 
 if sys.platform != 'win32':
     import fcntl
 
 NAME = 'manifest.jsonl'
-DONE, FAILED = 'done', 'failed'
+DONE, FAILED = STATES = ('done', 'failed')
 BROKEN_OFF = 'the run that wrote it must be ended, got broken off'  # until a run writes more
+
+
+# Of the fields of an entry in JSON, and of what is counted for a topic.
+KINDS: Mapping[str, tuple[type, ...]] = {
+    'str': (str,),
+    'int': (int,),
+    'float': (int, float),
+    'str | None': (str, type(None)),
+    'Sequence[str]': (list, tuple),
+    'Mapping[str, Mapping[str, Any]]': (dict,),
+}
+COUNTED = ('messages', 'points', 'kept', 'rejected', 'untested', 'refused', 'gaps')
+BEGIN = b'{"duration": '  # of each line: its fields are sorted
 
 
 @dataclass(frozen=True)
@@ -36,11 +50,12 @@ class Entry:
 
     Attributes
     ----------
-    source, size : where it lies, and its bytes
+    source, size : where it lies below the folder that was searched, and its bytes; a file's name
     hash : of the source: SHA-256, or ``etag:`` and the mark that a store gave it
     source_state, output_state : times of the files, or marks of the store, when this was written
     parameters, version, model : of the filter: SHA-256 of the values, version, SHA-256 of the files
-    output, output_hash : where the result lies, and its SHA-256, or ``etag:`` …
+    output, output_hash : where the result lies below the folder of the manifest, and its SHA-256,
+        or ``etag:`` …
     state, error : ``done``, or ``failed`` and the sentence that says why
     topics : of each topic of clouds, counts by their names
     unread : messages that the recording counts, and that were not found in it
@@ -97,69 +112,131 @@ class How(NamedTuple):
     model: str
 
 
-def begun(source: Place, output: RecordingPath, how: How) -> Entry:
+def begun(task: Task, how: How) -> Entry:
     """Make the entry of a source that is begun: what a killed run leaves is ours by it."""
     return Entry(
-        source=str(source.path),
-        size=source.size,
+        source=task.source,
+        size=task.place.size,
         hash='',
-        output=str(output),
+        output=task.made,
         state=FAILED,
-        source_state=source.state,
+        source_state=task.place.state,
         error=BROKEN_OFF,
         **how._asdict(),
     )
 
 
 class Manifest:
-    """The entries of an output folder, by their sources; the last one of a source counts."""
+    """The entries of an output folder, by their sources; the last one of a source counts.
 
-    def __init__(self, path: Path, stream: IO[bytes], sync: Callable[[], object]) -> None:
-        """Read what is there; ``stream`` is open for reading and appending.
+    In the file a refusal does not take the place of what was done: that is still there.
+    """
 
-        ``sync`` is called when the file has changed.
+    def __init__(
+        self, path: Path, stream: IO[bytes], folder: RecordingPath, sync: Callable[[], object]
+    ) -> None:
+        """Read what is there of the outputs in ``folder``; ``stream`` is for reading and appending.
+
+        ``sync`` is called when the file has changed. What cannot be read of it is left out, and a
+        sentence each in ``unread``; a file without any entry is refused, as it is none of ours.
         """
         self._path, self._stream, self._sync = path, stream, sync
         self.entries: dict[str, Entry] = {}
+        self._done: dict[str, Entry] = {}
+        self.unread: list[RecordingError] = []
         stream.seek(0)
-        whole = 0
+        whole, name = 0, folder.resolve().name if isinstance(folder, Path) else folder.name
         for number, line in enumerate(stream, 1):
-            if not line.endswith(b'\n'):
+            is_ours = whole > 0 or line[: len(BEGIN)] == BEGIN[: len(line)]
+            if is_ours and not line.endswith(b'\n'):
                 break  # the process was killed while it wrote
-            entry = self._read(number, line)
-            self.entries[entry.source] = entry
             whole += len(line)
+            try:
+                self._note(read_entry(line, name))
+            except (ValueError, TypeError, LookupError, AttributeError) as err:
+                what = f'line {number} of {folder / NAME}'
+                wrong = RecordingError(what, 'an entry of a manifest', said_by(err))
+                self.unread.append(wrong)
+        if self.unread and not self.entries:
+            raise self.unread[0]
         stream.truncate(whole)
 
     def add(self, entry: Entry) -> None:
-        """Write what became of a recording; it is on the disk when this returns."""
-        self._stream.write(_line(entry))
+        """Note what became of a recording; it is on the disk when this returns."""
+        self._note(entry)
+        self._stream.write(_line(self._kept(entry.source)[-1]))
         self._stream.flush()
         os.fsync(self._stream.fileno())
         self._sync()
-        self.entries[entry.source] = entry
 
-    def _read(self, number: int, line: bytes) -> Entry:
-        known = {item.name for item in fields(Entry)}
-        try:
-            values = json.loads(line)
-            return Entry(**{name: value for name, value in values.items() if name in known})
-        except (ValueError, TypeError, AttributeError) as err:
-            what = f'line {number} of {self._path}'
-            raise RecordingError(what, 'an entry of a manifest', f'"{err}"') from err
+    def has_written(self, output: str) -> bool:
+        """Return whether an output is that of a run, done or broken off."""
+        noted = (*self._done.values(), *self.entries.values())
+        ours = (entry for entry in noted if entry.state == DONE or entry.error == BROKEN_OFF)
+        return any(entry.output == output for entry in ours)
+
+    def _note(self, entry: Entry) -> None:
+        self.entries[entry.source] = entry
+        if entry.state == DONE:
+            self._done[entry.source] = entry
+
+    def _kept(self, source: str) -> list[Entry]:
+        """Give what the file is to say of a source: what is done, and what was begun since."""
+        last, done = self.entries[source], self._done.get(source)
+        if done is None or last.state != FAILED:
+            return [last]
+        return [done, last] if last.error == BROKEN_OFF else [done]
 
     def tidy(self) -> None:
-        """Leave one line for each source, in the order of their names."""
+        """Leave the lines that count, in the order of the names of their sources."""
         beside = self._path.with_name(f'.{self._path.name}.partial')
-        lines = [_line(self.entries[source]) for source in sorted(self.entries)]
-        beside.write_bytes(b''.join(lines))
+        kept = (entry for source in sorted(self.entries) for entry in self._kept(source))
+        with beside.open('wb') as stream:
+            stream.writelines(map(_line, kept))
+            stream.flush()
+            os.fsync(stream.fileno())
         beside.replace(self._path)
+        _sync_folder(self._path.parent)
         self._sync()
 
 
+def read_entry(line: bytes, folder: str) -> Entry:
+    """Read an entry for the outputs in a folder of this name.
+
+    Raises
+    ------
+    ValueError, LookupError, TypeError, AttributeError
+        If it is none.
+
+    """
+    kinds = {item.name: KINDS[str(item.type)] for item in fields(Entry)}
+    values = _named_below(json.loads(line), folder)
+    entry = Entry(**{name: value for name, value in values.items() if name in kinds})
+    counts = [topic[name] for topic in entry.topics.values() for name in COUNTED]
+    right = [isinstance(getattr(entry, name), kind) for name, kind in kinds.items()]
+    if not all((*right, *(isinstance(one, int) for one in counts), entry.state in STATES)):
+        raise TypeError
+    for topic in entry.topics.values():
+        topic['rejected_by'].items()
+    return entry
+
+
+def _named_below(values: dict[str, Any], folder: str) -> dict[str, Any]:
+    """Name source and output as now: they were absolute, and as typed."""
+    source, output = values['source'], values['output']
+    if not source.startswith('/') and '://' not in source:
+        return values
+    made = f'/{output}'.rpartition(f'/{folder}/')[2].strip('/')
+    return {**values, 'source': last_parts(source, made.count('/') + 1), 'output': made}
+
+
 @contextmanager
-def opened_manifest(folder: RecordingPath) -> Iterator[Manifest]:
+def opened_manifest(
+    folder: RecordingPath, inform: Callable[[str], object] = str
+) -> Iterator[Manifest]:
     """Open the manifest of a folder, which is made where there is none; one run at a time.
+
+    ``inform`` gets a sentence for each line that cannot be read: it costs what it was on.
 
     That of a store is a file of this machine meanwhile, and goes there whole after each line. So
     it says there, too, what was begun and what is done, however this run ends.
@@ -171,7 +248,7 @@ def opened_manifest(folder: RecordingPath) -> Iterator[Manifest]:
 
     """
     if isinstance(folder, Path):
-        with _opened(folder / NAME, lambda: None) as manifest:
+        with _opened(folder / NAME, folder, inform, lambda: None) as manifest:
             yield manifest
         return
     with TemporaryDirectory(prefix='.lidar_outlier_filter-') as scratch:
@@ -179,7 +256,7 @@ def opened_manifest(folder: RecordingPath) -> Iterator[Manifest]:
         upload = _Upload(here, there)
         if there.exists():
             here.write_text(there.read_text('utf-8'), 'utf-8')
-        with _opened(here, upload) as manifest:
+        with _opened(here, folder, inform, upload) as manifest:
             yield manifest
 
 
@@ -200,7 +277,12 @@ class _Upload:
 
 
 @contextmanager
-def _opened(path: Path, sync: Callable[[], object]) -> Iterator[Manifest]:
+def _opened(
+    path: Path,
+    folder: RecordingPath,
+    inform: Callable[[str], object],
+    sync: Callable[[], object],
+) -> Iterator[Manifest]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         stream = path.open('ab+')
@@ -208,7 +290,9 @@ def _opened(path: Path, sync: Callable[[], object]) -> Iterator[Manifest]:
         raise RecordingError(f'the manifest {path}', 'writable', err.strerror) from err
     with stream:
         _lock(path, stream)
-        manifest = Manifest(path, stream, sync)
+        manifest = Manifest(path, stream, folder, sync)
+        for wrong in manifest.unread:
+            inform(str(wrong))
         yield manifest
         manifest.tidy()
 
@@ -224,4 +308,21 @@ def _lock(path: Path, stream: IO[bytes]) -> None:
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as err:
-        raise RecordingError(f'the manifest {path}', 'used by one run at a time', 'two') from err
+        raise _two_runs(path) from err
+    if not path.exists() or not os.path.samestat(path.stat(), os.fstat(stream.fileno())):
+        raise _two_runs(path)  # the other one has ended meanwhile, and put a new file there
+
+
+def _two_runs(path: Path) -> RecordingError:
+    return RecordingError(f'the manifest {path}', 'used by one run at a time', 'two')
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the names in a folder on the disk."""
+    if sys.platform == 'win32':
+        return
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)

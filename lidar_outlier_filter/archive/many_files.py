@@ -21,8 +21,9 @@ from lidar_outlier_filter.archive.fingerprints import (
     version,
 )
 from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How, begun
-from lidar_outlier_filter.archive.places import Place, place_of
+from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.proof import is_proved
+from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.errors import CloudError, FilterError, SchedulerError, said_by
 from lidar_outlier_filter.files.clean import list_logs
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -111,21 +112,20 @@ class ManyFiles:
         if self._manifest is None:
             return None
         try:
-            source = place_of(job.path.resolve())
+            task = Task(place_of(job.path.absolute()), job.output)
         except (FilterError, OSError):
             return None  # whoever opens it says what is wrong
-        output = job.output.resolve()
-        if self._resume and self._is_done(source, output, job):
+        if self._resume and self._is_done(task, job):
             return Result(job, LEFT, error=f'is done already: {job.output}')
-        known = self._manifest.entries.get(str(source.path))
-        ours = known is not None and (known.error, known.output) == (BROKEN_OFF, str(output))
+        known = self._manifest.entries.get(task.source)
+        ours = known is not None and (known.error, known.output) == (BROKEN_OFF, task.made)
         for path in job.outputs:
             if not os.path.lexists(path):
                 continue
             if not (self._resume and ours):
                 return Result(job, FAILED, error=str(self._exists(path)))
             path.unlink()
-        entry = begun(source, output, self._how)
+        entry = begun(task, self._how)
         self._manifest.add(entry)
         return entry
 
@@ -135,13 +135,13 @@ class ManyFiles:
             must_be += ', or one of this version, made of the same file with the same options'
         return CloudError('the output', must_be, f'{path}, which exists')
 
-    def _is_done(self, source: Place, output: Path, job: Job) -> bool:
+    def _is_done(self, task: Task, job: Job) -> bool:
         """Return whether the manifest proves a file to be cleaned in this way."""
         if self._manifest is None:
             return False
         others = [] if job.outliers is None else [job.outliers]
         return all(path.is_file() for path in (*others, *list_logs(job.output))) and is_proved(
-            source, output, self._how, self._manifest
+            task, self._how, self._manifest
         )
 
     def _end(self, job: Job, entry: Entry | None, take: Callable[[], CleanedFile]) -> Result:

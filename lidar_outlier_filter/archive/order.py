@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be done with an archive: which recordings, and how each is replayed."""
+"""What is to be done with each recording of an archive."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from lidar_outlier_filter.archive.places import Place
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 
 @dataclass(frozen=True)
@@ -43,11 +40,3 @@ class Order:
     def filter(self) -> FilterParameters:
         """All parameters."""
         return FilterParameters().changed(self.parameters)
-
-
-@dataclass(frozen=True)
-class Task:
-    """A recording, and where its output goes."""
-
-    place: Place
-    output: RecordingPath

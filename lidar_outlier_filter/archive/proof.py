@@ -15,18 +15,18 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from lidar_outlier_filter.archive.manifest import How, Manifest
     from lidar_outlier_filter.archive.places import Place
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+    from lidar_outlier_filter.archive.task import Task
 
 
-def is_proved(source: Place, output: RecordingPath, how: How, manifest: Manifest) -> bool:
+def is_proved(task: Task, how: How, manifest: Manifest) -> bool:
     """Return whether the manifest says that this output was made so of this source."""
-    entry = manifest.entries.get(str(source.path))
-    if entry is None or (entry.state, entry.output) != (DONE, str(output)):
+    entry, source = manifest.entries.get(task.source), task.place
+    if entry is None or (entry.state, entry.output) != (DONE, task.made):
         return False
     if any(getattr(entry, name) != value for name, value in how._asdict().items()):
         return False
     try:
-        made = place_of(output)
+        made = place_of(task.output)
         same = _is_same(source, entry.size, entry.source_state, entry.hash)
         if not same or not _is_same(made, made.size, entry.output_state, entry.output_hash):
             return False

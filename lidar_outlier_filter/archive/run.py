@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.archive.engine import Engine
     from lidar_outlier_filter.archive.manifest import Entry, Manifest
-    from lidar_outlier_filter.archive.order import Order, Task
+    from lidar_outlier_filter.archive.order import Order
+    from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.recordings.bags import Topic
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
@@ -45,7 +46,7 @@ GAP = 2.0  # usual distances of two clouds, from which on clouds are missing bet
 def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Task]:
     """Choose the recordings whose outputs the manifest does not prove."""
     how = _how(order)
-    return [task for task in tasks if not is_proved(task.place, task.output, how, manifest)]
+    return [task for task in tasks if not is_proved(task, how, manifest)]
 
 
 def replay_all(
@@ -89,8 +90,8 @@ def _replay_one(
     progress: Callable[[int, int], object],
 ) -> Entry:
     began = perf_counter()
-    known = any(entry.output == str(task.output) for entry in manifest.entries.values())
-    entry = begun(task.place, task.output, how)
+    known = manifest.has_written(task.made)
+    entry = begun(task, how)
     try:
         _refuse_unknown(task.output, known=known)
         manifest.add(entry)

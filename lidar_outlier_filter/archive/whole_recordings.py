@@ -32,7 +32,8 @@ from lidar_outlier_filter.stream.topics import CLOUD
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from lidar_outlier_filter.archive.order import Order, Task
+    from lidar_outlier_filter.archive.order import Order
+    from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.bags import Topic
     from lidar_outlier_filter.recordings.replay import ReplayReport

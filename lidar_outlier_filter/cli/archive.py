@@ -32,8 +32,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.archive.manifest import Entry
-    from lidar_outlier_filter.archive.order import Order, Task
+    from lidar_outlier_filter.archive.order import Order
     from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
@@ -106,7 +107,7 @@ def replay_archive(options: argparse.Namespace) -> int:
     found = find_all(options.recording)
     order, folder = _order(options), _folder(options, found)
     tasks = _tasks(found, folder)
-    with opened_manifest(folder) as manifest:
+    with opened_manifest(folder, say) as manifest:
         todo = pending(tasks, order, manifest)
         entries: list[Entry] = []
         if todo:
@@ -117,9 +118,9 @@ def replay_archive(options: argparse.Namespace) -> int:
             ):
                 engine = Engine(todo, order, workers, leave_if_asked, _once(), scratch)
                 entries = replay_all(todo, engine, order, manifest, show)
-        kept = [manifest.entries[str(task.place.path)] for task in tasks]
+        kept = [manifest.entries[task.source] for task in tasks]
         _write_page(kept, folder)
-    _show(kept, len(entries), folder)
+    _show(tasks, kept, len(entries), folder)
     return _status(kept)
 
 
@@ -142,8 +143,8 @@ def _write_page(entries: Sequence[Entry], folder: RecordingPath) -> None:
 def replay_one(options: argparse.Namespace) -> ReplayReport:
     """Replay one recording, with workers where they are worth it."""
     from lidar_outlier_filter.archive.engine import Engine
-    from lidar_outlier_filter.archive.order import Task
     from lidar_outlier_filter.archive.places import path_at, place_of, published
+    from lidar_outlier_filter.archive.task import Task
 
     path = path_at(options.recording)
     output = _output(options, path)
@@ -232,7 +233,7 @@ def _folder(options: argparse.Namespace, found: FoundRecordings) -> RecordingPat
 
 def _tasks(found: FoundRecordings, folder: RecordingPath) -> list[Task]:
     """Name the output of each recording as it is named below the folder that was searched."""
-    from lidar_outlier_filter.archive.order import Task
+    from lidar_outlier_filter.archive.task import Task
 
     tasks: dict[RecordingPath, Task] = {}
     for place in found.places:
@@ -242,7 +243,7 @@ def _tasks(found: FoundRecordings, folder: RecordingPath) -> list[Task]:
         if output in tasks:
             got = f'{tasks[output].place.path} and {place.path}'
             raise RecordingError(f'the output {output}', 'that of one recording', got)
-        tasks[output] = Task(place, output)
+        tasks[output] = Task(place, output, inside.count('/') + 1)
     return list(tasks.values())
 
 
@@ -258,7 +259,7 @@ def _once() -> Callable[[str], object]:
     return inform
 
 
-def _show(entries: Sequence[Entry], tried: int, folder: object) -> None:
+def _show(tasks: Sequence[Task], entries: Sequence[Entry], tried: int, folder: object) -> None:
     """Print the table of a run that tried some of them, and to stderr what failed or lacks."""
     from rich.console import Console
 
@@ -267,8 +268,8 @@ def _show(entries: Sequence[Entry], tried: int, folder: object) -> None:
     console = Console()
     console.print(_table(entries))
     console.print(f'written to {folder}', markup=False, highlight=False, soft_wrap=True)
-    for entry in entries:
-        _say_lacks(entry)
+    for task, entry in zip(tasks, entries, strict=True):
+        _say_lacks(task.place, entry)
     done = [entry for entry in entries if entry.state == IS_DONE]
     failed, before = len(entries) - len(done), len(entries) - tried
     lacking = sum(not entry.is_complete for entry in done)
@@ -276,18 +277,18 @@ def _show(entries: Sequence[Entry], tried: int, folder: object) -> None:
     console.print(f'{counts}, {lacking} incomplete', highlight=False)
 
 
-def _say_lacks(entry: Entry) -> None:
+def _say_lacks(place: Place, entry: Entry) -> None:
     """Say what is missing in an output, or why there is none."""
     if entry.error is not None:
         say(entry.error)
     if entry.refused:
-        say(f'{entry.refused} clouds of {entry.source} were refused and have no answer')
+        say(f'{entry.refused} clouds of {place.path} were refused and have no answer')
     for topic, reason in entry.untested.items():
-        say(f'no point of {topic} of {entry.source} could be tested: {reason}')
+        say(f'no point of {topic} of {place.path} could be tested: {reason}')
     if entry.unread:
-        say(f'{entry.unread} messages that {entry.source} counts were not found in it')
+        say(f'{entry.unread} messages that {place.path} counts were not found in it')
     for reason in entry.lost:
-        say(f'lost of {entry.source}: {reason}')
+        say(f'lost of {place.path}: {reason}')
 
 
 def _table(entries: Sequence[Entry]) -> Table:

@@ -95,7 +95,7 @@ def _opened(folder: Path | None) -> Iterator[tuple[Manifest | None, Path | None]
     from lidar_outlier_filter.archive.manifest import opened_manifest
     from lidar_outlier_filter.files.hidden_folder import hidden_folder
 
-    with opened_manifest(folder) as manifest, hidden_folder(folder / 'files') as hidden:
+    with opened_manifest(folder, say) as manifest, hidden_folder(folder / 'files') as hidden:
         yield manifest, hidden
 
 

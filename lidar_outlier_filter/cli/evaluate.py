@@ -95,7 +95,8 @@ def add_truth(parser: argparse.ArgumentParser) -> None:
         action='append',
         metavar='FILE',
         help='the truth: SemanticKITTI .label, LAS, CSV, Parquet or another table, or .npy; for a '
-        'recording one for each cloud: repeated, or a folder; default: a field of the clouds',
+        'recording one for each cloud: repeated, in their order, or a folder, whose files are '
+        'ordered by the number in their names; default: a field of the clouds',
     )
     parser.add_argument(
         '--label',
@@ -137,13 +138,10 @@ def truth_of(options: argparse.Namespace, data: Path) -> tuple[list[Path], Codes
 
 
 def label_files(paths: list[Path]) -> list[Path]:
-    """List the files named, or those of the one folder that is named, by name."""
-    if len(paths) == 1 and paths[0].is_dir():
-        found = sorted(path for path in paths[0].iterdir() if path.is_file())
-        if not found:
-            raise RecordingError('the folder of the labels', 'with files', f'{paths[0]}, empty')
-        return found
-    return paths
+    """List the files named, or those of the one folder that is named, by their numbers."""
+    from lidar_outlier_filter.evaluation.labels import by_number
+
+    return by_number(paths[0]) if len(paths) == 1 and paths[0].is_dir() else paths
 
 
 def _run(options: argparse.Namespace) -> int:

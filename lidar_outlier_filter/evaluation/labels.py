@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
+from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -81,6 +83,39 @@ def parse_codes(text: str) -> frozenset[int]:
 def is_recording(path: Path) -> bool:
     """Return by its name whether a path is a recording, and no file with values for each point."""
     return path.is_dir() or path.suffix.lower() in {'', '.mcap', '.db3', '.bag'}
+
+
+def by_number(folder: Path) -> list[Path]:
+    """List the files of a folder by the one number in which their names differ: that of the cloud.
+
+    Seconds of ten digits and nanoseconds of nine, with a dot or _ between, are one number. What
+    begins with a dot is passed over.
+
+    Raises
+    ------
+    RecordingError
+        If there is no file, or two names differ in anything else.
+
+    """
+    paths = [path for path in folder.iterdir() if path.is_file() and not path.name.startswith('.')]
+    if not paths:
+        raise RecordingError('the folder of the labels', 'with files', f'{folder}, empty')
+    paths.sort(key=_parts)
+    place = None
+    for one, other in pairwise(paths):
+        parts = enumerate(zip_longest(_parts(one), _parts(other)))
+        differ = [number for number, (this, that) in parts if this != that]
+        place = differ[0] if place is None and differ else place
+        if differ != [place] or differ[0] % 2 == 0:
+            must_be = 'alike but for one number, that of the cloud'
+            raise RecordingError(f'the names in {folder}', must_be, f'{one.name} and {other.name}')
+    return paths
+
+
+def _parts(path: Path) -> list[str | int]:
+    """Cut a name into texts, at even places, and the numbers between them."""
+    name = re.sub(r'(\d{10})[._](\d{9})(?!\d)', r'\1\2', path.name)
+    return [int(part) if place % 2 else part for place, part in enumerate(re.split(r'(\d+)', name))]
 
 
 def column_names(path: Path) -> Collection[str]:
