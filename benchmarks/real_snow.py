@@ -131,9 +131,9 @@ def verdicts(
 
 
 def draw(given: Cloud, verdict: Verdict, path: Path) -> None:
-    """Draw a sweep before and after; its own y points ahead."""
+    """Draw a sweep before and after."""
     points = np.zeros(len(given), PICTURE)
-    points['x'], points['y'], points['z'] = given.xyz[:, 1], -given.xyz[:, 0], given.xyz[:, 2]
+    points['x'], points['y'], points['z'] = given.xyz.T
     points['intensity'], points['label'] = given.intensity, given.snow
     path.parent.mkdir(parents=True, exist_ok=True)
     draw_sweep(points, verdict.rejected[0], path, f'{given.name}: {path.stem}')

@@ -184,6 +184,9 @@ def worse(judged: Judged) -> str:
     classes, found, lost = _losses(own, others[best])
     return paragraphs(
         said,
+        ''
+        if others[best].sweeps == own.sweeps
+        else f'The default and {best} did not judge the same sweeps.',
         f'The best of the peers is {best}. It is better than the default in:',
         '\n'.join(
             (

@@ -138,7 +138,7 @@ def test_what_is_no_sweep_is_refused(tmp_path: Path, what: str) -> None:
     """With a sentence that says what is wrong."""
     made = make(0)
     if what == 'elevations':
-        made = made._replace(xyz=made.xyz + np.float32([0, 0, 0.05]))
+        made = made._replace(xyz=made.xyz + np.array([0, 0, 0.05], np.float32))
     path = put(tmp_path, '000000', made)
     label = path.parent.parent / 'labels' / '000000.label'
     if what == 'bytes':
@@ -300,6 +300,9 @@ def test_where_a_peer_is_better_is_said() -> None:
     said = page.worse({'default': other, 'LIOR': own})
     assert 'a better F1 than the default: none.' in said
     assert said.count(': none') == 4
+    assert 'same sweeps' not in said
+    fewer = forms.Figures(2, 1.0, '', own.classes, own.ranges)
+    assert 'did not judge the same sweeps' in page.worse({'default': other, 'LIOR': fewer})
 
 
 def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
