@@ -78,3 +78,10 @@ def test_where_nothing_can_be_written(tmp_path: Path) -> None:
     (tmp_path / 'file').touch()
     with pytest.raises(RecordingError, match='must be readable and writable'):
         markdown.write(tmp_path / 'file' / 'page.md', 'one', 'text')
+
+
+def test_markers_name_the_command() -> None:
+    """A section that another command writes says so, and is found again by that command."""
+    page = markdown.put('# Mine\n', 'one', 'first', 'other')
+    assert '<!-- begin one: written by `other`, do not edit -->' in page
+    assert markdown.put(page, 'one', 'second', 'other').count('begin one') == 1

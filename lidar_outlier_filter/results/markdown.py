@@ -44,9 +44,9 @@ def image(name: str, text: str) -> str:
     return f'![{text}](images/{name})'
 
 
-def begin_of(section: str) -> str:
+def begin_of(section: str, command: str = COMMAND) -> str:
     """Return the marker above a section."""
-    return f'<!-- begin {section}: written by `{COMMAND}`, do not edit -->'
+    return f'<!-- begin {section}: written by `{command}`, do not edit -->'
 
 
 def end_of(section: str) -> str:
@@ -54,8 +54,10 @@ def end_of(section: str) -> str:
     return f'<!-- end {section} -->'
 
 
-def put(page: str, section: str, text: str) -> str:
+def put(page: str, section: str, text: str, command: str = COMMAND) -> str:
     """Return a page with the text of one section replaced; what is new stands at its end.
+
+    The markers name the command that writes the section.
 
     Raises
     ------
@@ -63,7 +65,7 @@ def put(page: str, section: str, text: str) -> str:
         If only one of the section's two markers is there, or they are in the wrong order.
 
     """
-    begin, end = begin_of(section), end_of(section)
+    begin, end = begin_of(section, command), end_of(section)
     block = f'{begin}\n\n{text.strip()}\n\n{end}\n'
     first, last = page.find(begin), page.find(end)
     if first == last == -1:
@@ -74,7 +76,9 @@ def put(page: str, section: str, text: str) -> str:
     return page[:first] + block + page[last + len(end) :].removeprefix('\n')
 
 
-def write(path: Path, section: str, text: str, pictures: Iterable[Path] = ()) -> None:
+def write(
+    path: Path, section: str, text: str, pictures: Iterable[Path] = (), command: str = COMMAND
+) -> None:
     """Put a section into a page, and its pictures into ``images`` beside it; make what is missing.
 
     Raises
@@ -85,7 +89,7 @@ def write(path: Path, section: str, text: str, pictures: Iterable[Path] = ()) ->
     """
     try:
         page = path.read_text(encoding='utf-8') if path.exists() else ''
-        page = put(page, section, text)
+        page = put(page, section, text, command)
         images = path.parent / 'images'
         images.mkdir(parents=True, exist_ok=True)
         for picture in pictures:
