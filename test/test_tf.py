@@ -253,3 +253,21 @@ def test_a_transform_that_is_late_by_less_than_the_jump(monkeypatch: pytest.Monk
     assert tf.cover(at(1), at(3), 'lidar') is Cover.YES
     drive(listener, straight(1.9, 1.9, 0.1))
     assert tf.cover(at(1), at(3), 'lidar') is Cover.NOT_YET
+
+
+def test_a_cut_elsewhere_moves_no_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points are where they are, bit for bit, in whatever messages they come."""
+    rng = np.random.default_rng(5)
+    turns = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.05, (40, 3)), axis=0)).as_quat()
+    places = np.cumsum(rng.normal(0, 0.3, (40, 3)), axis=0)
+    poses = [(i * 0.02, (*p, *q)) for i, (p, q) in enumerate(zip(places, turns, strict=True))]
+    tf, _ = make(monkeypatch, poses)
+    times = np.sort(rng.uniform(0.2, 0.5, 1000))
+    given = points(*((t, *rng.normal(0, 9, 3)) for t in times))
+    whole = tf.move(given, 'lidar')
+    assert whole is not None
+    for cut in (1, 137, 500, 999):
+        for part in (slice(None, cut), slice(cut, None)):
+            moved = tf.move(given.take(part), 'lidar')
+            assert moved is not None
+            np.testing.assert_array_equal(moved.xyz, whole.xyz[part])

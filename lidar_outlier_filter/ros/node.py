@@ -248,6 +248,8 @@ def main(
 ) -> int:
     """Run the node until SIGINT or SIGTERM; what is pending is judged and published first.
 
+    A second signal ends the process at once, and what is pending is lost.
+
     Parameters
     ----------
     args : the command line; default: that of the process

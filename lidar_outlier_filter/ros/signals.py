@@ -15,9 +15,18 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def on_stop(react: Callable[[], object]) -> None:
-    """Call ``react`` at SIGINT and SIGTERM from now on."""
+    """Call ``react`` at the next SIGINT or SIGTERM; the one after it ends the process at once.
+
+    By the system itself: Python would look at it only when it is through with what it does.
+    """
+
+    def first(*_: object) -> None:
+        for number in STOP_SIGNALS:
+            signal.signal(number, signal.SIG_DFL)
+        react()
+
     for number in STOP_SIGNALS:
-        signal.signal(number, lambda *_: react())
+        signal.signal(number, first)
 
 
 def leave() -> None:

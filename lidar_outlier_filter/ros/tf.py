@@ -7,7 +7,6 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rclpy.time import Duration, Time
 
 from lidar_outlier_filter.core.points import SECOND, Points
@@ -30,7 +29,8 @@ class Tf:
     """tf2: the transform from the frame of the cloud to one that stands still.
 
     It is looked up every 10 ms and interpolated between, because one look takes 10 µs and a cloud
-    has as many times as points. tf2 interpolates over any gap, so gaps are looked for here.
+    has as many times as points. These times are multiples of 10 ms, so that a point is moved by the
+    same looks in whatever message it comes. tf2 interpolates over any gap: we look for them.
     """
 
     def __init__(self, node: Node, parameters: FilterParameters) -> None:
@@ -62,12 +62,13 @@ class Tf:
         """Do nothing: tf2 has its own subscriptions."""
 
     def cover(self, first: int, last: int, frame: str) -> Cover:
-        """Return whether tf knows ``frame`` from ``first`` to ``last``."""
-        if first <= 0:
+        """Return whether tf knows ``frame`` at all looks from ``first`` to ``last``."""
+        looks = _looks(first, last)
+        if looks[0] <= 0:
             return Cover.NEVER  # to tf2 0 is the latest time, and one before it an error
-        if not self._buffer.can_transform(self._fixed, frame, self._time(last)):
+        if not self._buffer.can_transform(self._fixed, frame, self._time(looks[-1])):
             return Cover.NOT_YET
-        if not self._buffer.can_transform(self._fixed, frame, self._time(first)):
+        if not self._buffer.can_transform(self._fixed, frame, self._time(looks[0])):
             return Cover.NEVER
         longest = round(self._gap * SECOND)
         has_gap = self._links.has_gap(self._fixed, frame, first, last, longest)
@@ -80,7 +81,7 @@ class Tf:
             return points
         first, last = int(known.min()), int(known.max())
         track = Track(self._gap, self._jump)
-        for t in np.unique(np.append(np.arange(first, last, STEP), last)).tolist():
+        for t in _looks(first, last):
             try:
                 found = self._buffer.lookup_transform(self._fixed, frame, self._time(t))
                 p, q = found.transform.translation, found.transform.rotation
@@ -96,6 +97,12 @@ class Tf:
     def begin_anew(self) -> None:
         """Forget the transforms of before; those that hold for ever stay."""
         self._links.begin_anew()
+
+
+def _looks(first: int, last: int) -> range:
+    """List when to look for points from ``first`` to ``last``: from before to behind, ns."""
+    begin = first // STEP * STEP
+    return range(begin, max(-(-last // STEP) * STEP, begin) + 1, STEP)
 
 
 def make_motion(node: Node, parameters: FilterParameters) -> PoseSource | None:

@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What SIGINT and SIGTERM do to the node: the first lets it finish, the second does not."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+# What it finishes takes hours: it waits for a thread, or computes, as a kernel does.
+PROGRAM = """
+import threading
+from lidar_outlier_filter.ros.signals import on_stop
+
+stop = threading.Event()
+on_stop(stop.set)
+print('ready', flush=True)
+stop.wait()
+print('finishing', flush=True)
+{busy}
+"""
+WAITS = 'threading.Event().wait()'
+COMPUTES = 'sum(range(10**15))'  # in C: Python looks at no signal before it is done
+
+
+@pytest.mark.parametrize('busy', [WAITS, COMPUTES])
+@pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('first', [signal.SIGINT, signal.SIGTERM])
+def test_the_second_ends_it_at_once(
+    first: signal.Signals, second: signal.Signals, busy: str
+) -> None:
+    """Whichever they are, and whatever runs."""
+    command = [sys.executable, '-c', PROGRAM.format(busy=busy)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'ready\n'
+        process.send_signal(first)
+        assert process.stdout.readline() == 'finishing\n'
+        process.send_signal(second)
+        assert process.wait(60) == -second
