@@ -115,5 +115,9 @@ class RecordingError(FilterError):
     is_damage = False
 
 
+class NoCloudsError(RecordingError):
+    """A recording without a topic of clouds."""
+
+
 class SchedulerError(FilterError):
     """A scheduler that does not answer, or whose workers are of other code."""

@@ -27,7 +27,7 @@ if sys.platform != 'win32':
     import fcntl
 
 NAME = 'manifest.jsonl'
-DONE, FAILED = STATES = ('done', 'failed')
+DONE, FAILED, NO_CLOUDS = STATES = ('done', 'failed', 'no clouds')
 BROKEN_OFF = 'the run that wrote it must be ended, got broken off'  # until a run writes more
 
 
@@ -56,7 +56,7 @@ class Entry:
     parameters, version, model : of the filter: SHA-256 of the values, version, SHA-256 of the files
     output, output_hash : where the result lies below the folder of the manifest, and its SHA-256,
         or ``etag:`` …
-    state, error : ``done``, or ``failed`` and the sentence that says why
+    state, error : ``done``; ``failed``, or ``no clouds``, and the sentence that says why
     topics : of each topic of clouds, counts by their names
     unread : messages that the recording counts, and that were not found in it
     lost : what could not be salvaged of a damaged recording, a sentence each

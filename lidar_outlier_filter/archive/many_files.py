@@ -66,6 +66,7 @@ class ManyFiles:
         to be done is left, and what a killed run has left of an output is replaced.
         """
         self._manifest, self._resume = manifest, resume
+        self.results: dict[Path, Result] = {}  # so far
         values = FilterParameters().changed(wanted.parameters)
         options = {k: v for k, v in asdict(wanted).items() if k != 'parameters'}
         self._how = How(parameters_hash(values, **options), version(JUDGE), model_hash())
@@ -88,7 +89,7 @@ class ManyFiles:
 
         """
         _check_outputs(jobs)
-        results: dict[Path, Result] = {}
+        results = self.results = {}
         running: dict[Any, tuple[Job, Entry | None]] = {}
         waiting = list(reversed(jobs))
         while waiting or running:

@@ -27,7 +27,8 @@ LEAST_OF_POINTS, LEAST_OF_CLOUDS = 1e-4, 1e-3
 class DriveCounts:
     """A recording of the archive: the sums over its topics, and what is odd about it.
 
-    ``odd`` has a sentence for each oddness; ``z`` is the largest robust z by its absolute value.
+    ``error`` says why there is no output: it failed, or, with ``empty``, it has no clouds. ``odd``
+    has a sentence for each oddness; ``z`` is the largest robust z by its absolute value.
     """
 
     source: str
@@ -38,6 +39,7 @@ class DriveCounts:
     duration: float
     unread: int
     lost: Sequence[str]
+    empty: bool = False
     messages: int = 0
     points: int = 0
     rejected: int = 0
@@ -50,9 +52,14 @@ class DriveCounts:
     z: float = 0.0
 
     @property
+    def done(self) -> bool:
+        """Whether there is an output."""
+        return self.error is None
+
+    @property
     def failed(self) -> bool:
-        """Whether there is no output."""
-        return self.error is not None
+        """Whether there should be an output, and is none."""
+        return not self.done and not self.empty
 
     @property
     def lacks(self) -> list[str]:
@@ -84,7 +91,7 @@ def drives(entries: Iterable[Mapping[str, Any]]) -> list[DriveCounts]:
     Those that failed come first, then those that lack something, then by ``z``.
     """
     found = [_drive(entry) for entry in entries]
-    done = [drive for drive in found if not drive.failed]
+    done = [drive for drive in found if drive.done]
     if len(done) >= FEWEST:
         for share in _shares(done):
             _compare(done, share)
@@ -109,16 +116,17 @@ def robust_z(values: NDArray[np.float64], least: float) -> NDArray[np.float64]:
 
 
 def _drive(entry: Mapping[str, Any]) -> DriveCounts:
-    failed = entry['state'] != 'done'
+    without = entry['state'] != 'done'
     drive = DriveCounts(
         entry['source'],
         entry['output'],
-        (entry.get('error') or 'no reason is known') if failed else None,
+        (entry.get('error') or 'no reason is known') if without else None,
         entry['size'],
         entry['seconds'],
         entry['duration'],
         entry.get('unread', 0),
         entry.get('lost', ()),
+        entry['state'] == 'no clouds',
     )
     for topic, counts in entry['topics'].items():
         for name in ('messages', 'points', 'rejected', 'untested', 'refused', 'gaps'):

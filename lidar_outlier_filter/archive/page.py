@@ -73,7 +73,7 @@ def page(entries: Iterable[Mapping[str, Any]], what: str = 'recording') -> str:
     found = drives(entries)
     names = sorted({name for drive in found for name in drive.rejected_by})
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(names)}
-    done = [drive for drive in found if not drive.failed]
+    done = [drive for drive in found if drive.done]
     return '\n'.join(
         [
             '<!DOCTYPE html>',
@@ -110,9 +110,10 @@ def _totals(
     """Give the sums over all."""
     points, messages = sum(d.points for d in done), sum(d.messages for d in done)
     seconds, duration = sum(d.seconds for d in done), sum(d.duration for d in done)
-    failed = len(found) - len(done)
+    failed, empty = sum(d.failed for d in found), sum(d.empty for d in found)
     values = {
         'failed': (f'{failed:,}', failed > 0),
+        'without clouds': (f'{empty:,}', False),
         'odd': (f'{sum(bool(d.odd) for d in done):,}', any(d.odd for d in done)),
         'length': (length(duration), False),
         'size': (size(sum(d.size for d in found)), False),
@@ -125,7 +126,7 @@ def _totals(
     }
     yield '<dl class="totals">'
     for name, (text, warns) in values.items():
-        if not _is_of(what, name):
+        if not _is_of(what, name) or (name == 'without clouds' and not empty):
             continue
         mark = ' class="warn"' if warns else ''
         yield f'<div{mark}><dt>{name}</dt><dd>{text}</dd></div>'
@@ -175,7 +176,7 @@ def _rejected(drive: DriveCounts) -> float:
 
 
 def _table(found: Sequence[DriveCounts], colours: Mapping[str, str], what: str) -> Iterator[str]:
-    highest = max((_rejected(drive) for drive in found if not drive.failed), default=0) or 1
+    highest = max((_rejected(drive) for drive in found if drive.done), default=0) or 1
     names = [what, *(name for name, _ in COLUMNS[1:])]
     shown = [_is_of(what, name) for name in names]
     yield '<div class="scroll"><table><thead><tr>'
@@ -191,12 +192,13 @@ def _table(found: Sequence[DriveCounts], colours: Mapping[str, str], what: str) 
 def _cells(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> Iterator[str]:
     name = escape(drive.source)
     last = escape(drive.source.rstrip('/').rpartition('/')[2])
-    kind = 'failed' if drive.failed else 'odd'
+    kind = 'failed' if drive.failed else 'odd' if drive.done else 'plain'
     lines = [drive.error] if drive.error else drive.odd
     notes = ''.join(f'<small class="{kind}">{_unbroken(escape(line))}</small>' for line in lines)
     yield f'<th scope="row" title="{name}" data-sort="{name}"><b>{last}</b>{notes}</th>'
-    if drive.failed:
-        yield '<td class="failed" data-sort="inf">failed</td>'
+    if not drive.done:
+        text, sort = ('failed', 'inf') if drive.failed else ('no clouds', '-1')
+        yield f'<td class="{kind}" data-sort="{sort}">{text}</td>'
         yield from ['<td></td>'] * (len(COLUMNS) - 2)
         return
     mark = ' class="odd"' if abs(drive.z) >= LIMIT else ''

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.fingerprints import content_hash
-from lidar_outlier_filter.archive.manifest import DONE
+from lidar_outlier_filter.archive.manifest import DONE, FAILED
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.errors import FilterError
 
@@ -19,22 +19,29 @@ if TYPE_CHECKING:
 
 
 def is_proved(task: Task, how: How, manifest: Manifest) -> bool:
-    """Return whether the manifest says that this output was made so of this source."""
+    """Return whether the manifest says that this output was made so of this source.
+
+    Or that there is nothing to be made of it, as it has no clouds.
+    """
     entry, source = manifest.entries.get(task.source), task.place
-    if entry is None or (entry.state, entry.output) != (DONE, task.made):
+    if entry is None or entry.state == FAILED or entry.output != task.made:
         return False
     if any(getattr(entry, name) != value for name, value in how._asdict().items()):
         return False
+    state = entry.output_state
     try:
-        made = place_of(task.output)
-        same = _is_same(source, entry.size, entry.source_state, entry.hash)
-        if not same or not _is_same(made, made.size, entry.output_state, entry.output_hash):
+        if not _is_same(source, entry.size, entry.source_state, entry.hash):
             return False
+        if entry.state == DONE:
+            made = place_of(task.output)
+            state = made.state
+            if not _is_same(made, made.size, entry.output_state, entry.output_hash):
+                return False
     except (FilterError, OSError):
         return False
-    if (source.state, made.state) != (entry.source_state, entry.output_state):
+    if (source.state, state) != (entry.source_state, entry.output_state):
         # Hashed anew: the times of the files have changed, as by a copy. Not next time.
-        manifest.add(replace(entry, source_state=source.state, output_state=made.state))
+        manifest.add(replace(entry, source_state=source.state, output_state=state))
     return True
 
 

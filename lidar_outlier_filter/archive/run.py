@@ -20,11 +20,17 @@ from lidar_outlier_filter.archive.fingerprints import (
     parameters_hash,
     version,
 )
-from lidar_outlier_filter.archive.manifest import DONE, FAILED, How, begun
+from lidar_outlier_filter.archive.manifest import DONE, FAILED, NO_CLOUDS, How, begun
 from lidar_outlier_filter.archive.places import place_of, published
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Step
-from lidar_outlier_filter.errors import FilterError, RecordingError, SchedulerError, said_by
+from lidar_outlier_filter.errors import (
+    FilterError,
+    NoCloudsError,
+    RecordingError,
+    SchedulerError,
+    said_by,
+)
 from lidar_outlier_filter.files.hidden_folder import hidden_folder
 from lidar_outlier_filter.files.publication import publish
 
@@ -104,6 +110,8 @@ def _replay_one(
         entry = replace(entry, output_hash=content_hash(made), output_state=made.state)
     except SchedulerError:
         raise
+    except NoCloudsError as err:
+        entry = replace(entry, state=NO_CLOUDS, error=str(err))
     except FilterError as err:
         entry = replace(entry, state=FAILED, error=str(err))
     except Exception as err:  # noqa: BLE001  whatever it is, the next recording is replayed

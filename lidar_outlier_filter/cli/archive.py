@@ -21,6 +21,7 @@ from lidar_outlier_filter.cli.terminal import (
     progress_bar,
     read_parameters,
     say,
+    saying_how_far,
 )
 from lidar_outlier_filter.errors import FilterError, RecordingError
 
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 SHORT = 300_000_000
 MEGABYTE = 1_000_000  # bytes
 PAGE = 'archive.html'
+RARE = ('refused', 'gaps')  # columns that are left out where all are 0
 
 
 @dataclass(frozen=True)
@@ -97,30 +99,35 @@ def find_all(address: str) -> FoundRecordings:
 def replay_archive(options: argparse.Namespace) -> int:
     """Replay all recordings of a folder or a pattern into one folder."""
     from lidar_outlier_filter.archive.engine import Engine
-    from lidar_outlier_filter.archive.manifest import opened_manifest
+    from lidar_outlier_filter.archive.manifest import FAILED, opened_manifest
     from lidar_outlier_filter.archive.run import pending, replay_all
 
-    if options.resume:
-        raise FilterError(
-            '--resume', 'that of one recording: an archive goes on anyway', 'a folder'
-        )
     found = find_all(options.recording)
     order, folder = _order(options), _folder(options, found)
     tasks = _tasks(found, folder)
     with opened_manifest(folder, say) as manifest:
         todo = pending(tasks, order, manifest)
-        entries: list[Entry] = []
+        before = dict(manifest.entries)
+
+        def how_far() -> str:
+            now = [manifest.entries.get(task.source) for task in tasks if task in todo]
+            new = (entry for entry in now if entry and entry is not before.get(entry.source))
+            done = len(tasks) - len(todo) + sum(entry.state != FAILED for entry in new)
+            said = f'{done} of {len(tasks)} recordings are done in {folder}'
+            return f'{said}; the same command goes on with the others'
+
         if todo:
             with (
+                saying_how_far(how_far),
                 progress_of_all(found.root.name) as (show, leave_if_asked),
                 _scratch(options, folder) as scratch,  # there until the workers have ended
                 _workers(options, sum(task.place.size for task in todo)) as workers,
             ):
                 engine = Engine(todo, order, workers, leave_if_asked, _once(), scratch)
-                entries = replay_all(todo, engine, order, manifest, show)
+                replay_all(todo, engine, order, manifest, show)
         kept = [manifest.entries[task.source] for task in tasks]
         _write_page(kept, folder)
-    _show(tasks, kept, len(entries), folder)
+    _show(tasks, kept, todo, folder)
     return _status(kept)
 
 
@@ -150,6 +157,7 @@ def replay_one(options: argparse.Namespace) -> ReplayReport:
     output = _output(options, path)
     place, order = place_of(path), _order(options)
     with (
+        saying_how_far(lambda: f'nothing is written to {output}; the same command begins anew'),
         stopping() as leave_if_asked,
         progress_bar(path.name) as progress,
         _workers(options, place.size) as workers,
@@ -164,13 +172,13 @@ def replay_one(options: argparse.Namespace) -> ReplayReport:
 def _order(options: argparse.Namespace) -> Order:
     from lidar_outlier_filter.archive.order import Order
 
-    parameters = read_parameters(options.params, options.settings)
+    parameters = read_parameters(options.params, options.settings, options.chain)
     return Order(
         tuple(options.topics),
         parameters,
         options.drop_input,
         options.salvage,
-        options.resume,
+        options.resume and not is_archive(options.recording),  # which goes on by its manifest
         options.largest_message * MEGABYTE,
     )
 
@@ -259,28 +267,36 @@ def _once() -> Callable[[str], object]:
     return inform
 
 
-def _show(tasks: Sequence[Task], entries: Sequence[Entry], tried: int, folder: object) -> None:
+def _show(
+    tasks: Sequence[Task], entries: Sequence[Entry], tried: Sequence[Task], folder: object
+) -> None:
     """Print the table of a run that tried some of them, and to stderr what failed or lacks."""
     from rich.console import Console
 
     from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
+    from lidar_outlier_filter.archive.manifest import NO_CLOUDS
 
     console = Console()
-    console.print(_table(entries))
+    console.print(_table(tasks, entries))
     console.print(f'written to {folder}', markup=False, highlight=False, soft_wrap=True)
     for task, entry in zip(tasks, entries, strict=True):
         _say_lacks(task.place, entry)
     done = [entry for entry in entries if entry.state == IS_DONE]
-    failed, before = len(entries) - len(done), len(entries) - tried
+    empty = sum(entry.state == NO_CLOUDS for entry in entries)
+    both = zip(tasks, entries, strict=True)
+    before = sum(entry.state == IS_DONE and task not in tried for task, entry in both)
     lacking = sum(not entry.is_complete for entry in done)
-    counts = f'{len(done) - before} replayed, {before} done before, {failed} failed'
-    console.print(f'{counts}, {lacking} incomplete', highlight=False)
+    counts = f'{len(done) - before} replayed, {before} done before'
+    counts += f', {len(entries) - len(done) - empty} failed, {lacking} incomplete'
+    console.print(f'{counts}, {empty} without clouds' if empty else counts, highlight=False)
 
 
 def _say_lacks(place: Place, entry: Entry) -> None:
     """Say what is missing in an output, or why there is none."""
-    if entry.error is not None:
-        say(entry.error)
+    from lidar_outlier_filter.archive.manifest import FAILED
+
+    if entry.state == FAILED:
+        say(entry.error or 'no reason is known')
     if entry.refused:
         say(f'{entry.refused} clouds of {place.path} were refused and have no answer')
     for topic, reason in entry.untested.items():
@@ -291,44 +307,45 @@ def _say_lacks(place: Place, entry: Entry) -> None:
         say(f'lost of {place.path}: {reason}')
 
 
-def _table(entries: Sequence[Entry]) -> Table:
-    """Make the table of an archive, a row for each recording."""
+def _table(tasks: Sequence[Task], entries: Sequence[Entry]) -> Table:
+    """Make the table of an archive, a row for each recording, for a terminal of 80 columns."""
+    from rich import box
     from rich.table import Table
 
-    columns = (
-        'recording',
-        'clouds',
-        'refused',
-        'points',
-        'rejected',
-        'untested',
-        'gaps',
-        '× real time',
-    )
-    table = Table(*columns)
+    counted = [_sums(entry) for entry in entries]
+    rare = [name for name in RARE if any(sums[name] for sums in counted)]
+    columns = ('clouds', *rare, 'points', 'rejected', 'untested', '× real\ntime')
+    table = Table('recording', *columns, box=box.SIMPLE_HEAD, padding=0, show_edge=False)
     table.columns[0].overflow = 'fold'  # a name is never cut
     for column in table.columns[1:]:
-        column.justify = 'right'
-    for entry in entries:
-        name = Path(entry.output).name
+        column.justify, column.no_wrap = 'right', True
+    for task, entry, sums in zip(tasks, entries, counted, strict=True):
         if entry.error is not None:
-            table.add_row(name, 'failed', *[''] * (len(columns) - 2))
+            table.add_row(task.made, entry.state, *[''] * (len(columns) - 1))
             continue
-        counts = [
-            sum(int(topic[key]) for topic in entry.topics.values())
-            for key in ('messages', 'refused', 'points', 'gaps', 'rejected', 'untested')
-        ]
-        numbers = [f'{count:,}' for count in counts[:4]]
-        shares = [f'{count / max(counts[2], 1):.2%}' for count in counts[4:]]
-        speed = f'{entry.duration / max(entry.seconds, 1e-9):.1f}'
-        table.add_row(name, *numbers[:3], *shares, numbers[3], speed)
+        numbers = [f'{sums[name]:,}' for name in ('messages', *rare, 'points')]
+        shares = [f'{sums[name] / max(sums["points"], 1):.2%}' for name in ('rejected', 'untested')]
+        table.add_row(
+            task.made, *numbers, *shares, f'{entry.duration / max(entry.seconds, 1e-9):.1f}'
+        )
     return table
 
 
-def _status(entries: Sequence[Entry]) -> int:
-    """Choose the exit status: REFUSED where nothing is done, INCOMPLETE where something is not."""
-    from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
+def _sums(entry: Entry) -> dict[str, int]:
+    """Add up the counts of all topics."""
+    names = ('messages', 'refused', 'gaps', 'points', 'rejected', 'untested')
+    return {name: sum(int(topic[name]) for topic in entry.topics.values()) for name in names}
 
-    if all(entry.is_complete for entry in entries):
-        return DONE
-    return INCOMPLETE if any(entry.state == IS_DONE for entry in entries) else REFUSED
+
+def _status(entries: Sequence[Entry]) -> int:
+    """Choose the exit status: REFUSED where nothing is done, INCOMPLETE where something is not.
+
+    Recordings without clouds are left out of account.
+    """
+    from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
+    from lidar_outlier_filter.archive.manifest import NO_CLOUDS
+
+    if not any(entry.state == IS_DONE for entry in entries):
+        return REFUSED
+    fine = all(entry.is_complete or entry.state == NO_CLOUDS for entry in entries)
+    return DONE if fine else INCOMPLETE

@@ -16,10 +16,13 @@ from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
     REFUSED,
+    add_chain_option,
     add_parameter_options,
+    names_in,
     progress_bar,
     read_parameters,
     say,
+    saying_how_far,
 )
 from lidar_outlier_filter.core.threads import cores
 from lidar_outlier_filter.errors import ParameterError
@@ -66,7 +69,7 @@ def add_clean(commands: Commands) -> None:
     parser.add_argument(
         '--table', metavar='NAME', help='table of a database; default: the only one'
     )
-    parser.add_argument('--chain', metavar='D[,D…]', help='detectors, in their order')
+    add_chain_option(parser)
     add_parameter_options(parser)
     parser.set_defaults(run=_clean)
 
@@ -103,8 +106,8 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--resume',
         action='store_true',
-        help='leave out files that the manifest of the folder proves to be done in the same way, '
-        'and replace what a killed run has left',
+        help='go on where a run for the same output was broken off: files that the manifest of the '
+        'folder proves to be done are left, and what a killed run has left of others is replaced',
     )
 
 
@@ -196,7 +199,10 @@ def _clean_one(job: Job, wanted: Wanted, look: Callable[[JudgedFile], object]) -
     from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
     from lidar_outlier_filter.archive.many_files import Result
 
-    with stopping() as leave_if_asked, ExitStack() as bars:
+    def how_far() -> str:
+        return f'nothing is written to {job.output}; the same command begins anew'
+
+    with saying_how_far(how_far), stopping() as leave_if_asked, ExitStack() as bars:
         steps = _StepBars(job.path.name, leave_if_asked, bars)
         done = clean_job(job, wanted, look, steps, lambda slow: say(f'{job.path}: {slow}'))
     return Result(job, IS_DONE, done.report, found=done.found)
@@ -301,12 +307,10 @@ def _wanted(options: argparse.Namespace) -> Wanted:
     """Take from the options what is wanted."""
     from lidar_outlier_filter.files.clean_log import MARK, SEPARATE, Wanted
 
-    values = read_parameters(options.params, options.settings)
-    if options.chain is not None:
-        values['chain'] = _names(options.chain)
+    values = read_parameters(options.params, options.settings, options.chain)
     return Wanted(
         options.rejected or (MARK if options.outliers is None else SEPARATE),
-        _names(options.columns or ''),
+        names_in(options.columns or ''),
         options.table,
         options.tile,
         options.mark,
@@ -321,11 +325,7 @@ def _wanted(options: argparse.Namespace) -> Wanted:
 
 def _classes(text: str | None, option: str) -> tuple[int, ...]:
     """Read classes, whole numbers with commas between."""
-    names = _names(text or '')
+    names = names_in(text or '')
     if not all(name.isdecimal() for name in names):
         raise ParameterError(option, 'whole numbers, with commas between', text)
     return tuple(map(int, names))
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(',') if name.strip())

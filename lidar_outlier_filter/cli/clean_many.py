@@ -7,11 +7,12 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.archive_progress import progress_of_all
-from lidar_outlier_filter.cli.terminal import LINE_PERIOD, say
+from lidar_outlier_filter.cli.terminal import LINE_PERIOD, say, saying_how_far
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Cleaners, Job
     from lidar_outlier_filter.archive.manifest import Manifest
-    from lidar_outlier_filter.archive.many_files import Result
+    from lidar_outlier_filter.archive.many_files import ManyFiles, Result
     from lidar_outlier_filter.archive.step import Step
     from lidar_outlier_filter.core.slow import SlowDetector
     from lidar_outlier_filter.files.clean_log import Wanted
@@ -68,11 +69,22 @@ def clean_many(  # noqa: PLR0913  which files, how, where to, and by whom
         by_whom = (
             _threads(by, progress) if isinstance(by, int) else _workers(by, wanted, look, hidden)
         )
-        with by_whom as cleaners:
+        with saying_how_far(partial(_how_far, many, len(jobs), folder)), by_whom as cleaners:
             results = many.run(jobs, cleaners, tick, progress.finish)
         if manifest is not None and folder is not None:
             _write_page(manifest, folder)
         return results
+
+
+def _how_far(many: ManyFiles, total: int, folder: Path | None) -> str:
+    """Say how many files are done, and how to go on."""
+    from lidar_outlier_filter.archive.manifest import FAILED
+
+    done = sum(result.state != FAILED for result in many.results.values())
+    said = f'{done} of {total} files are done'
+    if folder is None:
+        return f'{said}; the same command cleans the others, and refuses these'
+    return f'{said} in {folder}; the same command with --resume goes on with the others'
 
 
 def _write_page(manifest: Manifest, folder: Path) -> None:

@@ -12,6 +12,7 @@ from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
     REFUSED,
+    add_chain_option,
     add_parameter_options,
     say,
     say_unread,
@@ -38,8 +39,9 @@ def add_replay(commands: Commands) -> None:
         description='Copy a recording and add, for each topic of clouds, TOPIC/cleaned and '
         'TOPIC/outliers. Of a folder of recordings, or a pattern, each one goes to a folder of its '
         'own; those that are done already are left. Exit status: 0 all done; 1 refused, nothing is '
-        'written; 3 written, but some clouds, or some recordings, were refused and have no answer, '
-        'no point of a topic could be tested, or part of a damaged recording is lost.',
+        'written, as where every cloud was refused; 3 written, but some clouds, or some '
+        'recordings, were refused and have no answer, no point of a topic could be tested, or part '
+        'of a damaged recording is lost. Recordings of an archive without clouds do not count.',
     )
     parser.add_argument(
         'recording',
@@ -58,6 +60,7 @@ def add_replay(commands: Commands) -> None:
         metavar='T',
         help='filter this topic only; may be repeated; default: all PointCloud2 topics',
     )
+    add_chain_option(parser)
     add_parameter_options(parser)
     parser.add_argument(
         '--drop-input',
@@ -72,7 +75,8 @@ def add_replay(commands: Commands) -> None:
     parser.add_argument(
         '--resume',
         action='store_true',
-        help='take the answers that a killed run left for the same output, and go on from there',
+        help='go on where a run for the same output was broken off: the answers that it left are '
+        'taken; an archive does so anyway, recording by recording',
     )
     parser.add_argument(
         '--largest-message',
@@ -127,9 +131,8 @@ def _show(report: ReplayReport) -> None:
     console.print(f'written to {report.output}', markup=False, highlight=False, soft_wrap=True)
     for topic in report.topics:
         if topic.refused:
-            reasons = ', '.join(f'{what} ({count})' for what, count in topic.refusals.items())
             clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
-            say(f'{clouds} were refused and have no answer, for: {reasons}')
+            say(f'{clouds} were refused and have no answer, for: {topic.refused_because}')
         if topic.untested_because:
             say(f'no point of {topic.topic} could be tested: {topic.untested_because}')
     if report.lost.reasons:

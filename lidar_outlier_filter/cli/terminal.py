@@ -19,7 +19,7 @@ from lidar_outlier_filter.errors import ParameterError, printable
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, _SubParsersAction
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 
@@ -40,6 +40,16 @@ def say(sentence: str) -> None:
     from rich.console import Console
 
     Console(stderr=True).print(printable(sentence), markup=False, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def saying_how_far(how_far: Callable[[], str]) -> Iterator[None]:
+    """Say what is done, and how to go on, where SIGINT or SIGTERM ends the work within."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit):
+        say(f'interrupted: {how_far()}')
+        raise
 
 
 def progress_lines(text: str) -> Advance:
@@ -101,7 +111,7 @@ def say_unread(count: int) -> None:
 
 
 def add_parameter_options(parser: ArgumentParser) -> None:
-    """Add --params and --set, which :func:`read_parameters` reads."""
+    """Add --params and --set, which :func:`read_parameters` reads; see :func:`add_chain_option`."""
     parser.add_argument(
         '--params',
         type=Path,
@@ -120,8 +130,20 @@ def add_parameter_options(parser: ArgumentParser) -> None:
     )
 
 
-def read_parameters(files: Iterable[Path], settings: Iterable[str]) -> dict[str, object]:
-    """Take parameters from files, in their order, then single ones from NAME=VALUE."""
+def add_chain_option(parser: ArgumentParser) -> None:
+    """Add --chain, which :func:`read_parameters` reads, too."""
+    parser.add_argument('--chain', metavar='D[,D…]', help='detectors, in their order')
+
+
+def names_in(text: str) -> tuple[str, ...]:
+    """Read names with commas between."""
+    return tuple(name.strip() for name in text.split(',') if name.strip())
+
+
+def read_parameters(
+    files: Iterable[Path], settings: Iterable[str], chain: str | None = None
+) -> dict[str, object]:
+    """Take parameters from files, in their order, single ones from NAME=VALUE, then a chain."""
     import yaml
 
     from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml
@@ -137,4 +159,6 @@ def read_parameters(files: Iterable[Path], settings: Iterable[str]) -> dict[str,
             values[name] = parse(text)
         except yaml.YAMLError as err:
             raise ParameterError(f'the value of {name}', 'YAML', repr(text)) from err
+    if chain is not None:
+        values['chain'] = names_in(chain)
     return values

@@ -42,10 +42,7 @@ class SlowDetector(NamedTuple):
     def __str__(self) -> str:
         """Say so in one sentence."""
         begin = f' from {self.begin / SECOND:.3f} s on' if self.begin else ''
-        return (
-            f'{self.name} takes more than {self.limit:g} s ({PATIENCE:g} × max_delay) '
-            f'for {self.points} points{begin}'
-        )
+        return f'{self.name} takes more than {self.limit:g} s for {self.points} points{begin}'
 
 
 class _Watcher:

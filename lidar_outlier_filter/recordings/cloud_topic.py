@@ -50,6 +50,11 @@ class TopicReport:
     undecided_by: Mapping[str, int]
 
     @property
+    def refused_because(self) -> str:
+        """What was wrong with the clouds that were refused, and how often."""
+        return ', '.join(f'{what} ({count})' for what, count in self.refusals.items())
+
+    @property
     def untested_because(self) -> str:
         """Why no point could be tested; empty where one was, or there is no answered cloud."""
         if self.messages == self.refused or self.points > self.untested + self.invalid:

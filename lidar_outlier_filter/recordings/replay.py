@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.stream_cloud import END
-from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.errors import NoCloudsError, ParameterError, RecordingError
 from lidar_outlier_filter.files.publication import FOLDER, check_new
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic, writable
@@ -27,7 +27,7 @@ from lidar_outlier_filter.stream.topics import CLOUD, check_name
 ROOM = 2**21  # bytes: a chunk that we write, beside a message that is longer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from lidar_outlier_filter.core.chain import Chain
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
@@ -96,7 +96,8 @@ def replay(  # noqa: PLR0913  what the command line offers
     Raises
     ------
     RecordingError
-        If the recording cannot be read or has no such topic, or the output cannot be written.
+        If the recording cannot be read or has no such topic, all of its clouds were refused, or the
+        output cannot be written.
     ParameterError
         If a parameter makes no sense.
 
@@ -129,6 +130,7 @@ def replay(  # noqa: PLR0913  what the command line offers
         done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress, begin)
         elapsed = perf_counter() - started
         reports = tuple(stream.report() for stream in streams.values())
+        _check_answered(source, reports)
         unread = max(0, source.message_count - done)
         return ReplayReport(output, reports, source.duration * 1e-9, elapsed, unread, lost)
 
@@ -220,13 +222,23 @@ def choose_clouds(source: Recording, wanted: Collection[str], what: str) -> list
     if not clouds:
         found = ', '.join(f'{topic.name} ({topic.msgtype})' for topic in source.topics)
         must_be = f'one with a topic of type {CLOUD}'
-        raise RecordingError(f'the recording {source.path}', must_be, found or 'no topic at all')
+        raise NoCloudsError(f'the recording {source.path}', must_be, found or 'no topic at all')
     names = dict.fromkeys(wanted or clouds)
     for name in names:
         if name not in clouds:
             raise RecordingError(what, f'one of {", ".join(clouds)}', repr(name))
         check_name(what, name)  # ROS 1 allowed more
     return [clouds[name] for name in names]
+
+
+def _check_answered(source: Recording, reports: Sequence[TopicReport]) -> None:
+    """Refuse to write a copy where every cloud was refused: it would have no answer at all."""
+    clouds = sum(report.messages for report in reports)
+    if clouds and clouds == sum(report.refused for report in reports):
+        reasons = '; '.join(f'{one.topic}: {one.refused_because}' for one in reports if one.refused)
+        must_be = 'such that one at least can be filtered'
+        got = f'{clouds} refused, for: {reasons}'
+        raise RecordingError(f'the clouds of {source.path}', must_be, got)
 
 
 def _check_motion(
