@@ -13,6 +13,7 @@ from lidar_outlier_filter.cli.terminal import (
     INCOMPLETE,
     REFUSED,
     add_parameter_options,
+    refused_for,
     say,
     say_unread,
 )
@@ -127,7 +128,7 @@ def _show(report: ReplayReport) -> None:
     console.print(f'written to {report.output}', markup=False, highlight=False, soft_wrap=True)
     for topic in report.topics:
         if topic.refused:
-            reasons = ', '.join(f'{what} ({count})' for what, count in topic.refusals.items())
+            reasons = refused_for(topic.refusals, topic.sentences)
             clouds = f'{topic.refused} of {topic.messages} clouds of {topic.topic}'
             say(f'{clouds} were refused and have no answer, for: {reasons}')
         if topic.untested_because:

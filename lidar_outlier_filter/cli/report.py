@@ -16,6 +16,7 @@ from lidar_outlier_filter.cli.terminal import (
     add_parameter_options,
     beside,
     read_parameters,
+    refused_for,
     say,
     stoppable_bar,
 )
@@ -131,6 +132,6 @@ def _say(found: Gathered, output: Path | None, figures: Path | None) -> int:
         say(f'{drawn} of {valid} points are drawn (--points); all are counted')
     refused = sum(found.found.refusals.values())
     if refused:
-        reasons = ', '.join(f'{what} ({count})' for what, count in found.found.refusals.items())
+        reasons = refused_for(found.found.refusals, found.found.sentences)
         say(f'{refused} clouds were refused, for: {reasons}')
     return INCOMPLETE if refused else DONE

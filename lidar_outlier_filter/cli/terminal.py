@@ -19,7 +19,7 @@ from lidar_outlier_filter.errors import ParameterError, printable
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, _SubParsersAction
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 
@@ -87,6 +87,11 @@ def stoppable_bar(text: str, *, lines: bool = False) -> Iterator[Advance]:
         yield advance
 
 
+def refused_for(counts: Mapping[str, int], sentences: Mapping[str, str]) -> str:
+    """Say why clouds were refused: the first sentence for each reason, and how many there were."""
+    return '; '.join(f'{sentences.get(what, what)} ({count})' for what, count in counts.items())
+
+
 def beside(recording: Path, ending: str) -> Path:
     """Name an output after a recording, a file or a folder, beside it."""
     path = recording.resolve()
@@ -120,6 +125,16 @@ def add_parameter_options(parser: ArgumentParser) -> None:
     )
 
 
+def _check_list(name: str, value: object) -> None:
+    """Show how a list is written to who gives names with commas between, as to --chain."""
+    from lidar_outlier_filter.parameters.filter import describe
+
+    lists = {one.name for one in describe() if isinstance(one.default, tuple)}
+    if name in lists and isinstance(value, str):
+        must_be = f'a list, as in {name}=[{value}]'
+        raise ParameterError(f'the value of {name}', must_be, repr(value))
+
+
 def read_parameters(files: Iterable[Path], settings: Iterable[str]) -> dict[str, object]:
     """Take parameters from files, in their order, then single ones from NAME=VALUE."""
     import yaml
@@ -137,4 +152,5 @@ def read_parameters(files: Iterable[Path], settings: Iterable[str]) -> dict[str,
             values[name] = parse(text)
         except yaml.YAMLError as err:
             raise ParameterError(f'the value of {name}', 'YAML', repr(text)) from err
+        _check_list(name, values[name])
     return values

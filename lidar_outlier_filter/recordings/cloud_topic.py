@@ -29,12 +29,15 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.stream.cloud_filter import Answer
     from lidar_outlier_filter.stream.statistics import Statistics
 
+MOST_SENTENCES = 50  # that are kept of refusals
+
 
 @dataclass(frozen=True)
 class TopicReport:
     """What became of the clouds of one topic.
 
-    ``refused`` clouds have no answer; ``refusals`` counts them by what was wrong with them.
+    ``refused`` clouds have no answer; ``refusals`` counts them by what was wrong with them, and
+    ``sentences`` has the first sentence for each.
     ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order.
     """
 
@@ -48,6 +51,7 @@ class TopicReport:
     refusals: Mapping[str, int]
     rejected_by: Mapping[str, int]
     undecided_by: Mapping[str, int]
+    sentences: Mapping[str, str]
 
     @property
     def untested_because(self) -> str:
@@ -88,6 +92,8 @@ class CloudTopic:
         if chain is not None:
             self._filter.judge_by(chain)
         self._filter.wanted = (False, False)
+        self._filter.refuse = self._note_refusal
+        self._sentences: dict[str, str] = {}
         self._clouds = self._checksum = 0  # read so far
         self._answered = 0  # number of the last cloud answered
         self._journal: Journal | None = None
@@ -141,7 +147,8 @@ class CloudTopic:
         try:
             known = self._clouds <= self._done.answered
             finished = self._filter.push(cloud, (self._clouds, time), known=known)
-        except CloudError:  # counted by the filter; others may be finished all the same
+        except CloudError as err:  # counted by the filter; others may be finished all the same
+            self._note_refusal(err)
             finished = self._filter.advance()
         self._write(finished)
 
@@ -162,6 +169,10 @@ class CloudTopic:
         self._write(self._filter.flush())
         if self._journal is not None and self._clouds < self._done.read:
             self._refuse_input(self._journal)
+
+    def _note_refusal(self, err: CloudError) -> None:
+        if len(self._sentences) < MOST_SENTENCES:
+            self._sentences.setdefault(err.what, str(err))
 
     def _check_input(self, data: bytes) -> None:
         """Refuse a cloud that is not that of the killed run."""
@@ -225,4 +236,5 @@ class CloudTopic:
             dict(counts.refusals),
             {name: counts.rejected[name] for name in chain},
             {name: counts.undecided[name] for name in chain},
+            dict(self._sentences),
         )
