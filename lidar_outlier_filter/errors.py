@@ -6,6 +6,10 @@ from __future__ import annotations
 
 import struct
 import traceback
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 # Errors of a program that comes upon what it did not expect.
 _OF_THE_READER = (
@@ -121,3 +125,8 @@ class NoCloudsError(RecordingError):
 
 class SchedulerError(FilterError):
     """A scheduler that does not answer, or whose workers are of other code."""
+
+
+def refused_for(counts: Mapping[str, int], sentences: Mapping[str, str]) -> str:
+    """Say why clouds were refused: the first sentence for each reason, and how many there were."""
+    return '; '.join(f'{sentences.get(what, what)} ({count})' for what, count in counts.items())

@@ -200,8 +200,9 @@ def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Captu
     assert main(['replay', str(source)]) == 3
     printed = capsys.readouterr()
     clouds = '1 of 4 clouds of /velodyne_points'
-    refused = f'{clouds} were refused and have no answer, for: the CDR bytes (1)\n'
-    assert printed.err.endswith(f'\n{refused}')
+    refused = f'{clouds} were refused and have no answer, for: the CDR bytes must be a whole cloud'
+    assert f'\n{refused}, got ' in printed.err
+    assert printed.err.endswith(' (1)\n')
     assert rows(printed.out)['refused'] == ['1']
     assert 'damaged_cleaned' in names(tmp_path)
 

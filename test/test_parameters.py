@@ -35,6 +35,8 @@ EACH = pytest.mark.parametrize('parameter', describe(), ids=lambda parameter: pa
 def test_every_parameter_is_described(parameter: Parameter) -> None:
     """A parameter has a sentence and a range, and is in the table and in the file."""
     assert re.fullmatch(r'[A-Z\x27a-z0-9].*\.', parameter.text)
+    # This reads as if something were cut off behind the name of a choice.
+    assert not parameter.text.endswith(tuple(f', else {choice}.' for choice in parameter.choices))
     assert parameter.range_text
     assert parameter.check(parameter.default) == parameter.default
     assert type(parameter.default) in {bool, int, float, str, tuple}

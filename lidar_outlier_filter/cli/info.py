@@ -11,7 +11,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, say_unread, stoppable_bar
+from lidar_outlier_filter.cli.terminal import (
+    DONE,
+    INCOMPLETE,
+    say_unread,
+    stoppable_bar,
+)
+from lidar_outlier_filter.errors import refused_for
 
 if TYPE_CHECKING:
     import argparse
@@ -161,7 +167,7 @@ def _verdict(cloud: CloudInfo) -> Iterator[tuple[str, str]]:
         yield 'defaults', 'no cloud in the sample'
         return
     if report.refused:
-        reasons = ', '.join(f'{what} ({count})' for what, count in report.refusals.items())
+        reasons = refused_for(report.refusals, report.sentences)
         yield 'refused', f'{report.refused} of {report.messages} clouds, for: {reasons}'
     if report.points:
         share = 100 * report.rejected / report.points

@@ -20,6 +20,7 @@ from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
 from lidar_outlier_filter.cli.replay import add_replay
 from lidar_outlier_filter.cli.report import add_report
 from lidar_outlier_filter.cli.results import add_results
+from lidar_outlier_filter.cli.right_verb import hint
 from lidar_outlier_filter.cli.simulate import add_simulate
 from lidar_outlier_filter.cli.terminal import REFUSED, say
 from lidar_outlier_filter.cli.train import add_train
@@ -47,14 +48,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
         prog='lidar-outlier-filter', description='Clean lidar clouds from a moving vehicle.'
     )
     parser.add_argument('--version', action='version', version=__version__)
-    commands = parser.add_subparsers(metavar='COMMAND', required=True)
+    commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     for add in COMMANDS:
         add(commands)
     options = parser.parse_args(arguments)
     try:
         status: int = options.run(options)
     except FilterError as err:
-        say(str(err))
+        say(f'{err}{hint(options, err)}')
         return REFUSED
     except ModuleNotFoundError as err:
         # Of what the commands need, Ubuntu packages all but this.

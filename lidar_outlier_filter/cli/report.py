@@ -19,7 +19,7 @@ from lidar_outlier_filter.cli.terminal import (
     say,
     stoppable_bar,
 )
-from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.errors import ParameterError, RecordingError, refused_for
 
 if TYPE_CHECKING:
     import argparse
@@ -132,6 +132,6 @@ def _say(found: Gathered, output: Path | None, figures: Path | None) -> int:
         say(f'{drawn} of {valid} points are drawn (--points); all are counted')
     refused = sum(found.found.refusals.values())
     if refused:
-        reasons = ', '.join(f'{what} ({count})' for what, count in found.found.refusals.items())
+        reasons = refused_for(found.found.refusals, found.found.sentences)
         say(f'{refused} clouds were refused, for: {reasons}')
     return INCOMPLETE if refused else DONE

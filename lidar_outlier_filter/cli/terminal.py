@@ -19,7 +19,7 @@ from lidar_outlier_filter.errors import ParameterError, printable
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, _SubParsersAction
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 
@@ -140,6 +140,16 @@ def names_in(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(',') if name.strip())
 
 
+def _check_list(name: str, value: object) -> None:
+    """Show how a list is written to who gives names with commas between, as to --chain."""
+    from lidar_outlier_filter.parameters.filter import describe
+
+    lists = {one.name for one in describe() if isinstance(one.default, tuple)}
+    if name in lists and isinstance(value, str):
+        must_be = f'a list, as in {name}=[{value}]'
+        raise ParameterError(f'the value of {name}', must_be, repr(value))
+
+
 def read_parameters(
     files: Iterable[Path], settings: Iterable[str], chain: str | None = None
 ) -> dict[str, object]:
@@ -159,6 +169,7 @@ def read_parameters(
             values[name] = parse(text)
         except yaml.YAMLError as err:
             raise ParameterError(f'the value of {name}', 'YAML', repr(text)) from err
+        _check_list(name, values[name])
     if chain is not None:
         values['chain'] = names_in(chain)
     return values

@@ -40,6 +40,7 @@ _FORMATS = {
     '.sqlite3': ('sqlite', ''),
     '.db': ('sqlite', ''),
 }
+SUFFIXES = tuple(_FORMATS)
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,8 @@ class FilterParameters(DetectorSections):
     line_source: str = declare(
         'auto',
         'What makes a scan line: a field (ring), each row, each message, or each turn of the scan '
-        'angle; auto: field, else row, else message.',
+        'angle. auto: a field, a row where there is no such field, a message where there is '
+        'neither.',
         choices=('auto', 'field', 'row', 'message', 'angle'),
         fixed=True,
     )
@@ -129,9 +130,9 @@ class FilterParameters(DetectorSections):
     )
     blocks: str = declare(
         'time',
-        'What is judged together. time: stretches of sensor time; message: each message, with the '
-        'halo before it only, which is answered at once; auto: message where one of the first '
-        'three messages spans at least a quarter of block (one sweep per message), else time.',
+        'What is judged together. time: stretches of sensor time. message: each message, with the '
+        'halo before it only; it is answered at once. auto: message where one of the first three '
+        'messages spans at least a quarter of block, as one sweep does; time where none does.',
         choices=('time', 'message', 'auto'),
         fixed=True,
     )

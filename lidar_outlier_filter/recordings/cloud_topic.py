@@ -12,7 +12,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.errors import CloudError, RecordingError
+from lidar_outlier_filter.errors import CloudError, RecordingError, refused_for
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
 from lidar_outlier_filter.stream.cloud_filter import CloudFilter
@@ -29,12 +29,15 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.stream.cloud_filter import Answer
     from lidar_outlier_filter.stream.statistics import Statistics
 
+MOST_SENTENCES = 50  # that are kept of refusals
+
 
 @dataclass(frozen=True)
 class TopicReport:
     """What became of the clouds of one topic.
 
-    ``refused`` clouds have no answer; ``refusals`` counts them by what was wrong with them.
+    ``refused`` clouds have no answer; ``refusals`` counts them by what was wrong with them, and
+    ``sentences`` has the first sentence for each.
     ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order.
     """
 
@@ -48,11 +51,12 @@ class TopicReport:
     refusals: Mapping[str, int]
     rejected_by: Mapping[str, int]
     undecided_by: Mapping[str, int]
+    sentences: Mapping[str, str]
 
     @property
     def refused_because(self) -> str:
         """What was wrong with the clouds that were refused, and how often."""
-        return ', '.join(f'{what} ({count})' for what, count in self.refusals.items())
+        return refused_for(self.refusals, self.sentences)
 
     @property
     def untested_because(self) -> str:
@@ -93,6 +97,8 @@ class CloudTopic:
         if chain is not None:
             self._filter.judge_by(chain)
         self._filter.wanted = (False, False)
+        self._filter.refuse = self._note_refusal
+        self._sentences: dict[str, str] = {}
         self._clouds = self._checksum = 0  # read so far
         self._answered = 0  # number of the last cloud answered
         self._journal: Journal | None = None
@@ -146,7 +152,8 @@ class CloudTopic:
         try:
             known = self._clouds <= self._done.answered
             finished = self._filter.push(cloud, (self._clouds, time), known=known)
-        except CloudError:  # counted by the filter; others may be finished all the same
+        except CloudError as err:  # counted by the filter; others may be finished all the same
+            self._note_refusal(err)
             finished = self._filter.advance()
         self._write(finished)
 
@@ -167,6 +174,10 @@ class CloudTopic:
         self._write(self._filter.flush())
         if self._journal is not None and self._clouds < self._done.read:
             self._refuse_input(self._journal)
+
+    def _note_refusal(self, err: CloudError) -> None:
+        if len(self._sentences) < MOST_SENTENCES:
+            self._sentences.setdefault(err.what, str(err))
 
     def _check_input(self, data: bytes) -> None:
         """Refuse a cloud that is not that of the killed run."""
@@ -230,4 +241,5 @@ class CloudTopic:
             dict(counts.refusals),
             {name: counts.rejected[name] for name in chain},
             {name: counts.undecided[name] for name in chain},
+            dict(self._sentences),
         )

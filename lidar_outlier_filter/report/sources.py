@@ -62,6 +62,7 @@ class SourceFacts:
     ----------
     clouds, points, invalid : of the source: clouds taken, their points, and missing returns
     refusals : clouds refused, by what was wrong with them
+    sentences : the first one for each of these
     unmoved : clouds that were taken without poses, though there is odometry
     convention : how they are read
     starts, ends : of each cloud with a valid point, nanoseconds
@@ -74,6 +75,7 @@ class SourceFacts:
     points: int = 0
     invalid: int = 0
     refusals: dict[str, int] = field(default_factory=dict)
+    sentences: dict[str, str] = field(default_factory=dict)
     unmoved: int = 0
     convention: str = ''
     starts: list[int] = field(default_factory=list)
@@ -154,6 +156,7 @@ class RecordedSource:
             for cloud in stream.flush():
                 yield number, cloud
         found.refusals = dict(self._clouds.refusals)
+        found.sentences = dict(self._clouds.sentences)
         found.unmoved, found.convention = self._clouds.unmoved, self._clouds.convention
         found.topic = self._clouds.topic
         if self._files and len(self._files) != self._clouds.count:

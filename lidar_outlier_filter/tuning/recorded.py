@@ -63,6 +63,7 @@ class RecordedClouds:
     count : clouds that the topic has
     unmoved : clouds that were taken without poses, though there is odometry
     refusals : clouds that were refused, by what was wrong with them
+    sentences : the first one for each of these
     convention : how the clouds are read, for people; empty: no cloud had a valid point
 
     """
@@ -79,6 +80,7 @@ class RecordedClouds:
         self.topic = ''
         self.count = self.unmoved = 0
         self.refusals: Counter[str] = Counter()
+        self.sentences: dict[str, str] = {}
         self.convention = ''
         self._recording = recording
         self._parameters = parameters
@@ -96,6 +98,7 @@ class RecordedClouds:
         """
         self.count = self.unmoved = 0
         self.refusals.clear()
+        self.sentences.clear()
         parameters, decoder = self._parameters, Decoder(self._parameters)
         motion = Odometry(parameters) if parameters.motion.source == 'odometry' else None
         stream = _Recorder(parameters, motion if self._with_eyes else None)
@@ -122,6 +125,7 @@ class RecordedClouds:
 
     def _refused(self, err: CloudError) -> None:
         self.refusals[err.what] += 1
+        self.sentences.setdefault(err.what, str(err))
 
     def _messages(self) -> Iterator[tuple[str, Any | None]]:
         """Yield type and message of clouds and odometry; None for a cloud that cannot be read."""
