@@ -24,6 +24,7 @@ from clouds import (
     to_rosbags,
     values,
 )
+from nodes import line
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import PointCloud2, PointField
 
@@ -640,6 +641,30 @@ def test_change_of_form() -> None:
     answers = clean.flush()
     assert [answer.tag for answer in answers] == ['waits', 'waits too']
     assert [len(answer.cleaned.fields) for answer in answers] == [5, 4]
+
+
+def test_change_while_the_slow_detectors_are_off() -> None:
+    """They stay off, of the new chain too, until they are to be on; what is counted is true."""
+    pair = ('alpha_beta_gamma', 'sor')
+    clean = CloudFilter({'block': 0.01, 'halo': 0.0, 'sor.multiplier': 0.0}, chain=pair)
+
+    def found(first: int) -> list[int]:
+        answers = [answer for i in range(first, first + 3) for answer in clean.push(line(0.01 * i))]
+        return [answer.outliers.width for answer in [*answers, *clean.hurry()]]
+
+    clean.shed(on=True)
+    assert found(0) == [1, 1, 1]
+    clean.change(clean.parameters.changed({'gap_factor': 2.5}))
+    assert found(3) == [1, 1, 1]
+    assert clean.statistics.shed == 6
+    clean.change(clean.parameters.changed({'chain': ('sor',)}))  # nothing of it is fast
+    found(6)
+    assert clean.statistics.shed == 6
+    clean.change(clean.parameters.changed({'chain': pair}))
+    assert found(9) == [1, 1, 1]
+    clean.shed(on=False)
+    assert min(found(12)) > 10
+    assert clean.statistics.shed == 9
 
 
 @pytest.mark.parametrize('name', ['block', 'time_field', 'max_points'])

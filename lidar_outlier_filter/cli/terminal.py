@@ -19,7 +19,7 @@ from lidar_outlier_filter.errors import ParameterError, printable
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, _SubParsersAction
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator
 
     Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 

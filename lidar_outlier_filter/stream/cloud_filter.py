@@ -190,7 +190,7 @@ class CloudFilter:
 
         """
         msg = self._as_message(msg, stamp)
-        self.statistics.shed += self._sheds
+        self.statistics.shed += self._sheds and self.can_shed
         try:
             points = self._decoder.decode(msg)
             finished = self._push(points, msg, tag, known=known)
@@ -257,7 +257,7 @@ class CloudFilter:
 
     def shed(self, *, on: bool) -> None:
         """Judge the blocks to come along the line only, or by the whole chain again."""
-        self._sheds = on and self._short is not None
+        self._sheds = on
         self._stream.chain = self._short if on and self._short is not None else self._chain
 
     def change(self, parameters: FilterParameters) -> None:
@@ -282,8 +282,8 @@ class CloudFilter:
         except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
             self._failed(JudgingError(err))
         self._parameters = self._decoder.parameters = parameters
-        self._stream.chain = chain
         self._watch(chain)
+        self.shed(on=self._sheds)
         if self._moving is not None:
             self._moving.wait_at_most(parameters.max_delay)
 
