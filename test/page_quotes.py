@@ -152,7 +152,7 @@ def _shares(recordings: Mapping[str, str], parameters: str, **more: object) -> S
 
     def source(pages: Pages) -> Figures:
         values = read_yaml(ROOT / 'config' / parameters) | more
-        figures = {}
+        figures: dict[str, str] = {}
         for name, recording in recordings.items():
             report = replay(DATA / 'bags' / recording, pages.new(name) / 'out', parameters=values)
             points = sum(topic.points - topic.invalid for topic in report.topics)
@@ -167,7 +167,7 @@ def _street(pages: Pages) -> Figures:
     """Simulate the street of the demo, and judge it by the default and by the smoother."""
     folder = pages.new('street')
     record(demo_drive(), folder / 'drive')
-    figures = {}
+    figures: dict[str, str] = {}
     for form, values in STREET_FORMS.items():
         replay(folder / 'drive', folder / form, parameters={**SENSOR, **values})
         found = evaluate(read_recording(folder / form), CAUSES)
