@@ -13,6 +13,7 @@ from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.parquet_room import check_groups, check_texts, texts
 from lidar_outlier_filter.files.room import check_count
 from lidar_outlier_filter.files.rows import check_names
 
@@ -43,6 +44,8 @@ class ParquetFile:
         with path.open('rb') as stream, parquet.ParquetFile(stream) as file:
             self._schema = file.schema_arrow
             self._count = _count_rows(path, file.metadata)
+            check_groups(path, file)
+            self._texts = texts(file)
         check_names(path, self._schema.names)
         self.columns: Mapping[str, np.dtype[Any]] = {
             # With a time zone or without, a time is a number of nanoseconds.
@@ -74,10 +77,12 @@ class ParquetFile:
         with (
             self.path.open('rb') as stream,
             parquet.ParquetFile(stream) as file,
+            parquet.ParquetFile(stream, read_dictionary=self._texts) as unexpanded,
             path.open('wb') as target,
             parquet.ParquetWriter(target, schema, **_properties(file)) as writer,
         ):
             for group in range(file.num_row_groups):
+                check_texts(self.path, unexpanded, group)
                 table = file.read_row_group(group)
                 part = slice(done, done + len(table))
                 for name, values in change.added.items():

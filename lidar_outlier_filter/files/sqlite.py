@@ -7,6 +7,7 @@ from __future__ import annotations
 import errno
 import sqlite3
 from contextlib import closing, suppress
+from itertools import islice
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 VERDICT = '_verdict'  # behind the name of the table
 ROW_IDS = ('rowid', 'oid', '_rowid_')  # SQLite's names for it, where no column has them
+_STORED = {0, 3}  # how SQLite marks columns that stand in a row, and computed ones that do
+_SHOWN = 40  # letters of a value that is none
 _TYPES = {'f': 'REAL', 'u': 'INTEGER', 'i': 'INTEGER'}
 
 
@@ -51,23 +54,22 @@ class SqliteFile:
         check_pages(path, self._refuse)
         with closing(connect(path)) as database:
             self.table = _choose(database, path, table)
-            # With the columns that are computed; hidden ones (1) do not stand in a row.
             about = database.execute(f'PRAGMA table_xinfo({_quoted(self.table)})').fetchall()
-            about = [column for column in about if column[-1] != 1]
+            # What is computed when it is read, by what the file says, is not read.
+            stored = [column for column in about if column[-1] in _STORED]
             if not _has_row_ids(database, self.table):
                 what = f'the table {self.table!r} of {path}'
                 raise CloudError(what, 'one with row ids, by which the verdict names rows', 'none')
             self._row_id = _row_id(self.table, [column[1] for column in about])
             count = f'SELECT count(*) FROM {_quoted(self.table)}'  # noqa: S608  quoted
             self._count: int = database.execute(count).fetchone()[0]
-            first = database.execute(
-                f'SELECT * FROM {_quoted(self.table)} ORDER BY {self._row_id} LIMIT 1'  # noqa: S608  quoted
-            ).fetchone()
+            wanted = ', '.join(_quoted(column[1]) for column in stored)
+            first = self._select(database, wanted, 'LIMIT 1').fetchone()
         self.columns: Mapping[str, np.dtype[Any]] = {
             name: np.dtype(
                 np.int64 if 'INT' in kind.upper() or isinstance(value, int) else np.float64
             )
-            for (_, name, kind, *_), value in zip(about, first or (), strict=False)
+            for (_, name, kind, *_), value in zip(stored, first or (), strict=False)
             if value is None or _number(value) is not None
         }
 
@@ -82,32 +84,24 @@ class SqliteFile:
         """Read columns chunk by chunk, in the order of the row ids; NULL is missing."""
         wanted = ', '.join(_quoted(name) for name in names)
         with closing(connect(self.path)) as database:
-            for rows in self._chunks(database, wanted):
-                columns = zip(*rows, strict=True)
-                yield tuple(
-                    self._numbers(name, values) for name, values in zip(names, columns, strict=True)
-                )
+            # Row by row, as every text may be as long as the file.
+            rows = (tuple(map(self._number, names, row)) for row in self._select(database, wanted))
+            while chunk := list(islice(rows, CHUNK)):
+                yield tuple(_column(values) for values in zip(*chunk, strict=True))
 
-    def _numbers(self, name: str, values: Sequence[Any]) -> NDArray[Any]:
-        """Turn a column into numbers, whatever it was declared to be."""
-        known = [0 if value is None else _number(value) for value in values]
-        if None in known:
+    def _number(self, name: str, value: Any) -> float | None:
+        """Turn a value into a number, whatever its column was declared to be; None: it is NULL."""
+        number = _number(value)
+        if number is None and value is not None:
             what = f'column {name!r} of table {self.table!r}'
-            raise CloudError(what, 'of numbers', repr(values[known.index(None)]))
-        missing = np.array([value is None for value in values])
-        numbers = np.array(known)
-        if numbers.dtype.kind == 'f':
-            numbers[missing] = np.nan
-        elif missing.any():
-            return np.ma.MaskedArray(numbers, missing)
-        return numbers
+            raise CloudError(what, 'of numbers', repr(value[:_SHOWN]))
+        return number
 
-    def _chunks(self, database: sqlite3.Connection, wanted: str) -> Iterator[list[Any]]:
-        cursor = database.execute(
-            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY {self._row_id}'  # noqa: S608  quoted
+    def _select(self, database: sqlite3.Connection, wanted: str, limit: str = '') -> sqlite3.Cursor:
+        """Select columns in the order of the row ids."""
+        return database.execute(
+            f'SELECT {wanted} FROM {_quoted(self.table)} ORDER BY {self._row_id} {limit}'  # noqa: S608  quoted
         )
-        while rows := cursor.fetchmany(CHUNK):
-            yield rows
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Copy the database and add the table with the verdict: a row for each, by its row id."""
@@ -129,18 +123,21 @@ class SqliteFile:
             done = 0
             with target:
                 target.execute(f'CREATE TABLE {name} (row_id INTEGER PRIMARY KEY{columns})')
-                for rows in self._chunks(source, self._row_id):
+                ids = self._select(source, self._row_id)
+                while rows := ids.fetchmany(CHUNK):
                     part = slice(done, done + len(rows))
                     added = [values[part].tolist() for values in change.added.values()]
-                    ids = (row[0] for row in rows)
-                    target.executemany(insert, zip(ids, *added, strict=True))
+                    numbers = (row[0] for row in rows)
+                    target.executemany(insert, zip(numbers, *added, strict=True))
                     done = part.stop
                     yield done
 
 
 def _choose(database: sqlite3.Connection, path: Path, wanted: str | None) -> str:
     """Find the table that is meant."""
-    found = database.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")
+    # Virtual tables, whose rows a module makes, have no page.
+    of_rows = "SELECT name FROM sqlite_schema WHERE type = 'table' AND rootpage > 0"
+    found = database.execute(of_rows)
     names = [name for (name,) in found if not name.startswith('sqlite_')]
     if wanted is None and len(names) == 1:
         wanted = names[0]
@@ -174,6 +171,17 @@ def _row_id(table: str, columns: Sequence[str]) -> str:
         must_be = f'without one of {", ".join(ROW_IDS)}, which SQLite numbers the rows by'
         raise CloudError(f'the columns of table {table!r}', must_be, ', '.join(columns))
     return free[0]
+
+
+def _column(values: Sequence[float | None]) -> NDArray[Any]:
+    """Turn numbers, None where there is none, into a column."""
+    missing = np.array([value is None for value in values])
+    numbers = np.array([0 if value is None else value for value in values])
+    if numbers.dtype.kind == 'f':
+        numbers[missing] = np.nan
+    elif missing.any():
+        return np.ma.MaskedArray(numbers, missing)
+    return numbers
 
 
 def _number(value: Any) -> float | None:
