@@ -14,6 +14,7 @@ from drives import rows_of_turn, topic_of, write_drive
 from labelled import write
 
 from lidar_outlier_filter.archive import run
+from lidar_outlier_filter.archive.fingerprints import content_hash
 from lidar_outlier_filter.archive.manifest import NAME
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
@@ -131,7 +132,7 @@ def test_ctrl_c_says_how_to_go_on(
     drives: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, number: int
 ) -> None:
     """How many are done, and that the same command goes on, with ``--resume`` as well."""
-    known = run.content_hash
+    known = content_hash
 
     def interrupt(place: Any) -> str:
         if place.path.name == ('first', 'texts')[number]:

@@ -148,7 +148,10 @@ def test_broken_off_and_resumed(  # noqa: PLR0913  fixtures and cases
 ) -> None:
     """After Ctrl-C nothing hidden is left, after a kill nothing by the next run."""
     words = arguments(clouds, tmp_path, *scheduler)
-    assert broken_off(words, number, LAST) == (status, '')
+    done, said = broken_off(words, number, LAST)
+    assert done == status
+    assert said.startswith('interrupted: ') == (number == signal.SIGINT)
+    assert len(said.splitlines()) == (number == signal.SIGINT)
     assert bool(hidden(tmp_path)) == (number == signal.SIGKILL)
     assert LAST <= len(content(tmp_path)) == states(tmp_path).count('done') < COUNT
     assert main([*words, '--resume']) == 3
