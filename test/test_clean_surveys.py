@@ -163,7 +163,7 @@ def test_spared_points() -> None:
     spared = classes.spare(verdict, kept)
     assert verdict.rejected.tolist() == [False, True, False, True]
     assert spared.rejected.tolist() == [False, False, False, True]
-    np.testing.assert_array_equal(spared.score, np.float32([0.5, np.nan, 0.25, 2.0]))
+    np.testing.assert_array_equal(spared.score, np.array([0.5, np.nan, 0.25, 2.0], np.float32))
     assert spared.detectors.tolist() == [0, 0, 0, 1]
 
 
