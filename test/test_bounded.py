@@ -196,8 +196,8 @@ def test_transforms_of_a_clock_that_stands_still() -> None:
         for t in (STAMP, STAMP + SECOND, STAMP + SECOND // 2):
             links.note(transform('odom', 'base', t, POSE))
     assert len(links) == 3
-    assert links.has_gap('odom', 'base', STAMP, STAMP + SECOND, SECOND // 2 - 1)
-    assert not links.has_gap('odom', 'base', STAMP, STAMP + SECOND, SECOND // 2)
+    assert links.gaps('odom', 'base', STAMP, STAMP + SECOND, SECOND // 2 - 1)
+    assert not links.gaps('odom', 'base', STAMP, STAMP + SECOND, SECOND // 2)
 
 
 def test_frames() -> None:

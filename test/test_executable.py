@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -21,8 +23,6 @@ from lidar_outlier_filter import __version__
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from lidar_outlier_filter.stream.cloud_filter import Answer
 
 TOPIC = '/velodyne_points'
@@ -207,6 +207,76 @@ def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
         assert node.wait() == 0
     assert node.output[-1] == ready
     assert f'version {__version__} is ready: inputs /points; chain evidence; ' in ready
+
+
+# The node with a detector whose kernel takes days, and a sensor in the same process.
+ENDLESS = """
+import sys
+from dataclasses import dataclass
+from clouds import cloud, table
+from lidar_outlier_filter.core.detectors.declaration import Detector
+from lidar_outlier_filter.core.detectors.dials import plain
+from lidar_outlier_filter.core.detectors.registry import register
+from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.parameters.declaration import Section, declare
+from lidar_outlier_filter.ros.executable import main
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+
+@kernel
+def spin(count):
+    total = 0.0
+    for i in range(count):
+        total += np.sqrt(total + i)
+    return total
+
+def detect(seen, parameters):
+    is_mine = len(seen.points) == 7  # others compile it
+    if is_mine:
+        spin(0)
+        print('computing', flush=True)
+    return Scores(np.full(len(seen.points), spin(10**17 * is_mine)))
+
+@dataclass(frozen=True)
+class Endless(Section):
+    limit: float = declare(1.0, 'Nothing.', '', 0.5, 2.0)
+
+dial = plain('endless.limit', (1.0,))
+register(Detector('endless', 128, Endless, detect, lambda _: dial,
+                  colour='#123456', rejects='is judged', source='this test'))
+
+def attach(node):
+    publisher = node.create_publisher(PointCloud2, '/points', 10)
+    msg = cloud(table(7))
+    timer = node.create_timer(0.1, lambda: publisher.publish(msg))
+    finish = node.finish
+
+    def say_and_finish():
+        timer.cancel()
+        print('finishing', flush=True)
+        finish()
+
+    node.finish = say_and_finish
+
+sys.exit(main(attach=attach))
+"""
+
+
+@pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM])
+def test_stopped_while_a_kernel_runs(tmp_path: Path, second: signal.Signals) -> None:
+    """The first signal lets it finish, which would take days; the second ends it at once."""
+    program = tmp_path / 'endless.py'
+    program.write_text(ENDLESS, encoding='utf-8')
+    paths = [str(Path(__file__).parent), *filter(None, [os.environ.get('PYTHONPATH')])]
+    env = environment() | {'PYTHONPATH': os.pathsep.join(paths)}
+    words = ('-p', 'chain:=[endless]', '-p', 'blocks:=message')
+    with Program(program, '--ros-args', *words, env=env) as node:
+        node.wait_for('computing')
+        node.signal(signal.SIGINT)
+        node.wait_for('finishing')
+        node.signal(second)
+        assert node.wait() == -second
 
 
 @pytest.mark.parametrize(

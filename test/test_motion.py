@@ -165,16 +165,14 @@ def test_coordinates_are_kept_where_points_were_moved() -> None:
     points = sweep(1, 0.0)
     assert points.own is None
     assert points.in_own_frame is points
-    track = Track(1.0, 1.0)
+    track = Track(2.0, 1.0)
     for t in (-1, SECOND):
         track.add(t, (400_000.0, 5_000_000.0, 0.0, 0.0, 0.0, 0.6, 0.8))
-    moved = track.move(points, Mounting.at((0.0, 0.0, 1.0), (0.0, 0.0, 0.5)))
-    assert moved is not None
+    moved, _ = track.move(points, Mounting.at((0.0, 0.0, 1.0), (0.0, 0.0, 0.5)))
     assert moved.own is points.xyz
     assert moved.in_own_frame.xyz is points.xyz
     assert np.array_equal(moved.range, points.range)
-    again = track.move(moved, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert again is not None
+    again, _ = track.move(moved, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     assert again.own is points.xyz
     some = concatenate([moved.take(slice(5)), moved.take(np.arange(5, len(points)))])
     assert np.array_equal(some.in_own_frame.xyz, points.xyz)
@@ -224,27 +222,43 @@ def test_without_odometry_no_cloud_waits_longer_than_max_delay() -> None:
     assert moving.filter.statistics.unmoved == 10
 
 
-def test_clouds_with_and_without_poses_are_judged_apart() -> None:
-    """A gap in the odometry: those clouds are judged in their own frame, as if by themselves."""
-    drive = Drive(1.0)
-    clouds = drive.clouds(drive.own)
+def gapped(drive: Drive) -> tuple[list[OdometryMessage], NDArray[np.bool_]]:
+    """Leave poses out; return the others, and which points of the drive have none around them."""
     odometry = [msg for msg in drive.odometry() if not 0.33 < seconds(msg) < 0.55]
+    t = np.array([msg.header.stamp.sec * SECOND + msg.header.stamp.nanosec for msg in odometry])
+    t -= STAMP
+    before = np.searchsorted(t, drive.t, side='right') - 1
+    return odometry, (t[before + 1] - t[before] > SECOND // 10) & (t[before] != drive.t)
+
+
+def test_points_with_and_without_poses_are_judged_apart() -> None:
+    """A gap in the odometry: its points are judged in their own frame, as if by themselves."""
+    drive = Drive(1.0)
+    odometry, lost = gapped(drive)
     moving = Moving({'motion.max_gap': 0.1})
-    found = rejected(drive, moving.run(clouds, odometry))
+    found = rejected(drive, moving.run(drive.clouds(drive.own), odometry))
     assert moving.filter.statistics.unmoved == 3
-    part = slice(3 * 10 * SHOTS, 6 * 10 * SHOTS)
-    alone = rejected(drive, still(clouds[3:6]))
-    assert (found[part] == alone[part]).all()
-    assert np.count_nonzero(alone[part]) > 0
-    # A mixture would hide the outliers of some, or reject the good points of others.
-    mask = np.ones(len(found), np.bool_)
-    mask[part] = False
-    twin = rejected(drive, still(drive.clouds(drive.fixed)))
-    edge = 3  # clouds beside the gap lack a neighbour
-    near = np.zeros(len(found), np.bool_)
-    for border in (part.start, part.stop):
-        near[max(border - edge * SHOTS, 0) : border + edge * SHOTS] = True
-    assert np.count_nonzero((found != twin)[mask & ~near]) <= 2
+    assert np.count_nonzero(lost) == pytest.approx(0.22 * len(lost), abs=SHOTS)
+    for part, xyz in ((lost, drive.own), (~lost, drive.fixed)):
+        missing = np.where(part[:, None], xyz, 0.0)
+        alone = rejected(drive, still(drive.clouds(missing)))
+        assert np.count_nonzero(alone) > 0
+        # A mixture would hide the outliers of some, or reject the good points of others.
+        assert np.count_nonzero((found != alone)[part]) <= (0 if part is lost else 2)
+
+
+@pytest.mark.parametrize('lines', [1, 3, 37, 100])
+def test_a_gap_decides_for_each_point(lines: int) -> None:
+    """The same points are moved, and get the same verdicts, however they are cut into clouds."""
+    drive = Drive(1.0)
+    odometry, _ = gapped(drive)
+    # No pose of the last 0.1 s, either: nothing that is cut elsewhere may wait for another's.
+    odometry = [msg for msg in odometry if 0.1 < seconds(msg) < 0.9]
+    extra = {'motion.max_gap': 0.1}
+    expected = rejected(drive, Moving(extra).run(drive.clouds(drive.own), odometry))
+    found = rejected(drive, Moving(extra).run(drive.clouds(drive.own, lines), odometry, 0.05))
+    assert np.count_nonzero(expected) > 0
+    assert np.count_nonzero(found != expected) == 0
 
 
 def test_empty_and_missing_clouds_keep_their_turn() -> None:

@@ -16,7 +16,6 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from test_motion import MOVING, Moving, rejected
 
-from lidar_outlier_filter.core.poses import Cover
 from lidar_outlier_filter.errors import ParameterError, RecordingError
 from lidar_outlier_filter.recordings.replay import replay
 
@@ -119,7 +118,7 @@ def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
         publisher.publish(pose)
     last = _time(odometry[-1])
     assert channel._motion is not None
-    while channel._motion.cover(last, last, '') is not Cover.YES:
+    while not channel._motion.reaches(last, ''):
         ros.executor.spin_once(0.05)
     go_on.set()
     sensor.wait_for_answers()

@@ -21,6 +21,15 @@ def test_sum_is_rounded_in_order() -> None:
     assert naive.squared((0.1, 0.1, 0.1), (0, 0, 0)) == (0.1 * 0.1 + 0.1 * 0.1) + 0.1 * 0.1
 
 
+def test_coordinates_count_in_multiples() -> None:
+    """Of 2**-510: three halves of it are two, a half is none, and so are all unset numbers."""
+    unit = 2.0**-510
+    values = [0.5 * unit, 1.5 * unit, -1.4 * unit, 1e-310, 2.0**-457, -1e150, 0.1]
+    assert [naive.whole(value) for value in values] == [0, 2 * unit, -unit, 0, *values[4:]]
+    assert naive.squared((1e-160, 0, 0), (0, 1e-310, 0)) == 0
+    assert naive.squared((unit, 0, 0), (0, 0, 0)) == 2.0**-1020
+
+
 @pytest.mark.parametrize(
     ('p', 'k', 'index', 'tied'),
     [

@@ -7,6 +7,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from time import process_time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -116,6 +117,16 @@ def halving(_: Rng, n: int) -> Floats:
     return xyz
 
 
+def tiny(rng: Rng, n: int) -> Floats:
+    """Scatter points so near zero that no product of two coordinates is a number but 0."""
+    return rng.normal(size=(n, 3)) * 1e-310
+
+
+def vanishing(rng: Rng, n: int) -> Floats:
+    """Scatter points at 1e-170 to 1e-140 metres: squares of some distances underflow."""
+    return rng.normal(size=(n, 3)) * 10.0 ** rng.uniform(-170, -140, (n, 1))
+
+
 def finest(rng: Rng, n: int) -> Floats:
     """Take four numbers with no others between them: of two there is no middle."""
     xyz = np.ones((n, 3))
@@ -134,7 +145,7 @@ def rows(rng: Rng, n: int) -> Floats:
 
 CLOUDS: list[Callable[[Rng, int], Floats]] = [
     *(scattered, sheet, lattice, flat_lattice, line, same, stacks, doubled),
-    *(heap, shell, outlier, uneven, halving, finest, rows),
+    *(heap, shell, outlier, uneven, halving, tiny, vanishing, finest, rows),
 ]
 every_cloud = pytest.mark.parametrize('cloud', CLOUDS)
 
@@ -156,6 +167,11 @@ def naive_lists(xyz: Floats, k: int) -> Lists:
     found = [naive.nearest(cloud, p, k) for p in range(len(cloud))]
     index = np.array([index for index, _ in found], np.int64).reshape(len(cloud), k)
     return index, np.array([tied for _, tied in found])
+
+
+def counted(xyz: Floats) -> Floats:
+    """Return coordinates as they count, which is in multiples of 2**-510 m."""
+    return np.ldexp(np.rint(np.ldexp(xyz, 510)), -510)
 
 
 def assert_same_lists(one: Lists, other: Lists) -> None:
@@ -297,6 +313,7 @@ def test_order_of_the_points_does_not_matter(cloud: Callable[[Rng, int], Floats]
     shuffle = rng.permutation(SMALL)
     index, tied = lists(Neighbourhood(xyz, 10), 10)
     shuffled_index, shuffled_tied = lists(Neighbourhood(xyz[shuffle], 10), 10)
+    xyz = counted(xyz)
     assert_array_equal(shuffled_tied, tied[shuffle])
     assert_array_equal(_distances(xyz[shuffle], shuffled_index), _distances(xyz, index)[shuffle])
 
@@ -509,7 +526,7 @@ def test_without_equals_a_new_neighbourhood(
         xyz, neighbourhood = xyz[~rejected], neighbourhood.without(rejected)
         assert len(neighbourhood) == len(xyz)
         assert_sound(neighbourhood) if len(xyz) > 0 else None
-        assert_array_equal(neighbourhood.xyz, xyz[neighbourhood.order])
+        assert_array_equal(neighbourhood.xyz, counted(xyz)[neighbourhood.order])
         k = min(12, len(xyz) - 1)
         if k < 1:
             break
@@ -646,6 +663,24 @@ def test_nothing_takes_quadratic_time(cloud: Callable[[Rng, int], Floats]) -> No
     elsewhere = neighbourhood.nearest_elsewhere(np.arange(count))
     assert index.shape == (count, 20)
     assert np.isinf(elsewhere).all() == (cloud is same)
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize('size', [1e-310, 1e-200, 1e-161, 1e-155])
+def test_distances_that_underflow_take_no_longer(size: float) -> None:
+    """20 000 points so near each other; a search that looks at all pairs takes 1000 × as long."""
+    xyz = scattered(np.random.default_rng(27), 20_000)
+    times = [min(_time_of(factor * xyz) for _ in range(3)) for factor in (1.0, size)]
+    assert times[1] < 10 * times[0]
+
+
+def _time_of(xyz: Floats) -> float:
+    """Measure how long all searches of a cloud take, seconds of this process."""
+    begin = process_time()
+    neighbourhood = Neighbourhood(xyz, 20, 1)
+    neighbourhood.nearest(20)
+    neighbourhood.nearest_elsewhere(np.arange(len(xyz)))
+    return process_time() - begin
 
 
 def test_of_many_coincident_points_the_first_are_listed() -> None:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from lidar_outlier_filter.core import poses
 from lidar_outlier_filter.core.points import Points, concatenate
-from lidar_outlier_filter.core.poses import KEPT, Cover, Mounting, Track
+from lidar_outlier_filter.core.poses import KEPT, Mounting, Track
 from lidar_outlier_filter.errors import PoseError
 
 if TYPE_CHECKING:
@@ -50,9 +50,17 @@ def points(*rows: tuple[float, float, float, float]) -> Points:
 
 def move(made: Track, given: Points, mounting: Mounting) -> Points:
     """Move points that are covered."""
-    moved = made.move(given, mounting)
-    assert moved is not None
+    moved, covered = made.move(given, mounting)
+    np.testing.assert_array_equal(covered, given.valid)
     return moved
+
+
+def covered(made: Track, *seconds: float) -> list[bool]:
+    """Say which of some times a track has poses for; each alone is as among the others."""
+    rows = [(t, 1.0, 0.0, 0.0) for t in seconds]
+    together: list[bool] = made.move(points(*rows), NOWHERE)[1].tolist()
+    assert [made.move(points(row), NOWHERE)[1].item() for row in rows] == together
+    return together
 
 
 def test_worked_out_by_hand() -> None:
@@ -129,27 +137,24 @@ def test_invalid_points_do_not_matter() -> None:
     np.testing.assert_allclose(moved.xyz[0], [1.5, 0, 0])
     assert moved.valid.tolist() == [True, False, False]
     nothing = given.take(np.array([1, 2]))
-    assert move(made, nothing, NOWHERE) is nothing
+    assert made.move(nothing, NOWHERE)[0] is nothing
 
 
-def test_cover() -> None:
-    """From the first pose to the last, both included; gaps are not covered, by anything to come."""
+def test_covered() -> None:
+    """From the first pose to the last, both included, except between two that are far apart."""
     made = track(*((seconds, (0.0,) * 3 + LEVEL) for seconds in (0.0, 0.5, 1.0, 2.1, 2.5)))
+    assert covered(made, 0.0, 0.2, 0.5, 0.7, 1.0) == [True] * 5
+    assert covered(made, -1e-9, 1.0 + 1e-9, 1.5, 2.1 - 1e-9, 2.5 + 1e-9) == [False] * 5
+    assert covered(made, 2.1, 2.2, 2.5) == [True] * 3
+    assert covered(Track(1.0, 1.0), 0.0) == [False]
 
-    def cover(first: float, last: float) -> Cover:
-        return made.cover(START + round(first * SECOND), START + round(last * SECOND))
 
-    assert Track(1.0, 1.0).cover(START, START) is Cover.NOT_YET
-    assert cover(0.0, 1.0) is Cover.YES
-    assert cover(0.2, 0.7) is Cover.YES
-    assert cover(2.5, 2.5) is Cover.YES
-    assert cover(-0.001, 0.7) is Cover.NEVER
-    assert cover(0.2, 1.5) is Cover.NEVER
-    assert cover(1.2, 1.5) is Cover.NEVER
-    assert cover(2.2, 2.501) is Cover.NOT_YET
-    assert cover(3.0, 3.1) is Cover.NOT_YET
-    made.add(START + round(2.6 * SECOND), (0.0,) * 3 + LEVEL)
-    assert cover(2.2, 2.501) is Cover.YES
+def test_reaches() -> None:
+    """Up to the last pose; what is before it will not get another one."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (2.5, (0.0,) * 3 + LEVEL))
+    assert [made.reaches(START + t) for t in (-SECOND, 0, SECOND, 5 * SECOND // 2)] == [True] * 4
+    assert not made.reaches(START + 5 * SECOND // 2 + 1)
+    assert not Track(1.0, 1.0).reaches(START)
 
 
 @pytest.mark.parametrize(
@@ -186,7 +191,7 @@ def test_back_to_the_beginning() -> None:
     made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
     made.add(START - SECOND, (0.0,) * 3 + LEVEL)
     assert len(made) == 1
-    assert made.cover(START, START) is Cover.NOT_YET
+    assert not made.reaches(START)
 
 
 def test_old_poses_are_forgotten() -> None:
@@ -198,15 +203,23 @@ def test_old_poses_are_forgotten() -> None:
         most = max(most, len(made))
     assert most <= 2 * (KEPT // SECOND * 10 + 2)
     last = START + 19_999 * SECOND // 10
-    assert made.cover(last - KEPT, last) is Cover.YES
+    assert covered(made, (last - KEPT - START) / SECOND, (last - START) / SECOND) == [True, True]
 
 
 @pytest.mark.parametrize('seconds', [-0.1, 0.6])
 def test_not_covered(seconds: float) -> None:
-    """Nothing is extrapolated."""
-    made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
-    assert made.move(points((0.2, 1, 0, 0), (seconds, 1, 0, 0)), NOWHERE) is None
-    assert Track(1.0, 1.0).move(points((0.2, 1, 0, 0)), NOWHERE) is None
+    """Nothing is extrapolated; others are moved all the same."""
+    made = track((0.0, (5.0, 0.0, 0.0, *LEVEL)), (0.5, (5.0, 0.0, 0.0, *LEVEL)))
+    given = points((0.2, 1, 0, 0), (seconds, 1, 0, 0))
+    moved, known = made.move(given, NOWHERE)
+    assert known.tolist() == [True, False]
+    assert moved.xyz[:, 0].tolist() == [6, 1]
+    np.testing.assert_array_equal(moved.in_own_frame.xyz, given.xyz)
+    alone = given.take(np.array([1]))
+    for one in (made, Track(1.0, 1.0)):
+        moved, known = one.move(alone, NOWHERE)
+        assert moved is alone
+        assert not known.any()
 
 
 def test_the_poses_around_make_no_difference() -> None:
@@ -244,9 +257,9 @@ def test_poses_of_before_a_clock_was_set_back_are_forgotten() -> None:
 def test_a_gap_of_exactly_the_longest() -> None:
     """It is covered; one that is longer by a nanosecond is not."""
     made = track((0.0, (0.0,) * 3 + LEVEL), (0.25, (0.0,) * 3 + LEVEL), max_gap=0.25)
-    assert made.cover(START, START + SECOND // 4) is Cover.YES
+    assert covered(made, 0.0, 0.125, 0.25) == [True, True, True]
     made = track((0.0, (0.0,) * 3 + LEVEL), (0.25, (0.0,) * 3 + LEVEL), max_gap=0.25 - 1e-9)
-    assert made.cover(START, START + SECOND // 4) is Cover.NEVER
+    assert covered(made, 0.0, 1e-9, 0.125, 0.25) == [True, False, False, True]
 
 
 class Watched:
@@ -350,7 +363,7 @@ def test_points_that_are_moved_while_a_pose_is_added(
     made = track(*ROAD)
     monkeypatch.setattr(poses, 'MOST_KEPT', most)
     places = ((0.65, 1.0, 0.0, 0.0), (0.75, 1.0, 0.0, 0.0))
-    result = interrupt(made, lambda: made.move(points(*places), NOWHERE))
+    result = interrupt(made, lambda: move(made, points(*places), NOWHERE))
     made.add(START + 8 * SECOND // 10, (8.0, 0.0, 0.0, *LEVEL))
     moved = result.result(PATIENCE)
     np.testing.assert_allclose(moved.xyz[:, 0], [7.5, 8.5])

@@ -258,6 +258,25 @@ def test_group_of_an_arm() -> None:
     assert wanted == pytest.approx({name: described[name] for name in wanted}, rel=1e-2)
 
 
+def test_the_wide_group_is_described() -> None:
+    """Parts of a tube are groups of their own, and, reaching farther, one: that one counts."""
+    drive = Drive(8, lines=12, shots=400, strays=0.0)
+    tube = np.abs(drive.angle - 1.9) < 0.12
+    near = 0.5 * drive.far + 0.05 * (drive.line - 6) + 0.2 * (drive.line >= 6)
+    pattern = pattern_of(drive.measured(np.where(tube, near, drive.far)))
+    there = pattern.order >= 0
+    beside, found = prepare(pattern).near, {}
+    for reach in REACHES:
+        group = profile_groups.join(
+            pattern, beside, reach, profile_groups.find_segments(pattern, reach)
+        )
+        found[reach] = int(group.max()) + 1
+    assert found[REACHES[0]] == 1 < found[REACHES[1]]
+    count = np.empty(len(tube))
+    count[pattern.order[there]] = find_groups(pattern, beside)[0, there]
+    assert_array_equal(count == np.count_nonzero(tube), tube)
+
+
 @pytest.mark.parametrize('threads', [1, 2, 5])
 def test_order_and_threads_do_not_matter(threads: int) -> None:
     """Points in any order get the same scores, bit for bit, whatever the number of threads."""

@@ -269,6 +269,9 @@ def test_typical_scale() -> None:
         order = np.random.default_rng(8).permutation(count)
         assert scale_of(xyz[order]) == found
         assert typical_scale(xyz, order) == found
+        # On a plane the sign of 0 says nothing: the same few points are taken.
+        plane = xyz * (1.0, 1.0, 0.0)
+        assert scale_of(plane * (1.0, 1.0, -1.0)) == scale_of(plane)
     assert scale_of(xyz[:5]) > 0
     assert scale_of(np.repeat(xyz[:5000], 9, axis=0)) == pytest.approx(
         scale_of(xyz[:5000]), rel=0.05

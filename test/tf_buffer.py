@@ -44,7 +44,9 @@ class Buffer:
         child = self._place(transform)
         stamp = transform.header.stamp
         pose = (stamp.sec * SECOND + stamp.nanosec, _pose(transform))
-        insort(self._poses.setdefault(child, []), pose)
+        poses = self._poses.setdefault(child, [])
+        if pose not in poses:
+            insort(poses, pose)
 
     def set_transform_static(self, transform: Any, _authority: str) -> None:
         """Take a pose that holds for ever."""

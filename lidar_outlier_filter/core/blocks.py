@@ -259,26 +259,30 @@ class Stream(Generic[AnyCloud]):
 
     def _judge_together(self, members: _Members) -> Verdict | JudgingError:
         """Judge points; the verdict is in the order of their clouds."""
-        frames = [cloud.frame for cloud, _ in members]
         try:
-            parts = [cloud.points.take(index) for cloud, index in members]
-            if len(set(frames)) == 1:
-                return self.chain.judge(concatenate(parts))
-            return self._judge_apart(parts, frames)
+            parts: list[tuple[str, Points, NDArray[np.intp]]] = []
+            count = 0
+            for cloud, index in members:
+                split = cloud.in_frames(index)
+                parts += [(frame, points, count + places) for frame, points, places in split]
+                count += sum(len(points) for _, points, _ in split)
+            if len(parts) == len(members) and len({frame for frame, _, _ in parts}) == 1:
+                return self.chain.judge(concatenate([points for _, points, _ in parts]))
+            return self._judge_apart(parts, count)
         except Exception as err:  # noqa: BLE001  whatever it is, the next block is judged
             error = JudgingError(err)
             self.fail(error)
             return error
 
-    def _judge_apart(self, parts: list[Points], frames: list[str]) -> Verdict:
-        """Judge the points of each frame by themselves; the verdict is in order of the parts."""
-        ends = np.cumsum([len(part) for part in parts])
-        verdict = Verdict.untested(int(ends[-1]))
-        for frame in sorted(set(frames)):
-            mine = [i for i, other in enumerate(frames) if other == frame]
-            where = np.concatenate([np.arange(ends[i] - len(parts[i]), ends[i]) for i in mine])
-            result = self.chain.judge(concatenate([parts[i] for i in mine]))
-            verdict.put(where, result)
+    def _judge_apart(
+        self, parts: list[tuple[str, Points, NDArray[np.intp]]], count: int
+    ) -> Verdict:
+        """Judge the points of each frame by themselves; each part has its places of the count."""
+        verdict = Verdict.untested(count)
+        for frame in sorted({frame for frame, _, _ in parts}):
+            mine = [(points, places) for other, points, places in parts if other == frame]
+            result = self.chain.judge(concatenate([points for points, _ in mine]))
+            verdict.put(np.concatenate([places for _, places in mine]), result)
         return verdict
 
     def _look_for_pending(self) -> None:

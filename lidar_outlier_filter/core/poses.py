@@ -8,8 +8,6 @@ import math
 import threading
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, replace
-from enum import Enum
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,14 +42,6 @@ class Mounting:
     def at(cls, position: Triple, angles: Triple) -> Mounting:
         """Make it of x, y, z and roll, pitch, yaw (radians, about fixed axes, in turn)."""
         return cls(np.array(position, np.float64), Rotation.from_euler('xyz', angles).as_matrix())
-
-
-class Cover(Enum):
-    """Whether there are poses for a stretch of time."""
-
-    YES = 'yes'
-    NOT_YET = 'not yet'
-    NEVER = 'never'
 
 
 class Track:
@@ -128,45 +118,47 @@ class Track:
             if not self._is_new:
                 self._times, self._poses = [], []
 
-    def cover(self, first: int, last: int) -> Cover:
-        """Return whether there are poses for all times from ``first`` to ``last``, inclusive."""
+    def reaches(self, last: int) -> bool:
+        """Return whether there are poses up to a time; they come in order, so none is to come."""
         with self._lock:
-            times, _ = self._between(first, last)
-        largest = round(self.max_gap * SECOND)
-        if any(after - before > largest for before, after in pairwise(times)):
-            return Cover.NEVER
-        if times and times[0] > first:
-            return Cover.NEVER  # poses come in order
-        return Cover.YES if times and times[-1] >= last else Cover.NOT_YET
+            return bool(self._times) and self._times[-1] >= last
 
-    def move(self, points: Points, mounting: Mounting) -> Points | None:
+    def move(self, points: Points, mounting: Mounting) -> tuple[Points, Bools]:
         """Move points to the fixed frame, each from where the sensor was at its own time.
 
-        Positions are interpolated linearly, rotations along the shortest arc. The points keep what
-        they were in the sensor's own frame. None if a valid point is not covered (any more: the
-        other thread may have begun anew); others do not matter.
+        Positions are interpolated linearly, rotations along the shortest arc. Points before the
+        first pose, behind the last one and within a gap stay where they are, and invalid ones.
+        Whether a point is moved depends on its own time alone, in whatever message it comes.
+
+        Returns
+        -------
+        points : Points
+            They keep what they were in the sensor's own frame.
+        covered : (N,) bool
+            Which of them were moved.
+
         """
         known = points.t[points.valid]
         if not len(known):
-            return points
-        first, last = int(known.min()), int(known.max())
+            return points, points.valid
         with self._lock:
-            times, poses = self._between(first, last)
-            if not times or times[0] > first or times[-1] < last:
-                return None
+            times, poses = self._between(int(known.min()), int(known.max()))
+            covered = points.valid & _is_covered(points.t, times, round(self.max_gap * SECOND))
+            if not covered.any():
+                return points, covered
             self._is_new = False  # the points have caught up
         table = np.array(poses)
         moved = _move(
             points.xyz,
             points.t,
-            points.valid,
+            covered,
             np.array(times),
             table[:, :3],
             table[:, 3:],
             mounting.position,
             mounting.matrix,
         )
-        return replace(points, xyz=moved, own=points.in_own_frame.xyz)
+        return replace(points, xyz=moved, own=points.in_own_frame.xyz), covered
 
     def _between(self, first: int, last: int) -> tuple[list[int], list[tuple[float, ...]]]:
         """Return the poses from the last at or before, to the first at or after; under the lock."""
@@ -175,22 +167,34 @@ class Track:
         return self._times[begin:end], self._poses[begin:end]
 
 
+def _is_covered(t: Ints, times: list[int], longest: int) -> Bools:
+    """Return which times are those of a pose, or between two without a longer gap."""
+    if not times:
+        return np.zeros(len(t), np.bool_)
+    at = np.array(times)
+    before = np.searchsorted(at, t, side='right') - 1
+    near, following = at[np.maximum(before, 0)], at[np.minimum(before + 1, len(at) - 1)]
+    is_between = (following > t) & (following - near <= longest)
+    covered: Bools = (before >= 0) & ((near == t) | is_between)
+    return covered
+
+
 @kernel
 def _move(
     xyz: Floats,
     t: Ints,
-    valid: Bools,
+    covered: Bools,
     times: Ints,
     positions: Floats,
     quaternions: Floats,
     mounted_at: Floats,
     mounted: Floats,
 ) -> Floats:
-    """Move every valid point by the pose at its own time; invalid ones stay where they are."""
+    """Move every covered point by the pose at its own time; others stay where they are."""
     result = xyz.copy()
     q, v, last = np.empty(4), np.empty(3), len(times) - 1
     for i in range(len(t)):
-        if not valid[i]:
+        if not covered[i]:
             continue
         # At a pose itself the share is 0: whether there is another behind it makes no difference.
         before = np.searchsorted(times, t[i], side='right') - 1

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.points import Points
     from lidar_outlier_filter.errors import JudgingError
+
+    Places = NDArray[np.intp]
 
 BEGINNING = -(2**62)  # before any time, nanoseconds
 END = 2**62
@@ -33,7 +35,8 @@ class StreamCloud:
     points : Points
         All points are given; the valid ones are kept.
     frame : str
-        That of the coordinates. Points of different frames are never judged together.
+        That of the coordinates; empty for the one that stands still, in which those of
+        ``points.fixed`` are, too. Points of different frames are never judged together.
     known : bool
         Whether its verdict is known elsewhere. A block with points of such clouds only is not
         judged.
@@ -81,6 +84,17 @@ class StreamCloud:
         if begin <= self.first and self.last < end:
             return slice(None)
         return between(self.points.t, begin, end, is_sorted=self.is_sorted)
+
+    def in_frames(self, index: slice | NDArray[np.intp]) -> list[tuple[str, Points, Places]]:
+        """Choose valid points; return them by frame, and which of those chosen they are."""
+        points = self.points.take(index)
+        places = np.arange(len(points))
+        if points.fixed is None:
+            return [(self.frame, points, places)]
+        fixed, points = points.fixed, replace(points, fixed=None)
+        there, own = places[fixed], places[~fixed]
+        parts = ('', points.take(there), there), (self.frame, points.take(own).in_own_frame, own)
+        return [part for part in parts if len(part[2])]
 
     def finish(self) -> None:
         """Leave no verdict of a cloud that could not be judged as a whole."""

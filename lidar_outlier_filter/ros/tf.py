@@ -5,24 +5,30 @@
 from __future__ import annotations
 
 import importlib
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from rclpy.time import Duration, Time
 
 from lidar_outlier_filter.core.points import SECOND, Points
-from lidar_outlier_filter.core.poses import Cover, Mounting, Track
+from lidar_outlier_filter.core.poses import Mounting, Track
 from lidar_outlier_filter.errors import ParameterError, PoseError
 from lidar_outlier_filter.ros.tf_links import Links
 from lidar_outlier_filter.stream.motion import Odometry
 from lidar_outlier_filter.stream.statistics import Kinds
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from rclpy.node import Node
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
 
+    Bools = NDArray[np.bool_]
+
 STEP = SECOND // 100  # between two looks into tf: vehicles turn slowly
+NOWHERE = Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class Tf:
@@ -61,38 +67,51 @@ class Tf:
     def take(self, msg: Any) -> None:
         """Do nothing: tf2 has its own subscriptions."""
 
-    def cover(self, first: int, last: int, frame: str) -> Cover:
-        """Return whether tf knows ``frame`` at all looks from ``first`` to ``last``."""
-        looks = _looks(first, last)
-        if looks[0] <= 0:
-            return Cover.NEVER  # to tf2 0 is the latest time, and one before it an error
-        if not self._buffer.can_transform(self._fixed, frame, self._time(looks[-1])):
-            return Cover.NOT_YET
-        if not self._buffer.can_transform(self._fixed, frame, self._time(looks[0])):
-            return Cover.NEVER
-        longest = round(self._gap * SECOND)
-        has_gap = self._links.has_gap(self._fixed, frame, first, last, longest)
-        return Cover.NEVER if has_gap else Cover.YES
+    def reaches(self, last: int, frame: str) -> bool:
+        """Return whether tf knows ``frame`` at the look behind ``last``, or never will."""
+        look = _looks(last, last)[-1]
+        return look <= 0 or bool(self._buffer.can_transform(self._fixed, frame, self._time(look)))
 
-    def move(self, points: Points, frame: str) -> Points | None:
-        """Move points from ``frame`` to the one that stands still."""
+    def move(self, points: Points, frame: str) -> tuple[Points, Bools]:
+        """Move points from ``frame`` to the one that stands still.
+
+        A point is moved where tf knows both looks around it, and has no gap between them.
+        """
         known = points.t[points.valid]
         if not len(known):
-            return points
-        first, last = int(known.min()), int(known.max())
-        track = Track(self._gap, self._jump)
-        for t in _looks(first, last):
+            return points, points.valid
+        looks = _looks(int(known.min()), int(known.max()))
+        free = points.valid.copy()
+        for begin, end in self._links.gaps(
+            self._fixed, frame, looks[0], looks[-1], round(self._gap * SECOND)
+        ):
+            around = _looks(begin, end)
+            free &= (points.t <= around[0]) | (points.t >= around[-1])
+        track = self._look_up(looks, frame)
+        moved, covered = track.move(replace(points, valid=free), NOWHERE)
+        if not covered.any():
+            return points, covered
+        self._links.caught_up()
+        return replace(moved, valid=points.valid), covered
+
+    def _look_up(self, looks: range, frame: str) -> Track:
+        """Gather what tf knows at some looks, between which nothing is interpolated but there."""
+        track = Track(STEP / SECOND, self._jump)
+        wrong: set[str] = set()
+        for t in looks:
+            if t <= 0:  # to tf2 the latest time, or an error
+                continue
             try:
                 found = self._buffer.lookup_transform(self._fixed, frame, self._time(t))
                 p, q = found.transform.translation, found.transform.rotation
                 track.add(t, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
             except self._unknown:
-                return None
+                continue
             except PoseError as err:
-                self.refusals.note(err.what)
-                return None
-        self._links.caught_up()
-        return track.move(points, Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+                wrong.add(err.what)
+        for what in sorted(wrong):
+            self.refusals.note(what)
+        return track
 
     def begin_anew(self) -> None:
         """Forget the transforms of before; those that hold for ever stay."""

@@ -93,8 +93,10 @@ class Links:
         self._parents[child] = parent
         return True
 
-    def has_gap(self, target: str, source: str, first: int, last: int, longest: int) -> bool:
-        """Return whether a transform on the way between two frames has a gap.
+    def gaps(
+        self, target: str, source: str, first: int, last: int, longest: int
+    ) -> list[tuple[int, int]]:
+        """List the gaps of the transforms on the way between two frames: begin and end, ns.
 
         Parameters
         ----------
@@ -103,15 +105,15 @@ class Links:
         longest : nanoseconds between two transforms that are no gap
 
         """
+        found: list[tuple[int, int]] = []
         with self._lock:
             links = set(self._to_root(target)) ^ set(self._to_root(source))
             for child in links:
                 times = self._times.get(child, [])
                 begin = max(bisect_right(times, first) - 1, 0)
                 near = times[begin : bisect_left(times, last) + 1]
-                if any(after - before > longest for before, after in pairwise(near)):
-                    return True
-        return False
+                found += [pair for pair in pairwise(near) if pair[1] - pair[0] > longest]
+        return found
 
     def begin_anew(self) -> None:
         """Forget all that does not hold for ever, unless it has begun anew by itself."""

@@ -10,12 +10,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol
 
 from lidar_outlier_filter.core.points import SECOND, Points
-from lidar_outlier_filter.core.poses import Cover, Mounting, Track
+from lidar_outlier_filter.core.poses import Mounting, Track
 from lidar_outlier_filter.errors import PoseError
 from lidar_outlier_filter.stream.statistics import Kinds
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from lidar_outlier_filter.parameters.filter import FilterParameters
+
+    Bools = NDArray[np.bool_]
 
 
 class PoseSource(Protocol):
@@ -27,11 +32,15 @@ class PoseSource(Protocol):
     def take(self, msg: Any) -> None:
         """Take the next message with a pose; one that makes no sense is counted."""
 
-    def cover(self, first: int, last: int, frame: str) -> Cover:
-        """Return whether it is known where ``frame`` was from ``first`` to ``last`` (ns), both."""
+    def reaches(self, last: int, frame: str) -> bool:
+        """Return whether it is known where ``frame`` was at ``last`` (ns); or never will be."""
 
-    def move(self, points: Points, frame: str) -> Points | None:
-        """Move points from ``frame`` to the frame that stands still; None if that is not known."""
+    def move(self, points: Points, frame: str) -> tuple[Points, Bools]:
+        """Move points from ``frame`` to the frame that stands still, where that is known.
+
+        Returns the points and which of them, (N,) bool, were moved. That depends on the time of
+        each, and not on the others.
+        """
 
     def begin_anew(self) -> None:
         """Forget what was before: the clock of the points was set back.
@@ -66,12 +75,12 @@ class Odometry:
         """Count a pose that was refused, by what was wrong."""
         self.refusals.note(what)
 
-    def cover(self, first: int, last: int, _frame: str) -> Cover:
-        """Return whether there is odometry from ``first`` to ``last``."""
-        return self._track.cover(first, last)
+    def reaches(self, last: int, _frame: str) -> bool:
+        """Return whether there is odometry up to ``last``."""
+        return self._track.reaches(last)
 
-    def move(self, points: Points, _frame: str) -> Points | None:
-        """Move points from the sensor to the frame of the odometry."""
+    def move(self, points: Points, _frame: str) -> tuple[Points, Bools]:
+        """Move points from the sensor to the frame of the odometry, where there is odometry."""
         return self._track.move(points, self._mounting)
 
     def begin_anew(self) -> None:

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import TYPE_CHECKING, Generic
 
 from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.core.poses import Cover
 from lidar_outlier_filter.core.stream_cloud import BEGINNING, AnyCloud
 from lidar_outlier_filter.errors import CloudError
 
@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
 
 class MovingStream(Generic[AnyCloud]):
-    """In front of a stream: clouds in, and on they go, moved, once there are poses for all points.
+    """In front of a stream: clouds in, and on they go, moved, once their poses are there.
 
     A cloud waits, and all behind it, until its last pose is there; or until points have come that
-    are later by more than ``max_delay``, or it has to hurry: then its points go on as they are,
-    in their own frame, and are judged apart from those that were moved.
+    are later by more than ``max_delay``, or it has to hurry. Points without poses, also those
+    within a gap, go on as they are, in their own frame, and are judged apart from those that were
+    moved: each for itself, so that it does not matter which points come in one message.
     """
 
     def __init__(
@@ -36,7 +37,7 @@ class MovingStream(Generic[AnyCloud]):
         refuse: Callable[[CloudError], object],
     ) -> None:
         """Call ``refuse`` with the error of a cloud that the stream refuses in its turn."""
-        self.unmoved = 0  # clouds that went on without poses
+        self.unmoved = 0  # clouds with points that went on without poses
         self._stream = stream
         self._motion = motion
         self._refuse = refuse
@@ -104,12 +105,10 @@ class MovingStream(Generic[AnyCloud]):
         finished = self._take_answered() + self._stream.advance()
         while self._queue:
             head = self._queue[0]
-            cover = Cover.YES
-            if head.first <= head.last:
-                cover = self._motion.cover(head.first, head.last, head.frame)
-            if cover is Cover.NOT_YET and head.last >= self._newest - self._patience:
+            has_all = head.last < head.first or self._motion.reaches(head.last, head.frame)
+            if not has_all and head.last >= self._newest - self._patience:
                 break
-            finished += self._let_go(moved=cover is Cover.YES)
+            finished += self._let_go()
         return finished
 
     def hurry(self) -> list[AnyCloud]:
@@ -121,7 +120,7 @@ class MovingStream(Generic[AnyCloud]):
         """Answer what has waited longest; others may still wait for their poses."""
         finished = self._take_answered()
         if not self._stream.waiting and self._queue:
-            finished += self._let_go(moved=False) + self.advance()
+            finished += self._let_go() + self.advance()
         return finished + self._stream.hurry()
 
     def flush(self) -> list[AnyCloud]:
@@ -146,19 +145,21 @@ class MovingStream(Generic[AnyCloud]):
     def _let_go_all(self) -> list[AnyCloud]:
         finished = self.advance()
         while self._queue:
-            finished += self._let_go(moved=False)
+            finished += self._let_go()
         return finished
 
-    def _let_go(self, *, moved: bool) -> list[AnyCloud]:
-        """Let the first cloud go on."""
+    def _let_go(self) -> list[AnyCloud]:
+        """Let the first cloud go on, moved by what there is."""
         cloud = self._queue.popleft()
         self._held -= cloud.count
-        points = self._motion.move(cloud.points, cloud.frame) if moved else None
-        if points is None:
+        cloud.points, moved = self._motion.move(cloud.points, cloud.frame)
+        if moved.all():
+            cloud.frame = ''
+        else:
             self.unmoved += 1
             cloud.frame = f'own: {cloud.frame}'
-        else:
-            cloud.points, cloud.frame = points, ''
+            if moved.any():
+                cloud.points = replace(cloud.points, fixed=moved)
         try:
             return self._stream.push(cloud)
         except CloudError as err:

@@ -50,7 +50,7 @@ class Statistics:
     shed : clouds that were taken while the slow detectors were off
     refused : clouds refused; refusals counts them by what was wrong
     poses : poses that were refused, by what was wrong
-    unmoved : clouds that were judged without poses, in their own frame
+    unmoved : clouds with points that were judged without poses, in their own frame
     resets : times the clock was set back
     passes : most repetitions without the rejected that a block has needed
     failures : blocks that a detector raised an error in

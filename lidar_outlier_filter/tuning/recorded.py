@@ -45,7 +45,7 @@ class RecordedCloud(StreamCloud):
     number : of the cloud in its topic, from 0
     eye : (M, 4, 3) float64 or None
         Where the sensor was at the time of each valid point, and what lay 1 m off on each of its
-        axes, if the points were moved.
+        axes, if points were moved.
 
     """
 
@@ -166,7 +166,7 @@ class _Recorder(Stream[RecordedCloud]):
     def push(self, cloud: RecordedCloud) -> list[RecordedCloud]:
         """Take the next cloud, in its own frame or moved."""
         finished = super().push(cloud)
-        if self._motion is not None and not cloud.frame:
+        if self._motion is not None and (not cloud.frame or cloud.points.fixed is not None):
             cloud.eye = _see(self._motion, cloud.points, str(cloud.msg.header.frame_id))
         self._taken.append(cloud)
         return finished
@@ -177,14 +177,12 @@ class _Recorder(Stream[RecordedCloud]):
         return taken
 
 
-def _see(motion: Odometry, points: Points, frame: str) -> Floats | None:
+def _see(motion: Odometry, points: Points, frame: str) -> Floats:
     """Return where the sensor's origin, and 1 m on its axes, were at the time of each point."""
     found = np.empty((len(points), 4, 3))
     for k, place in enumerate((np.zeros(3), *np.eye(3))):
         xyz = np.tile(place, (len(points), 1))
-        moved = motion.move(replace(points, xyz=xyz, own=None), frame)
-        if moved is None:
-            return None
+        moved, _ = motion.move(replace(points, xyz=xyz, own=None), frame)
         found[:, k] = moved.xyz
     return found
 

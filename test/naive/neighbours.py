@@ -4,6 +4,7 @@
 
 Nothing of the package is imported here, so that no mistake can be shared. Distances are squared:
 those of different pairs are equal exactly where their three differences give the same float64.
+Coordinates count in multiples of 2**-510 m: squares of smaller differences would not be normal.
 """
 
 from collections.abc import Sequence
@@ -13,9 +14,15 @@ Point = Sequence[float]
 Cloud = Sequence[Point]
 
 
+def whole(value: float) -> float:
+    """Return the nearest multiple of 2**-510: all floats from 2**-457 on are multiples of it."""
+    value = float(value)
+    return value if abs(value) >= 2.0**-457 else round(value * 2.0**510) * 2.0**-510
+
+
 def squared(a: Point, b: Point) -> float:
     """Return the square of the distance of two points; the sum in this order."""
-    dx, dy, dz = float(a[0]) - float(b[0]), float(a[1]) - float(b[1]), float(a[2]) - float(b[2])
+    dx, dy, dz = whole(a[0]) - whole(b[0]), whole(a[1]) - whole(b[1]), whole(a[2]) - whole(b[2])
     return (dx * dx + dy * dy) + dz * dz
 
 

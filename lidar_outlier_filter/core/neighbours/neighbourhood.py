@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 
 LARGEST = 1e150  # metres: squares stay finite
+FINEST = 2.0**-510  # metres: squares stay normal numbers, none of which is rounded to 0
+COARSE = 2.0**53 * FINEST  # of numbers from here on FINEST is no longer a part
 MOST_POINTS = 2**31 - 1  # their places are int32
 # What a thread takes at once, about a millisecond: leaves where all points are wanted, and rows.
 LEAVES, ROWS = 64, 1 << 14
@@ -64,6 +66,9 @@ class Neighbourhood:
     float64, and where it is equal by the index of the point as given. A point is never its own
     neighbour; others that coincide with it are. Nothing depends on the number of threads.
 
+    Coordinates count in multiples of 2**-510 m. So no square of a difference underflows: points
+    either coincide, or have a distance greater than 0.
+
     The tree is built, and the lists are searched, when they are first asked for. At most 64 bytes a
     point are held, and 4 more for each neighbour.
     """
@@ -91,7 +96,7 @@ class Neighbourhood:
             raise FilterError('the largest number of neighbours', 'at least 1', most)
         if threads < 0:
             raise FilterError('threads', 'at least 0', threads)
-        self._given = xyz
+        self._given = _in_multiples(xyz)
         self._count, self._most, self._threads = len(xyz), most, threads
         self._sorted: _Sorted | None = None
         self._nearest: Nearest | None = None
@@ -323,6 +328,18 @@ class Neighbourhood:
 
     def _in_threads(self, work: Callable[[int, int], None], count: int) -> None:
         pool.run(work, count, ROWS, self._threads)
+
+
+def _in_multiples(xyz: Floats) -> Floats:
+    """Round coordinates to multiples of ``FINEST``; nearly always they are, and none is copied.
+
+    Else thousands of points might be at distance 0 from each other, and still at different places.
+    No box of the tree could hold them as one, and every search would look at all of them.
+    """
+    size = np.abs(xyz)
+    if not ((size < COARSE) & (size > 0)).any():
+        return xyz
+    return np.rint(xyz / FINEST) * FINEST
 
 
 def _empty_lists(count: int, k: int) -> Nearest:
