@@ -191,7 +191,14 @@ class Sensor:
         channel = node.channels[0] if isinstance(node, OutlierFilterNode) else node
         assert channel.worker.ready.wait(PATIENCE)
         publishers = (channel.publisher.cleaned, channel.publisher.outliers)
-        while not all(publisher.get_subscription_count() for publisher in publishers):
+        # The filter's side knows of the sensor later than the sensor of the filter, and what it
+        # does not know of it does not receive: it does not ask for clouds again.
+        clouds = channel.receiver._clouds
+        assert clouds is not None
+        while not (
+            clouds.get_publisher_count()
+            and all(publisher.get_subscription_count() for publisher in publishers)
+        ):
             self._ros.executor.spin_once(0.05)
 
     def publish(self, msg: PointCloud2 | bytes, expected: int) -> None:

@@ -305,4 +305,5 @@ def test_replay(tmp_path: Path, policy: str, capsys: pytest.CaptureFixture[str])
     check_answers(before, after, '/lidar')
     options = [f'{name}={value}' for name, value in {'chain': '[sor]', 'halo': '0.0'}.items()]
     assert main(['replay', str(source), *(word for o in options for word in ('--set', o))]) == 3
-    assert 'for: the judging of a block (1)' in capsys.readouterr().err
+    reason = 'the judging of a block must be free of errors, got ValueError: an error of the test'
+    assert f'for: {reason} (1)' in capsys.readouterr().err

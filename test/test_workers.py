@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings('ignore:.*:ResourceWarning')]
 SET = f'--set=chain={json.dumps(FAST["chain"])}'
 LENGTH = 0.5  # seconds of a piece
+NICEST = 19  # of what the system has; who is that already, as beside other work, stays so
 
 
 @pytest.fixture(scope='module')
@@ -192,7 +193,7 @@ def test_workers_keep_memory_and_leave_the_writer_first(three: Workers) -> None:
     """A cloud's memory is there for the next; who writes has the processor when it can go on."""
     faults = three.client.submit(faults_of_a_cloud, pure=False).result()
     assert faults < 1000  # of 10 000 pages
-    nice = psutil.Process().nice() + worker_start.NICER
+    nice = min(psutil.Process().nice() + worker_start.NICER, NICEST)
     assert [one.nice() for one in worker_processes()] == [nice] * 3
 
 
