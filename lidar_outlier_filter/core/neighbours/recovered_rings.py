@@ -105,12 +105,13 @@ def find_elevations(flat: Floats, z: Floats, origin: Origin) -> Floats | None:
     elevation = elevation[_is_far(elevation, np.sqrt(flat * flat + z * z))]
     column = np.floor((elevation + TURN / 2) / FINEST).astype(np.int64) + WIDTHS[-1]
     count = np.bincount(column, minlength=round(TURN / FINEST) + 2 * WIDTHS[-1])
-    best, most = np.empty(0), 0.0
+    best: Floats = np.empty(0)
+    most = 0.0
     for width in WIDTHS:
         peaks = find_peaks(_smooth(count, width), LEAST * width)
         if not LEAST_RINGS <= len(peaks) <= MOST_RINGS:
             continue
-        rings = (peaks - WIDTHS[-1] + 0.5) * FINEST - TURN / 2
+        rings = (peaks.astype(np.float64) - WIDTHS[-1] + 0.5) * FINEST - TURN / 2
         share = _share_near(elevation, rings)
         if share > most - AS_GOOD:
             best, most = rings, max(share, most)
