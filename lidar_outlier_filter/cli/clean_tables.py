@@ -65,7 +65,10 @@ def say_how(result: Result) -> None:
         say(f'{path} is not in metres ({sizes}): it is judged in metres')
     if report.coarse:
         say(f'{path}: {report.coarse}')
-    if report.lack:
+    if report.rings:
+        has = f' has {report.lack}' if report.lack else ''
+        say(f'{path}{has}: {report.rings} rings are recovered from elevation')
+    elif report.lack:
         say(f'{path} has {report.lack}: it is judged without scan lines')
     if is_untested(report):
         say(f'{path}: {" and ".join(report.chain)} could test none of its points')

@@ -201,6 +201,8 @@ def _show_file(console: Console, path: Path) -> None:
         least, largest = info.extent.get(name, (math.nan, math.nan))
         table.add_row(name, kind, _plain(least), _plain(largest))
     console.print(table)
+    if info.rings:
+        console.print(f'{info.rings} rings recovered from elevation', highlight=False)
 
 
 def _plain(value: float) -> str:

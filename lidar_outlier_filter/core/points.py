@@ -49,6 +49,9 @@ class Points:
         Position in the sensor's own frame, metres, where ``xyz`` is in another one.
     intensity : (N,) float32 or None
         As the sensor gives it, in any unit; NaN where it is not known.
+    ring : (N,) int64 or None
+        Recovered from elevations, where the sensor spins and gives no scan lines; -1 for missing
+        returns.
     fixed : (N,) bool or None
         Of a cloud that was moved in part: whether ``xyz`` is in the frame that stands still.
 
@@ -61,6 +64,7 @@ class Points:
     sigma: NDArray[np.float64] | None = None
     own: NDArray[np.float64] | None = None
     intensity: NDArray[np.float32] | None = None
+    ring: NDArray[np.int64] | None = None
     fixed: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
@@ -91,6 +95,7 @@ class Points:
             None if self.sigma is None else self.sigma[index],
             None if self.own is None else _rows(self.own, index),
             None if self.intensity is None else self.intensity[index],
+            None if self.ring is None else self.ring[index],
             None if self.fixed is None else self.fixed[index],
         )
 

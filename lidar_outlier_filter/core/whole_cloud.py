@@ -4,11 +4,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.chain import Chain, along_lines
+from lidar_outlier_filter.core.chain import Chain, along_lines, uses_lines
+from lidar_outlier_filter.core.neighbours.recovered_rings import MOST_POINTS, recover_rings
+from lidar_outlier_filter.core.scan_lines import has_lines
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 
@@ -37,6 +40,27 @@ def check_chain(chain: Sequence[str], what: str, lack: str) -> None:
     along = along_lines(chain)
     if along:
         raise ParameterError('chain', f'without {along}, as {what} has {lack}', ', '.join(chain))
+
+
+def with_rings(cloud: Points, parameters: FilterParameters) -> Points:
+    """Recover the rings of a cloud without scan lines; it stays as it is where it shows none.
+
+    Parameters
+    ----------
+    cloud : in the sensor's own frame, missing returns among its points
+    parameters : whose chain may look for lines, and whose ``evidence.sensor`` may be one that spins
+
+    """
+    spins = parameters.evidence.sensor in {'auto', 'spinning'}
+    if not (spins and uses_lines(parameters.chain)) or has_lines(cloud):
+        return cloud
+    where = np.flatnonzero(cloud.valid)
+    found = recover_rings(cloud.xyz[where]) if len(where) <= MOST_POINTS else None
+    if found is None:
+        return cloud
+    ring = np.full(len(cloud), -1)
+    ring[where] = found
+    return replace(cloud, ring=ring)
 
 
 def judge_whole(

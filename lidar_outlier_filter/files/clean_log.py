@@ -68,7 +68,8 @@ class CleanReport:
     ``invalid`` points (NaN, Inf, all 0) are none, ``untested`` ones could be tested by no detector;
     both are kept. ``metres`` says of coordinates in other units how many metres one is, ``lines``
     what the scan lines were found by; ``coarse``, that coordinates are too far away for float32;
-    ``lack`` what the file lacks to have some; ``second_phase``
+    ``lack`` what the file lacks to have some, ``rings`` how many were recovered from elevations;
+    ``second_phase``
     how many of the points that ``hierarchical`` rejected its second phase did; ``spared`` how many
     would be rejected, but are of classes that stay as they are; ``by_class`` the points and the
     rejected ones of each class; ``low`` and ``high`` how many rejected ones are below and above
@@ -85,6 +86,7 @@ class CleanReport:
     metres: Mapping[str, float]
     lines: str
     lack: str
+    rings: int
     coarse: str
     chain: tuple[str, ...]
     points: int

@@ -40,6 +40,7 @@ def report_of(
         metres=judged.metres,
         lines=loaded.lines,
         lack=loaded.lack,
+        rings=loaded.rings,
         coarse=say_coarse(file, judged.coordinates, loaded.points, judged.metres),
         chain=judged.parameters.chain,
         **_counts(judged.verdict, loaded.points.valid, judged.parameters.chain),

@@ -9,20 +9,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.neighbours.recovered_rings import MOST_POINTS
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files import points
 from lidar_outlier_filter.files.cloud_file import open_cloud, readable
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from lidar_outlier_filter.files.cloud_file import CloudFile
+
 
 @dataclass(frozen=True)
 class FileInfo:
-    """Points, the types of the columns by name, and the least and largest number of each."""
+    """Points, the types of the columns by name, and the least and largest number of each.
+
+    ``rings`` is how many were recovered from elevations, for want of times or scan lines; 0: none.
+    """
 
     points: int
     columns: Mapping[str, str]
     extent: Mapping[str, tuple[float, float]]
+    rings: int = 0
 
 
 def look_at_file(path: Path) -> FileInfo:
@@ -45,4 +55,18 @@ def look_at_file(path: Path) -> FileInfo:
                 if len(known):
                     low, high = extent.get(name, (np.inf, -np.inf))
                     extent[name] = min(low, float(known.min())), max(high, float(known.max()))
-    return FileInfo(len(file), {name: str(kind) for name, kind in file.columns.items()}, extent)
+    types = {name: str(kind) for name, kind in file.columns.items()}
+    return FileInfo(len(file), types, extent, _rings(file))
+
+
+def _rings(file: CloudFile) -> int:
+    """Count the rings that ``clean`` would recover of a file."""
+    if len(file) > MOST_POINTS:
+        return 0
+    parameters = FilterParameters()
+    try:
+        coordinates = points.choose_coordinates(file, ())
+        loaded = points.load(file, coordinates, parameters, timed=True)
+    except CloudError:  # `clean` says it
+        return 0
+    return points.recovered(file, loaded, parameters).rings if loaded.lack else 0

@@ -98,6 +98,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         metres = _metres(file, coordinates, wanted.unit)
         loaded = _load(file, coordinates, metres, wanted, parameters, allocate, progress)
     with timed(seconds, 'judge'):
+        loaded = points.recovered(file, loaded, parameters)
         judged = partial(
             judge,
             parameters=parameters,
@@ -138,8 +139,11 @@ def judge(  # noqa: PLR0913  where to, and two who want to know
     progress: Progress,
     slow: SaySlow | None,
 ) -> Verdict:
-    """Judge the valid points of a cloud in one piece or in tiles; the others stay untested."""
-    if tile > 0:
+    """Judge the valid points of a cloud in one piece or in tiles; the others stay untested.
+
+    One turn of a spinning sensor is small, and its rings do not lie in tiles: it is one piece.
+    """
+    if tile > 0 and cloud.ring is None:
         show = partial(progress, 'judging')
         return TiledChain(cloud, parameters, tile, allocate, show, slow).judge()
     progress('judging', 0, 0)

@@ -10,9 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.points import Points, check_sigma, returns, too_coarse
+from lidar_outlier_filter.core.whole_cloud import with_rings
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file, scan
-from lidar_outlier_filter.messages.decoder import LINE_NAMES, TIME_NAMES, guess_unit, to_nanoseconds
+from lidar_outlier_filter.messages.decoder import (
+    INTENSITY_NAMES,
+    LINE_NAMES,
+    TIME_NAMES,
+    guess_unit,
+    to_nanoseconds,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -25,6 +32,7 @@ if TYPE_CHECKING:
     Columns = Mapping[str, NDArray[Any]]  # masked where a whole number is missing
 
 GPS_TIME = 'gps_time'
+INTENSITIES = (*INTENSITY_NAMES, 'scalar_intensity', 'i')  # the third name is CloudCompare's
 DIMENSIONS = (2, 3)
 
 
@@ -49,6 +57,12 @@ class Loaded:
     lines: str
     lack: str
     more: Columns = field(default_factory=dict)
+
+    @property
+    def rings(self) -> int:
+        """The number of rings that were recovered from elevations; 0: none."""
+        ring = self.points.ring
+        return 0 if ring is None else int(ring.max()) + 1
 
 
 def choose_coordinates(file: CloudFile, wanted: Sequence[str]) -> tuple[str, ...]:
@@ -143,6 +157,23 @@ def load(  # noqa: PLR0913  which columns, and where to
         size = sizes.get(coordinates[0], 1.0)
         found = _with_lines(file, found.points, columns, parameters, size)
     return replace(found, more={name: columns[name] for name in more})
+
+
+def recovered(file: CloudFile, loaded: Loaded, parameters: FilterParameters) -> Loaded:
+    """Recover the rings of a file without scan lines, and read its intensities, if it has rings."""
+    found = with_rings(loaded.points, parameters)
+    if found.ring is None:
+        return loaded
+    name = _named(file, 'auto', 'the intensity', INTENSITIES)
+    if name and file.columns[name].kind in 'iuf':
+        parts = [values for (values,) in cloud_file.read_exact(file, [name])]
+        found = replace(found, intensity=np.concatenate([_singles(part) for part in parts]))
+    return replace(loaded, points=found)
+
+
+def _singles(values: NDArray[Any]) -> NDArray[np.float32]:
+    singles: NDArray[np.float32] = np.ma.filled(np.ma.asarray(values, np.float32), np.nan)
+    return singles
 
 
 def _others(file: CloudFile, parameters: FilterParameters) -> list[str]:

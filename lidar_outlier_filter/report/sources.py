@@ -222,10 +222,14 @@ class FileSource:
         loaded = columns.load(file, names, parameters, timed=True)
         if not loaded.lines:
             check_chain(parameters.chain, str(path), loaded.lack)
+        loaded = columns.recovered(file, loaded, parameters)
         self.parameters, self._loaded = parameters, loaded.points
         self._intensity = _intensity(file)
         self._code = _truth(path, file, *truth) if named or _has_labels(file) else None
-        how = loaded.lines or f'{loaded.lack}, so that it is judged without scan lines'
+        without = 'so that it is judged without scan lines'
+        if loaded.rings:
+            without = f'{loaded.rings} rings are recovered from elevation'
+        how = loaded.lines or f'{loaded.lack}, {without}'
         self.found = SourceFacts(1, len(file), convention=how)
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:

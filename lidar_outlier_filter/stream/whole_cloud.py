@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.points import Points, is_return
-from lidar_outlier_filter.core.whole_cloud import check_chain, judge_whole
+from lidar_outlier_filter.core.whole_cloud import check_chain, judge_whole, with_rings
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
 from lidar_outlier_filter.messages.decoder import Decoder, to_nanoseconds
@@ -28,11 +28,12 @@ FIELDS = ('time_field', 'line_field', 'angle_field', 'alpha_beta_gamma.sigma_fie
 NO_TIME, NO_LINES = 'no time of each point', 'no scan line of each point'
 
 
-def detect_outliers(
+def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
     xyz: Any,
     *,
     t: ArrayLike | None = None,
     line: ArrayLike | None = None,
+    intensity: ArrayLike | None = None,
     chain: Sequence[str] | None = None,
     parameters: FilterParameters | Mapping[str, object] | None = None,
 ) -> Verdict:
@@ -49,6 +50,8 @@ def detect_outliers(
     line : (N,) array of integers, optional
         Scan line of each point: the ring of a spinning sensor, or the number of the revolution of a
         profile scanner.
+    intensity : (N,) array, optional
+        Intensity of each point, in any unit; NaN where it is not known.
     chain : sequence of str, optional
         The detectors, in their order: ``alpha_beta_gamma``, ``quadric``, ``lof``, ``sor``,
         ``hierarchical``, ``elevation``, ``evidence``. The first needs ``t`` and ``line``. The last,
@@ -111,16 +114,17 @@ def detect_outliers(
     """
     settings = gather(parameters, chain)
     if (isinstance(xyz, np.ndarray) and xyz.dtype.names is not None) or hasattr(xyz, 'fields'):
-        for name, values in (('t', t), ('line', line)):
+        for name, values in (('t', t), ('line', line), ('intensity', intensity)):
             if values is not None:
                 raise CloudError(name, 'a field of a cloud that has fields', 'an array beside it')
         points, lack = _read(xyz, settings)
     else:
-        points, lack = _points(xyz, t, line, settings)
+        points, lack = _points(xyz, t, line, intensity, settings)
     if lack:
         check_chain(settings.chain, 'the cloud', lack)
         nothing = np.zeros(len(points), np.int64)
         points = replace(points, t=nothing, line=nothing)
+        points = with_rings(points, settings)
     return judge_whole(points, settings)
 
 
@@ -140,7 +144,11 @@ def _read(cloud: Any, parameters: FilterParameters) -> tuple[Points, str]:
 
 
 def _points(
-    xyz: Any, t: ArrayLike | None, line: ArrayLike | None, parameters: FilterParameters
+    xyz: Any,
+    t: ArrayLike | None,
+    line: ArrayLike | None,
+    intensity: ArrayLike | None,
+    parameters: FilterParameters,
 ) -> tuple[Points, str]:
     """Make points of plain arrays; say what they lack to have scan lines."""
     values = parameters.flat()
@@ -161,8 +169,11 @@ def _points(
     if line is not None:
         column = _column('line', line, 'iu', count)
         number = column.astype(np.int64)
+    bright = None
+    if intensity is not None:
+        bright = _column('intensity', intensity, 'iuf', count).astype(np.float32)
     lack = NO_TIME if t is None else NO_LINES if line is None else ''
-    return Points(place, time, number, valid), lack
+    return Points(place, time, number, valid, intensity=bright), lack
 
 
 def _column(name: str, values: ArrayLike, kinds: str, count: int) -> NDArray[Any]:

@@ -13,6 +13,7 @@ from lidar_outlier_filter.core.blocks import Stream
 from lidar_outlier_filter.core.chain import Chain, along_lines, uses_lines
 from lidar_outlier_filter.core.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.core.whole_cloud import with_rings
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.labels import read_codes
@@ -271,7 +272,8 @@ def from_file(  # noqa: PLR0913  what the command line offers
         code = code[valid]
     longest = int(np.argmax(np.ptp(cloud.xyz, axis=0))) if len(cloud) else 0
     pieces = cut(cloud.xyz[:, longest], stretches)
-    return _checked([cloud], code, codes, pieces, stretches, streamed=False)
+    whole = with_rings(cloud, parameters)
+    return _checked([whole], code, codes, pieces, stretches, streamed=False)
 
 
 def cut(values: NDArray[Any], stretches: int) -> Integers:

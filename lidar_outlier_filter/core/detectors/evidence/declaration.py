@@ -43,12 +43,13 @@ class Way(Enum):
 def choose(seen: Seen, parameters: FilterParameters) -> tuple[Way, FoundPattern | None]:
     """Choose how points are judged, and find their scan pattern where that does it."""
     points, sensor = seen.points, parameters.evidence.sensor
-    if sensor == 'survey' or (seen.whole and not has_lines(points)):
+    is_lined = has_lines(points) or points.ring is not None
+    if sensor == 'survey' or (seen.whole and not is_lined):
         return Way.SURVEY, None
     found = find_either(points, sensor, seen.threads)
     if found is not None:
         return Way.PATTERN, found
-    if sensor == 'auto' and seen.whole and not spins(points):
+    if seen.whole and (points.ring is not None or (sensor == 'auto' and not spins(points))):
         # Airborne scanners, and others whose mirrors swing.
         return Way.SURVEY, None
     return Way.SUM, None

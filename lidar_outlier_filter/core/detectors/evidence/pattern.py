@@ -34,6 +34,7 @@ from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.lanes import LANES
 from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.neighbours.recovered_rings import as_turn
 from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE, Pattern, find_pattern
 
 if TYPE_CHECKING:
@@ -67,7 +68,9 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     """
     if sensor != 'profile':
         # Azimuths are known in the sensor's own frame only.
-        pattern = find_pattern(points.in_own_frame, threads, spins=sensor == 'spinning')
+        turned, recovered = as_turn(points).in_own_frame, points.ring is not None
+        spins = recovered or sensor == 'spinning'
+        pattern = find_pattern(turned, threads, spins=spins, crowded=recovered)
         if pattern is not None:
             return FoundPattern(pattern, profile=False)
     if sensor != 'spinning':
