@@ -14,7 +14,7 @@ from numba import njit
 from watching import fresh_copy
 
 from lidar_outlier_filter.cli.compile_notice import notice
-from lidar_outlier_filter.core.compile_hearers import hearers
+from lidar_outlier_filter.core.compile_listeners import listeners
 from lidar_outlier_filter.core.compiling import NotCompiled, only_compiled
 from lidar_outlier_filter.stream.compiling import SECONDS, SHARED_SECONDS
 
@@ -64,12 +64,12 @@ def test_asking_is_not_compiling() -> None:
     # Without a cache: what was kept of another run would be used.
     add: Any = njit(lambda x: x + 1)
     told: list[str] = []
-    hearers.append(told.append)
+    listeners.append(told.append)
     try:
         with only_compiled(), pytest.raises(NotCompiled):
             add(1)
         assert told == []
         assert add(1) == 2
     finally:
-        hearers.remove(told.append)
+        listeners.remove(told.append)
     assert told == [__name__]

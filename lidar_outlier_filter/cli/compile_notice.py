@@ -7,7 +7,7 @@ from __future__ import annotations
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.compile_hearers import hearers
+from lidar_outlier_filter.core.compile_listeners import listeners
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,15 +18,15 @@ SIMULATION_SECONDS = 10  # of the processor, about, as those of `stream.compilin
 
 def say_what_is_compiled() -> None:
     """Say it in this process, from now on."""
-    hearers.append(notice())
+    listeners.append(notice())
 
 
 def notice() -> Callable[[str], None]:
-    """Return what hears the module of each kernel that is compiled, and says each part once."""
+    """Return what takes the module of each kernel that is compiled, and says each part once."""
     said: set[str] = set()
     lock = Lock()
 
-    def hear(module: str) -> None:
+    def say_once(module: str) -> None:
         sentence = _sentence(module)
         with lock:
             if not sentence or sentence in said:
@@ -37,7 +37,7 @@ def notice() -> Callable[[str], None]:
 
         say(sentence)
 
-    return hear
+    return say_once
 
 
 def _sentence(module: str) -> str:

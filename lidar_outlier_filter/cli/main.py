@@ -87,6 +87,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
 
 
 if __name__ == '__main__':
-    from lidar_outlier_filter.cli.start import start
+    from lidar_outlier_filter.cli.compile_notice import say_what_is_compiled
 
-    sys.exit(start())
+    say_what_is_compiled()
+    sys.exit(main())

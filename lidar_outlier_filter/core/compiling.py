@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.compile_hearers import hearers
+from lidar_outlier_filter.core.compile_listeners import listeners
 from lidar_outlier_filter.core.points import Points
 
 if TYPE_CHECKING:
@@ -36,11 +36,11 @@ def only_compiled() -> Iterator[None]:
         if get_ident() == asking:
             raise NotCompiled
 
-    hearers.insert(0, refuse)  # nobody hears of what is not compiled
+    listeners.insert(0, refuse)  # nobody is called for what is not compiled
     try:
         yield
     finally:
-        hearers.remove(refuse)
+        listeners.remove(refuse)
 
 
 def sample(sensor: str) -> Iterator[Points]:

@@ -30,7 +30,7 @@ import numba
 from numba.core.caching import IndexDataCacheFile
 from numba.core.event import Event, Listener, register
 
-from lidar_outlier_filter.core.compile_hearers import hearers
+from lidar_outlier_filter.core.compile_listeners import listeners
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,12 +46,12 @@ complaints: list[str] = []  # why what is compiled is not kept, one sentence for
 
 
 class _Compilations(Listener):
-    """Tells who wants to hear it that numba is about to compile a kernel."""
+    """Calls the listeners before numba compiles a kernel."""
 
     def on_start(self, event: Event) -> None:
         module = event.data['dispatcher'].py_func.__module__
-        for hear in tuple(hearers):
-            hear(module)
+        for listener in tuple(listeners):
+            listener(module)
 
     def on_end(self, _event: Event) -> None:
         """Do nothing."""

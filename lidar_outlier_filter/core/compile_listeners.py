@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Who hears that a kernel is about to be compiled. It imports nothing: all may ask early."""
+"""What is called before a kernel is compiled. It imports nothing: all may ask early."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 # Called in this order, in the thread that compiles, with the name of the kernel's module. One that
-# raises keeps the kernel from being compiled, and those behind it from hearing of it.
-hearers: list[Callable[[str], object]] = []
+# raises keeps the kernel from being compiled, and those behind it from being called.
+listeners: list[Callable[[str], object]] = []
