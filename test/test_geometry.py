@@ -15,7 +15,7 @@ from shapes import CHAINS, GRID, LINE, SHAPES, UTM, scanned, street
 
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.neighbours.scan_pattern import OrderedLines, sort_lines
+from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines, sort_lines
 from lidar_outlier_filter.parameters.detectors import Hierarchical
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

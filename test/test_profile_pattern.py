@@ -39,7 +39,7 @@ from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern
+    from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
 
 Floats = NDArray[np.float64]
 

@@ -3,6 +3,7 @@
 """The scan pattern of spinning sensors: the neighbours, features and trees are those of loops."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,8 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
-from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern, arctangent, find_pattern
+from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern, count_points
+from lidar_outlier_filter.core.neighbours.scan_pattern import arctangent, find_pattern
 from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -94,8 +96,10 @@ def test_as_loops(lost: float, turns: float, *, staggered: bool) -> None:
     rings = naive.rings_of(xyz, points.t.tolist(), points.line.tolist(), RATE)
     # Steps and elevations are medians of samples there, and of all here: a sample is enough.
     rings = [
-        ring._replace(step=float(step), gap=float(gap))
-        for ring, step, gap in zip(rings, pattern.step, pattern.gap, strict=True)
+        ring._replace(step=float(step), gap=float(gap), turn=float(turn), uneven=float(uneven))
+        for ring, step, gap, turn, uneven in zip(
+            rings, pattern.step, pattern.gap, pattern.turn, pattern.uneven, strict=True
+        )
     ]
     out = measured(pattern)
     for number, ring in enumerate(rings):
@@ -161,30 +165,117 @@ CROWDED = [  # VLP-32C
 
 
 @pytest.mark.parametrize(
-    ('elevations', 'even'),
+    'elevations',
     [
-        (np.linspace(-15, 15, 16), True),
-        (np.delete(np.linspace(-30.67, 10.67, 32), [4, 20]), True),  # two without returns
-        (HALVES, True),
-        (CROWDED, False),
-        (np.geomspace(1, 25, 16), False),
-        ([0.0], True),
+        np.linspace(-15, 15, 16),
+        np.delete(np.linspace(-30.67, 10.67, 32), [4, 20]),  # two without returns
+        HALVES,
+        CROWDED,
+        np.geomspace(1, 25, 16),
+        [0.0],
     ],
 )
-def test_rings_unevenly_spaced_are_no_pattern(elevations: Sequence[float], *, even: bool) -> None:
-    """A ring that is missing does not matter, nor do two halves; rings crowded together do."""
-    for seed, lost in ((7, 0.0), (8, 0.4)):
-        points = sweep(seed, lost, elevations=elevations)
-        assert (find_pattern(points, spins=True) is not None) == even
-        assert find_pattern(points, spins=True, crowded=True) is not None
+def test_rings_however_spaced(elevations: Sequence[float]) -> None:
+    """Angles to the rings beside are those of the table; of one ring there is no other."""
+    pattern = find_pattern(sweep(7, 0.4, elevations=elevations), spins=True)
+    assert pattern is not None
+    known = np.radians(np.sort(elevations))
+    places = range(len(known))
+    for row, off in enumerate((-2, -1, 1, 2)):
+        there = [n for n in places if 0 <= n + off < len(known)]
+        wanted = [abs(known[n + off] - known[n]) for n in there]
+        np.testing.assert_allclose(pattern.beside[row, there], wanted, rtol=2e-3)
+    if len(known) > 2:
+        near, far = np.sort(np.abs(np.diff(known))[[[n - 1, n] for n in places[1:-1]]]).T
+        wanted = np.minimum(far / near, 10.0)
+        np.testing.assert_allclose(pattern.uneven[1:-1], wanted, rtol=5e-3)
+    assert pattern.uneven[[0, -1]].tolist() == [10.0, 10.0]
+
+
+def test_beams_near_the_zenith_see_their_neighbours() -> None:
+    """Returns of a ring beside the zenith are near each other, though azimuths are far apart."""
+    points = sweep(9, 0.0, elevations=(80.0, 84.0, 86.0, 88.0), columns=360)
+    out = measured(pattern_of(points))
+    pattern = pattern_of(points)
+    for line in range(4):
+        some = slice(pattern.first[line] + 5, pattern.last[line] - 5)
+        assert (out[FEATURES.index('there_own'), some] == 1).mean() > 0.9
+
+
+def test_a_plane_is_predicted_across_uneven_rings() -> None:
+    """On a level floor, the rings beside predict the range however unevenly they are spaced."""
+    down = np.radians([-40.0, -31.0, -28.0, -26.5, -20.0, -18.0, -17.5])
+    shot = np.arange(len(down) * 720)
+    ring, azimuth = shot % len(down), RATE * (shot // len(down) * 138_889)
+    far = 2.0 / np.sin(-down)[ring]
+    up = np.sin(down)[ring]
+    level = np.cos(down)[ring]
+    xyz = far[:, None] * np.stack([level * np.cos(azimuth), level * np.sin(azimuth), up], axis=1)
+    t = shot // len(down) * 138_889 + ring
+    pattern = pattern_of(Points(xyz, t, ring, np.ones(len(shot), np.bool_)))
+    out = measured(pattern)[FEATURES.index('across')]
+    some = np.concatenate([np.arange(pattern.first[n] + 9, pattern.last[n] - 9) for n in range(7)])
+    # An arc of the sine of the elevation is not straight: a part of the angle between rings.
+    assert out[some].max() < 0.2
+
+
+def test_copies_share_a_verdict() -> None:
+    """A second return at the same place, as drivers publish it, changes nothing."""
+    points = sweep(4, 0.1, columns=900)
+    rng = np.random.default_rng(1)
+    twice = np.sort(np.concatenate([np.arange(len(points)), rng.integers(0, len(points), 20_000)]))
+    again = points.take(twice)
+    once, both = pattern_of(points), pattern_of(again)
+    assert len(both.copies) == len(again) - len(points)
+    score, copied = judge(once, 1.0), judge(both, 1.0)
+    assert copied.tobytes() == score[twice].tobytes()
+    # Two returns of a shot at different places are two.
+    farther = replace(
+        again, xyz=again.xyz * np.where(np.diff(twice, prepend=-1) == 0, 1.5, 1.0)[:, None]
+    )
+    apart = pattern_of(farther)
+    assert count_points(apart) == len(again)
+    assert len(apart.copies) < len(both.copies)
+
+
+def test_two_returns_of_a_shot_are_one_beam() -> None:
+    """Rounded coordinates do not part them, and heads with two returns turn steadily."""
+    points = sweep(4, 0.0, columns=900)
+    index = np.repeat(np.arange(len(points)), 2)
+    far = np.where(np.arange(len(index)) % 2, 1.0, 0.6137)[:, None]
+    rounded = (points.xyz[index] * far).astype(np.float32).astype(np.float64)
+    both = replace(points.take(index), xyz=rounded)
+    for order in (np.arange(len(index)), np.random.default_rng(1).permutation(len(index))):
+        pattern = pattern_of(both.take(order))
+        assert count_points(pattern) == len(index)
+        for n in range(len(pattern.first)):
+            some = slice(pattern.first[n], pattern.last[n])
+            near, farther = pattern.range[some][::2], pattern.range[some][1::2]
+            assert (near < farther).all()
+            assert np.array_equal(pattern.phase[some][::2], pattern.phase[some][1::2])
+
+
+def test_the_brightest_copy_counts() -> None:
+    """Copies of different intensities may come in any order."""
+    points = sweep(4, 0.1, columns=900)
+    rng = np.random.default_rng(2)
+    points = replace(points, intensity=rng.uniform(1, 9, len(points)).astype(np.float32))
+    index = np.repeat(np.arange(len(points)), 2)
+    both = points.take(index)
+    assert both.intensity is not None
+    dim = both.intensity * np.where(np.arange(len(index)) % 2, np.float32(0.3), np.float32(1.0))
+    both = replace(both, intensity=dim)
+    other = both.take(np.arange(len(index)).reshape(-1, 2)[:, ::-1].ravel())
+    score = judge(pattern_of(points), 1.0)
+    for one in (both, other):
+        assert judge(pattern_of(one), 1.0).tobytes() == score[index].tobytes()
 
 
 @pytest.mark.parametrize(
-    ('name', 'even'),
-    [('vlp32_nebula_db3', False), ('vlp16_mrpt_mcap', True), ('hdl32_mrpt_mcap', True)],
+    'name', ['vlp32_nebula_db3', 'vlp16_mrpt_mcap', 'hdl32_mrpt_mcap', 'os1_128_db3']
 )
-def test_rings_of_recordings(recordings: Path, name: str, *, even: bool) -> None:
-    """Clouds of a VLP-32C have no pattern, those of sensors with even rings do."""
+def test_rings_of_recordings(recordings: Path, name: str) -> None:
+    """Clouds of spinning sensors have a pattern, whether their rings are even or not."""
     decoder = Decoder(FilterParameters())
     with AnyReader(
         [recordings / 'bags' / name], default_typestore=get_typestore(Stores.ROS2_JAZZY)
@@ -196,7 +287,7 @@ def test_rings_of_recordings(recordings: Path, name: str, *, even: bool) -> None
         ]
     found = [find_pattern(points.take(points.valid)) is not None for points in clouds]
     assert found
-    assert all(flag == even for flag in found)
+    assert all(found)
 
 
 def test_arctangent() -> None:
@@ -237,16 +328,18 @@ def turned_later(points: Points, turns: int) -> Points:
     )
 
 
-@pytest.mark.parametrize('turns', [40, 3000, 20_000])
+@pytest.mark.parametrize('turns', [3, 40, 3000, 20_003, 400_001])
 def test_a_turn_is_judged_alike_whenever_it_is(turns: int) -> None:
     """The verdicts on points do not depend on how often the head turned before it saw them."""
     points = sweep(10, 0.2, 1.3, columns=1800)
     score = judge(pattern_of(turned_later(points, turns)), 1.0)
     once, again = score[: len(points)], score[len(points) :]
     assert 0 < np.count_nonzero(once > 1) < 0.2 * len(points)
-    np.testing.assert_array_equal(once > 1, again > 1)
-    # A phase in single precision may still be rounded the other way: its window sees that.
-    assert np.count_nonzero(once != again) < 0.01 * len(points)
+    # At the ends of what is seen together, longer stretches have other points in them.
+    step = TURN_NS // 1800
+    inner = (points.t > 60 * step) & (points.t < points.t.max() - 60 * step)
+    assert inner.mean() > 0.9
+    np.testing.assert_array_equal(once[inner], again[inner])
 
 
 @pytest.mark.parametrize('count', range(64, 97, 5))

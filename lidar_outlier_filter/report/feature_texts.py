@@ -34,6 +34,7 @@ _PATTERN = {
     'dense': 'share of the window within 2 beams of it',
     'sparse': 'share of the window within 6 beams of it',
     'bright': 'intensity ÷ what is usual at its range',
+    'uneven': 'how unevenly the lines beside it are spaced',
     'first': 'result of the first pass',
     'first_own': 'first results in its line',
     'first_other': 'first results in other lines',

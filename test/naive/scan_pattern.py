@@ -22,12 +22,18 @@ class Point(NamedTuple):
 
 
 class Ring(NamedTuple):
-    """The returns of a ring in order of their phase, and the angles between beams, rad."""
+    """The returns of a ring in order of their phase, and the angles between beams, rad.
+
+    ``turn`` is how far the head turns while the beam moves by 1 rad, ``uneven`` the angle to the
+    farther ring beside ÷ that to the nearer.
+    """
 
     points: list[Point]
     sine: float
     step: float
     gap: float
+    turn: float = 1.0
+    uneven: float = 1.0
 
 
 def rings_of(
@@ -45,20 +51,25 @@ def rings_of(
         point = Point(i, xyz[i], math.dist(xyz[i], (0, 0, 0)), azimuth + 2 * math.pi * turns)
         of_line.setdefault(line[i], []).append(point)
     found = []
-    for points in of_line.values():
-        points.sort(key=lambda p: (p.phase, p.range, p.xyz))
+    for every in of_line.values():
+        every.sort(key=lambda p: (p.phase, p.range, p.xyz))
+        points = [p for k, p in enumerate(every) if k == 0 or p[1:] != every[k - 1][1:]]
         sine = median(p.xyz[2] / p.range for p in points)
         steps = [b.phase - a.phase for a, b in itertools.pairwise(points)]
         step = median(s for s in steps if s > 0) * math.sqrt(1 - sine**2)
-        found.append(Ring(points, sine, step, math.inf))
+        found.append(Ring(points, sine, step, math.inf, 1 / math.sqrt(1 - sine**2)))
     found.sort(key=lambda ring: ring.sine)
     gaps = [
         (b.sine - a.sine) / math.sqrt(1 - ((a.sine + b.sine) / 2) ** 2)
         for a, b in itertools.pairwise(found)
     ]
+    both = [gaps[max(n - 1, 0) : n + 1] for n in range(len(found))]
     return [
-        ring._replace(gap=min([*gaps[max(n - 1, 0) : n + 1]], default=1.0))
-        for n, ring in enumerate(found)
+        ring._replace(
+            gap=min(near, default=1.0),
+            uneven=min(max(near) / min(near), 10.0) if len(near) == 2 else 10.0,
+        )
+        for ring, near in zip(found, both, strict=True)
     ]
 
 
@@ -75,7 +86,7 @@ def window(rings: list[Ring], number: int, k: int) -> tuple[list[Point], list[Po
         ring.points[k + m]
         for m in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)
         if 0 <= k + m < len(ring.points)
-        and abs(ring.points[k + m].phase - me.phase) <= 10 * ring.step
+        and abs(ring.points[k + m].phase - me.phase) <= 10 * ring.step * ring.turn
     ]
     other = []
     for beside in (number - 2, number - 1, number + 1, number + 2):
@@ -86,7 +97,7 @@ def window(rings: list[Ring], number: int, k: int) -> tuple[list[Point], list[Po
                 points[j + m]
                 for m in range(-3, 4)
                 if 0 <= j + m < len(points)
-                and abs(points[j + m].phase - me.phase) <= 6 * max(ring.step, ring.gap)
+                and abs(points[j + m].phase - me.phase) <= 6 * max(ring.step, ring.gap) * ring.turn
             ]
     return own, other
 
@@ -122,6 +133,7 @@ def features(
         'depth': me.range / farthest,
         'dense': sum(d <= 2 * unit for d in far) / 38,
         'sparse': sum(d <= 6 * unit for d in far) / 38,
+        'uneven': ring.uneven,
     }
 
 

@@ -22,15 +22,15 @@ import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.neighbours.scan_pattern import (
+from lidar_outlier_filter.core.neighbours.placed_pattern import (
     LINES_AT_ONCE,
-    TURN,
-    OrderedLines,
     Pattern,
+    Spacing,
     make_pattern,
     place,
-    sort_lines,
 )
+from lidar_outlier_filter.core.neighbours.scan_pattern import TURN
+from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines, sort_lines
 from lidar_outlier_filter.core.scan_lines import is_interleaved, line_starts, order_by_line
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
+    Singles = NDArray[np.float32]
 
 FEWEST_LINES = 4
 SAMPLES = 64  # returns of a line that show where the scanner is
@@ -115,8 +116,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
     noise = np.full(lines, NOISE * _sigma(distance[order], phase, first), np.float32)
     found = make_pattern(
         np.diff(first)[rank],
-        step,
-        step,
+        _space_out(step),
         noise,
         noise + _moved(scanner.place[rank]).astype(np.float32),
         noise * np.float32(LEVEL / NOISE),
@@ -128,6 +128,12 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
         threads,
     )
     return found
+
+
+def _space_out(step: Singles) -> Spacing:
+    """Return the spacing of lines that are as far apart as their shots."""
+    one = np.ones_like(step)
+    return Spacing(step, step, one, np.stack([2 * step, step, step, 2 * step]), one)
 
 
 def find_scanner(xyz: Floats, t: Ints, order: Ints, first: Ints, rank: Ints) -> Scanner | None:

@@ -13,9 +13,22 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel, median
-from lidar_outlier_filter.core.lanes import LANES
-from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN, write_brightness
+from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.neighbours.brightness import write_brightness
+from lidar_outlier_filter.core.neighbours.placed_pattern import (
+    LINES_AT_ONCE,
+    Pattern,
+    Spacing,
+    make_pattern,
+    place,
+)
+from lidar_outlier_filter.core.neighbours.sorted_lines import (
+    SAME_SHOT,
+    OrderedLines,
+    find_copies,
+    join_shots,
+    sort_lines,
+)
 from lidar_outlier_filter.core.scan_lines import is_interleaved, line_starts, order_by_line
 
 if TYPE_CHECKING:
@@ -28,26 +41,21 @@ if TYPE_CHECKING:
     Singles = NDArray[np.float32]
 
 TURN = 2.0 * np.pi
-BESIDE = 4  # rings beside each: two below and two above
+BESIDE_EACH = 2  # rings beside each, below and above
 LAG = 8  # returns of a ring, to measure how fast the head turns
 SAMPLES = 64  # returns of a ring that show its elevation, its step and how fast the head turns
 FEWEST = 2 * LAG  # returns of a ring that show how fast the head turns
-# Spacings of rings ÷ their median: these are even, and so are those of two halves as 2 to 3. A ring
-# without returns makes one that is not. Of a VLP-32C 55 % are even, of a Pandar64 76 %, of scanners
-# with evenly spaced rings 93 % and more.
-EVEN_FROM, EVEN_TO, EVEN = 0.5, 1.75, 0.8
 STEADY = 0.9  # share of the steps along rings that go the way the head turns: less is no pattern
-LINES_AT_ONCE, AT_ONCE = 4, 1 << 14  # lines, and points, that a thread takes
-STRETCH = 24  # places on either side of a point: nothing looks farther along a line
-PAD = LANES + STRETCH  # places: as many as are looked at side by side, and what these look at
+AT_ONCE = 1 << 14  # points that a thread takes
 LEAST_GAP = 1e-4  # rad between rings
-MOST_MOVES = 16  # for each return of a line, one by one; beyond, the line is merged
+LEAST_COSINE = 1e-3  # of an elevation: what looks straight up has no azimuth
+MOST_UNEVEN = 10.0  # times that the farther ring beside is as far as the nearer
 NOISE_M = 0.02  # metres that are added to what beams are apart: no range is better
 LEVEL_M = 0.06  # metres that ranges may differ by, and still be the same
-NOWHERE = 1e9  # rad: the phase where there is no point
-# rad. Phases are compared in single precision, less the nearest multiple of it: so they are as
-# exact after a day of turns as in the first ones, from which nothing is taken.
-MANY_TURNS = 40 * TURN
+# Parts of a rad that phases are rounded to, and a turn in them: so differences of phases are exact
+# for half a million turns, and a turn is judged alike whenever it is.
+PHASE_PARTS = 2.0**30
+WHOLE_TURN = float(np.rint(TURN * PHASE_PARTS) / PHASE_PARTS)
 # atan(x) ÷ x in x², up to 1, within 1e-9. No processor's own function: their answers differ.
 ATAN = np.array(
     [
@@ -66,53 +74,7 @@ ATAN = np.array(
 )
 
 
-class Pattern(NamedTuple):
-    """N points sorted by ring, from below, and azimuth, in M places.
-
-    Around the rings are ``PAD`` places without a point: whatever looks a few places on finds a
-    phase there that is far away.
-
-    Attributes
-    ----------
-    order : (M,) int64
-        The index, as given, of each; -1 for none.
-    first, last : (L,) int64
-        Where each ring begins, and the place behind its end.
-    x, y, z, range : (M,) float32
-        Metres, about a point near them.
-    phase : (M,) float64
-        Rad turned, never falling along a ring; :func:`origin_of` says how to compare them.
-    bright : (M,) float32
-        Intensity ÷ what is usual at the range; -1 where it is not known.
-    step, gap : (L,) float32
-        Angle between shots of the ring, and to the nearer ring beside it, rad.
-    noise, apart : (L,) float32
-        Metres that are added to range × step, and to range × gap: no range is better, and the
-        sensor may have moved from one line to the next.
-    level : (L,) float32
-        Metres that ranges may differ by, and still be the same.
-
-    """
-
-    order: Ints
-    first: Ints
-    last: Ints
-    x: Singles
-    y: Singles
-    z: Singles
-    range: Singles
-    phase: Floats
-    bright: Singles
-    step: Singles
-    gap: Singles
-    noise: Singles
-    apart: Singles
-    level: Singles
-
-
-def find_pattern(
-    points: Points, threads: int = 0, *, spins: bool = False, crowded: bool = False
-) -> Pattern | None:
+def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pattern | None:
     """Sort points by ring and azimuth.
 
     Parameters
@@ -120,14 +82,12 @@ def find_pattern(
     points : valid ones, in the sensor's own frame
     threads : at most so many at once; 0 for as many as there are cores
     spins : the sensor is known to spin; otherwise it does where lines are measured at once
-    crowded : rings unevenly spaced in elevation are a pattern, too
 
     Returns
     -------
     Pattern or None
         None where the points have no such pattern: lines are measured one after the other, rings
-        are too short, or their azimuths do not go steadily one way. None, too, where rings are
-        unevenly spaced in elevation: what is measured across them says little there.
+        are too short, or their azimuths do not go steadily one way.
 
     """
     if len(points) < FEWEST:
@@ -140,16 +100,15 @@ def find_pattern(
     turned = _turn(lines, t, threads)
     if turned is None:
         return None
+    lines, turned, copies = _leave_out_copies(lines, turned, points.intensity)
+    first = lines.first
     elevation, step = np.empty(len(first) - 1), np.empty(len(first) - 1)
     _typical(turned.up, turned.phase, first, elevation, step)
     rank = np.argsort(elevation, kind='stable')
-    between = _spacings(elevation[rank])
-    if not (crowded or _is_even(between)):
-        return None
-    level = (step * np.sqrt(1.0 - elevation**2))[rank].astype(np.float32)
+    spacing = _space_out(elevation[rank], step[rank])
     noise = np.full(len(rank), NOISE_M, np.float32)
     same = np.full(len(rank), LEVEL_M, np.float32)
-    placed = make_pattern(np.diff(first)[rank], level, _gaps(between), noise, noise, same)
+    placed = make_pattern(np.diff(first)[rank], spacing, noise, noise, same, copies)
     pool.run(
         lambda i, j: place(lines, turned.phase, rank, i, j, placed),
         len(rank),
@@ -159,26 +118,6 @@ def find_pattern(
     if points.intensity is not None:
         write_brightness(placed.order, placed.range, points.intensity, placed.bright)
     return placed
-
-
-class OrderedLines(NamedTuple):
-    """Points as given, and their order by line.
-
-    Attributes
-    ----------
-    xyz, distance : (N, 3), (N,) float64
-        As given, metres.
-    order : (N,) int64
-        The index, as given, of each point sorted by line.
-    first : (L + 1,) int64
-        Where each line begins in the order.
-
-    """
-
-    xyz: Floats
-    distance: Floats
-    order: Ints
-    first: Ints
 
 
 class _Turned(NamedTuple):
@@ -205,61 +144,52 @@ def _turn(lines: OrderedLines, t: Ints, threads: int) -> _Turned | None:
     )
     if steady.sum() < STEADY * count:
         return None
-    pool.run(lambda i, j: sort_lines(lines, i, j, phase, up), number, LINES_AT_ONCE, threads)
+
+    def sort(begin: int, end: int) -> None:
+        sort_lines(lines, begin, end, phase, up)
+        join_shots(lines, begin, end, phase, up)
+
+    pool.run(sort, number, LINES_AT_ONCE, threads)
     return _Turned(phase, up)
 
 
-def make_pattern(sizes: Ints, *of_lines: Singles) -> Pattern:
-    """Make a pattern of lines of so many points, whose places have no points yet.
+def _leave_out_copies(
+    lines: OrderedLines, turned: _Turned, intensity: Singles | None
+) -> tuple[OrderedLines, _Turned, Ints]:
+    """Leave out returns at the very place of another one of their shot; list them, too.
 
-    ``of_lines`` are the last attributes of a pattern: step, gap, noise, apart and level.
+    Sensors that publish two returns of each shot publish most of them twice.
     """
-    begins = PAD + np.concatenate([[0], np.cumsum(sizes + PAD)])[:-1]
-    count = int(sizes.sum()) + (len(sizes) + 1) * PAD
-    return Pattern(
-        np.full(count, -1),
-        begins,
-        begins + sizes,
-        np.zeros(count, np.float32),
-        np.zeros(count, np.float32),
-        np.zeros(count, np.float32),
-        np.ones(count, np.float32),
-        np.full(count, NOWHERE),
-        np.full(count, UNKNOWN, np.float32),
-        *of_lines,
-    )
+    known = np.empty(0, np.float32) if intensity is None else intensity
+    original = np.empty(len(lines.order), np.int64)
+    if find_copies(lines, turned.phase, known, original) == 0:
+        return lines, turned, np.empty((0, 2), np.int64)
+    kept = original == lines.order
+    copies = np.stack([lines.order, original], axis=1)[~kept]
+    first = np.concatenate([[0], np.cumsum(kept)])[lines.first]
+    left = lines._replace(order=lines.order[kept], first=first)
+    return left, _Turned(turned.phase[kept], turned.up[kept]), copies
 
 
-def _spacings(sine: Floats) -> Floats:
-    """Return the angles between rings, of sines of elevations in ascending order, rad."""
+def _space_out(sine: Floats, step: Floats) -> Spacing:
+    """Return the angles between rings and shots, of sines of elevations in ascending order."""
+    cosine = np.sqrt(np.maximum(1.0 - sine**2, LEAST_COSINE**2))
     # Straight up and down, where the cosine is 0, all rings are one.
-    cosine = np.sqrt(np.maximum(1.0 - ((sine[1:] + sine[:-1]) / 2.0) ** 2, np.finfo(float).tiny))
-    spacings: Floats = np.diff(sine) / cosine
-    return spacings
-
-
-def _is_even(between: Floats) -> bool:
-    """Return whether most angles between rings are near their median."""
-    if len(between) == 0:
-        return True
-    middle = float(np.median(between))
-    even = (between >= EVEN_FROM * middle) & (between <= EVEN_TO * middle)
-    return bool(np.count_nonzero(even) >= EVEN * len(between))
-
-
-def _gaps(between: Floats) -> Singles:
-    """Return each ring's angle to the nearer one beside it, of the angles between rings."""
-    if len(between) == 0:
-        return np.full(1, 1.0, np.float32)
-    nearer = np.minimum(np.append(between, np.inf), np.append(np.inf, between))
-    gaps: Singles = np.maximum(nearer, LEAST_GAP).astype(np.float32)
-    return gaps
-
-
-@inlined_kernel
-def origin_of(phase: float) -> float:
-    """Return what to take off a phase, and off those near it, before they get single precision."""
-    return float(MANY_TURNS * np.rint(phase / MANY_TURNS))
+    middle = np.sqrt(np.maximum(1.0 - ((sine[1:] + sine[:-1]) / 2.0) ** 2, np.finfo(float).tiny))
+    between = np.maximum(np.diff(sine) / middle, LEAST_GAP)
+    below, above = np.append(np.nan, between), np.append(between, np.nan)
+    beside = np.ones((2 * BESIDE_EACH, len(sine)))
+    beside[1, 1:], beside[2, :-1] = between, between
+    beside[0], beside[3] = 2.0 * beside[1], 2.0 * beside[2]
+    second = between[1:] + between[:-1]
+    beside[0, 2:], beside[3, :-2] = second, second
+    if len(sine) == 1:
+        gap, far = np.ones(1), np.full(1, np.nan)
+    else:
+        gap, far = np.fmin(below, above), np.maximum(below, above)
+    uneven = np.where(np.isnan(far), MOST_UNEVEN, np.minimum(far / gap, MOST_UNEVEN))
+    values = step * cosine, gap, 1.0 / cosine, beside, uneven
+    return Spacing(*(one.astype(np.float32) for one in values))
 
 
 @kernel
@@ -337,76 +267,11 @@ def _unwrap(
         expected = base + pace * (last - start)
         for k in range(first[line], first[line + 1]):
             expected += pace * (t[k] - last)
-            mine = sign * azimuth[k]
-            phase[k] = mine + TURN * np.rint((expected - mine) / TURN)
-            steady[line] += k == first[line] or phase[k] >= phase[k - 1]
+            mine = np.rint(sign * azimuth[k] * PHASE_PARTS) / PHASE_PARTS
+            phase[k] = mine + WHOLE_TURN * np.rint((expected - mine) / TURN)
+            # Two returns of a shot differ by what their coordinates are rounded by.
+            steady[line] += k == first[line] or phase[k] >= phase[k - 1] - SAME_SHOT
             expected, last = phase[k], t[k]
-
-
-@kernel
-def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> None:
-    """Sort each line by phase; of one phase, by range and place, whatever the order given.
-
-    Lines are nearly sorted, where the head turns steadily: then few returns move, and not far.
-    """
-    order, first = lines.order, lines.first
-    for line in range(begin, end):
-        low, high = first[line], first[line + 1]
-        left = MOST_MOVES * (high - low)
-        for k in range(low + 1, high):
-            if phase[k] > phase[k - 1]:
-                continue
-            m = k
-            while m > low and _is_before(lines, phase, m, m - 1):
-                phase[m], phase[m - 1] = phase[m - 1], phase[m]
-                order[m], order[m - 1] = order[m - 1], order[m]
-                up[m], up[m - 1] = up[m - 1], up[m]
-                m -= 1
-            left -= k - m
-            if left < 0:
-                _merge(lines, low, high, phase, up)
-                break
-
-
-@inner_kernel
-def _merge(lines: OrderedLines, low: int, high: int, phase: Floats, up: Floats) -> None:
-    """Sort one line, whatever its order; what is equal stays in its order."""
-    count, size = high - low, 1
-    place, merged = np.empty(count, np.int64), np.empty(count, np.int64)
-    for k in range(count):
-        place[k] = low + k
-    while size < count:
-        for begin in range(0, count, 2 * size):
-            middle, end = min(begin + size, count), min(begin + 2 * size, count)
-            i, j = begin, middle
-            for k in range(begin, end):
-                if j >= end or (i < middle and not _is_before(lines, phase, place[j], place[i])):
-                    merged[k] = place[i]
-                    i += 1
-                else:
-                    merged[k] = place[j]
-                    j += 1
-        place, merged = merged, place
-        size *= 2
-    turned, sine = np.empty(count), np.empty(count)
-    for k in range(count):
-        merged[k], turned[k], sine[k] = lines.order[place[k]], phase[place[k]], up[place[k]]
-    for k in range(count):
-        lines.order[low + k], phase[low + k], up[low + k] = merged[k], turned[k], sine[k]
-
-
-@inner_kernel
-def _is_before(lines: OrderedLines, phase: Floats, a: int, b: int) -> bool:
-    if phase[a] != phase[b]:
-        return bool(phase[a] < phase[b])
-    xyz, distance, order, _ = lines
-    i, j = order[a], order[b]
-    if distance[i] != distance[j]:
-        return bool(distance[i] < distance[j])
-    for axis in range(3):
-        if xyz[i, axis] != xyz[j, axis]:
-            return bool(xyz[i, axis] < xyz[j, axis])
-    return False
 
 
 @kernel
@@ -429,25 +294,3 @@ def _typical(up: Floats, phase: Floats, first: Ints, elevation: Floats, step: Fl
                 some[count] = phase[k] - phase[k - 1]
                 count += 1
         step[line] = median(some, count) if count > 0 else 1.0
-
-
-@kernel
-def place(
-    lines: OrderedLines, phase: Floats, rank: Ints, begin: int, end: int, placed: Pattern
-) -> None:
-    """Write the lines from the lowest on."""
-    xyz, distance, order, first = lines
-    # The sorted points do not depend on the order given, and neither does the first of them.
-    origin, start = np.floor(xyz[order[0]]), phase[first[0]]
-    x, y, z, reach = placed.x, placed.y, placed.z, placed.range
-    turned, given = placed.phase, placed.order
-    for line in range(begin, end):
-        source, target = first[rank[line]], placed.first[line]
-        for k in range(placed.last[line] - target):
-            i = order[source + k]
-            given[target + k] = i
-            x[target + k] = xyz[i, 0] - origin[0]
-            y[target + k] = xyz[i, 1] - origin[1]
-            z[target + k] = xyz[i, 2] - origin[2]
-            reach[target + k] = distance[i]
-            turned[target + k] = phase[source + k] - start

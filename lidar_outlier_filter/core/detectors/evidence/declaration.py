@@ -105,7 +105,7 @@ DETECTOR = Detector(
     # Lines are not looked at in tiles.
     tiled=Reaching(_scale, _odds, _survey_score, survey_far.MOST, survey_far.STEPS),
     colour='#000000',
-    rejects='is improbable by its features. Spinning sensors with evenly spaced rings, and profile '
+    rejects='is improbable by its features. Spinning sensors, and profile '
     'scanners whose mirror turns evenly: trees on the scan pattern. Others: a weighted sum of '
     'distances, prediction along the line, distance from the local surface and neighbours on other '
     'lines; slanted groups in the air, too',

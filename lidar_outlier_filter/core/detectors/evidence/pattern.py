@@ -33,9 +33,15 @@ from lidar_outlier_filter.core.detectors.evidence.reasons import strongest_of_tr
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import kernel
 from lidar_outlier_filter.core.lanes import LANES
+from lidar_outlier_filter.core.neighbours.placed_pattern import (
+    LINES_AT_ONCE,
+    Pattern,
+    count_points,
+    spread,
+)
 from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.neighbours.recovered_rings import as_turn
-from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE, Pattern, find_pattern
+from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -70,7 +76,7 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
         # Azimuths are known in the sensor's own frame only.
         turned, recovered = as_turn(points).in_own_frame, points.ring is not None
         spins = recovered or sensor == 'spinning'
-        pattern = find_pattern(turned, threads, spins=spins, crowded=recovered)
+        pattern = find_pattern(turned, threads, spins=spins)
         if pattern is not None:
             return FoundPattern(pattern, profile=False)
     if sensor != 'spinning':
@@ -111,17 +117,15 @@ def judge(
         prepared = prepared._replace(groups=groups)
     first = first_pass(prepared, model.first, threads)
     odds = second_pass(prepared, first, model.again, model.doubtful, threads)
-    there = pattern.order >= 0
-    score = np.empty(int(np.count_nonzero(there)))
-    statistic = np.maximum(odds[there].astype(np.float64) - LEAST, 0.0)
-    known = pattern.bright[there] >= 0
+    known = pattern.bright >= 0
     limit = np.where(known, model.threshold_bright, model.threshold) - LEAST
-    score[pattern.order[there]] = statistic / (threshold * limit)
+    of_place = np.maximum(odds.astype(np.float64) - LEAST, 0.0) / (threshold * limit)
+    score = np.empty(count_points(pattern))
+    spread(pattern, of_place, score)
     if reason is not None:
-        rejected = np.zeros(len(there), np.bool_)
-        rejected[there] = score[pattern.order[there]] > 1
+        rejected = (pattern.order >= 0) & (of_place > 1)
         found = strongest_of_trees(prepared, first, model, rejected, threads)
-        reason[pattern.order[there]] = found[there]
+        spread(pattern, found, reason)
     return score
 
 

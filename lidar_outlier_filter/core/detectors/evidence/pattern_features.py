@@ -18,7 +18,6 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
     DENSE,
     FAR,
     FARTHEST,
-    HALF,
     LEVEL,
     MOST,
     NEAR,
@@ -31,7 +30,6 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
     SIZE,
     SPARSE,
     THERE,
-    TWO,
     ZERO,
     F,
     gather,
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.evidence.pattern_window import PatternWindow, Prepared
-    from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern
+    from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
 
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
@@ -77,6 +75,7 @@ FEATURES = (
     'dense',  # share of the window within 2 beams
     'sparse',  # within 6 beams
     'bright',  # intensity ÷ what is usual at the range; -1 where the cloud has none
+    'uneven',  # angle to the farther ring beside ÷ that to the nearer
 )
 COUNT = len(FEATURES)
 SAME = F(1.5)  # beams apart: still at one range
@@ -170,18 +169,18 @@ def _count(pattern: Pattern, line: int, k: int, window: PatternWindow) -> None:
 def _along(pattern: Pattern, line: int, k: int, origin: Floats, values: Singles) -> None:
     """Write what three predictions along the ring say of the range."""
     step, noise = pattern.step[line], pattern.noise[line]
-    r0, p0 = pattern.range[k : k + LANES], pattern.phase[k : k + LANES]
+    r0 = pattern.range[k : k + LANES]
     ra, pa = pattern.range[k - 1 : k - 1 + LANES], pattern.phase[k - 1 : k - 1 + LANES]
     rb, pb = pattern.range[k + 1 : k + 1 + LANES], pattern.phase[k + 1 : k + 1 + LANES]
     rc, pc = pattern.range[k - 2 : k - 2 + LANES], pattern.phase[k - 2 : k - 2 + LANES]
     rd, pd = pattern.range[k + 2 : k + 2 + LANES], pattern.phase[k + 2 : k + 2 + LANES]
-    most = REACH_OWN * step
+    most = REACH_OWN * step * pattern.turn[line]
     for lane in range(width(values)):
         r, o = r0[lane], origin[lane]
-        p, a, b = F(p0[lane] - o), F(pa[lane] - o), F(pb[lane] - o)
-        middle = _off(r, p, ra[lane], a, rb[lane], b, most)
-        before = _off(r, p, ra[lane], a, rc[lane], F(pc[lane] - o), most)
-        after = _off(r, p, rb[lane], b, rd[lane], F(pd[lane] - o), most)
+        a, b = F(pa[lane] - o), F(pb[lane] - o)
+        middle = _off(r, ra[lane], a, rb[lane], b, most)
+        before = _off(r, ra[lane], a, rc[lane], F(pc[lane] - o), most)
+        after = _off(r, rb[lane], b, rd[lane], F(pd[lane] - o), most)
         least = min(middle, before, after)
         unit = step + noise / r
         values[2, lane] = min(least / unit, MOST)
@@ -190,13 +189,14 @@ def _along(pattern: Pattern, line: int, k: int, origin: Floats, values: Singles)
 
 
 @inner_kernel
-def _off(
-    r: Number, p: Number, ra: Number, pa: Number, rb: Number, pb: Number, most: Number
-) -> Number:
-    """Return how far a range is from the straight line through two others, as a part of it."""
+def _off(r: Number, ra: Number, pa: Number, rb: Number, pb: Number, most: Number) -> Number:
+    """Return how far a range is from the straight line through two others, as a part of it.
+
+    ``pa`` and ``pb`` are their phases, less that of the range.
+    """
     span = pb - pa
-    good = (abs(pa - p) <= most) & (abs(pb - p) <= most) & (span != ZERO)
-    part = (p - pa) / (span if good else ONE)
+    good = (abs(pa) <= most) & (abs(pb) <= most) & (span != ZERO)
+    part = -pa / (span if good else ONE)
     value = (ONE - part) / ra + part / rb
     # What the noise of both adds is taken off.
     size = np.sqrt(ONE + (ONE - part) * (ONE - part) + part * part)
@@ -248,17 +248,23 @@ def _shares(window: PatternWindow, values: Singles) -> None:
 def _ranges(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
     """Write range and brightness, the background's range, and predictions across the rings."""
     reach, gap, noise = pattern.range[k : k + LANES], pattern.gap[line], pattern.noise[line]
-    bright = pattern.bright[k : k + LANES]
-    sums, inverse = window.sums, window.inverse
+    bright, uneven = pattern.bright[k : k + LANES], pattern.uneven[line]
+    sums, inverse, beside = window.sums, window.inverse, pattern.beside[:, line]
+    part = beside[1] / (beside[1] + beside[2])
+    low, high = beside[1] / (beside[0] - beside[1]), beside[2] / (beside[3] - beside[2])
     for lane in range(width(values)):
         mine, farthest = reach[lane], sums[FARTHEST, lane]
         values[20, lane] = mine
         values[21, lane] = mine * mine / farthest
         values[22, lane] = mine / farthest
         values[25, lane] = bright[lane]
-        # Rings are taken as evenly spaced; an inverse below 0 is unknown.
+        values[26, lane] = uneven
+        # Of a plane, the inverse range is straight across the rings; below 0 it is unknown.
         a, b, c, d = inverse[0, lane], inverse[1, lane], inverse[2, lane], inverse[3, lane]
-        between = abs(ONE - mine * HALF * (b + c)) if (b > ZERO) & (c > ZERO) else MOST
-        below = abs(ONE - mine * (TWO * b - a)) * HALF if (a > ZERO) & (b > ZERO) else MOST
-        above = abs(ONE - mine * (TWO * c - d)) * HALF if (c > ZERO) & (d > ZERO) else MOST
+        between = abs(ONE - mine * ((ONE - part) * b + part * c))
+        between = between if (b > ZERO) & (c > ZERO) else MOST
+        below = abs(ONE - mine * ((ONE + low) * b - low * a)) / (ONE + low)
+        below = below if (a > ZERO) & (b > ZERO) else MOST
+        above = abs(ONE - mine * ((ONE + high) * c - high * d)) / (ONE + high)
+        above = above if (c > ZERO) & (d > ZERO) else MOST
         values[6, lane] = min(min(between, below, above) / (gap + noise / mine), MOST)

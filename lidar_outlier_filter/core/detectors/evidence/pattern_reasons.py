@@ -38,6 +38,7 @@ from lidar_outlier_filter.core.detectors.evidence.profile_features import (
 from lidar_outlier_filter.core.detectors.evidence.profile_groups import find_groups
 from lidar_outlier_filter.core.detectors.evidence.reasons import add_up_reasons, find_means
 from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.neighbours.placed_pattern import spread
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -122,15 +123,16 @@ def explain(
     odds = second_pass(prepared, first, model.again, model.doubtful, threads)
     values = _features(prepared, first)
     again = first.score > np.float32(model.doubtful)
+    back = np.empty(len(points), np.int64)
+    spread(pattern, np.arange(len(there)), back)
     explained = there.copy()
     if wanted is not None:
-        explained[there] = wanted[pattern.order[there]]
+        explained[:] = False
+        explained[back[wanted]] = True
     added = np.zeros_like(values)
     contribute(model.first, values, explained & ~again, added)
     contribute(model.again, values, explained & again, added)
     average = np.where(again, average_of(model.again), average_of(model.first))
-    back = np.empty(len(points), np.int64)
-    back[pattern.order[there]] = np.flatnonzero(there)
     names = (*FEATURES, *PROFILE, *AGAIN) if found.profile else REASONS
     single = average[back].astype(np.float32)
     return Reasons(odds[back], single, added[:, back], names, model.threshold)

@@ -32,13 +32,13 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import (
 )
 from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel
 from lidar_outlier_filter.core.lanes import LANES, rows_of_singles
-from lidar_outlier_filter.core.neighbours.scan_pattern import STRETCH
+from lidar_outlier_filter.core.neighbours.placed_pattern import STRETCH
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.evidence.pattern_window import PatternWindow, Prepared
-    from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern
+    from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
 
     Singles = NDArray[np.float32]
     Places = NDArray[np.int32]

@@ -15,11 +15,7 @@ import numpy as np
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel
 from lidar_outlier_filter.core.lanes import LANES, rows_of_singles
-from lidar_outlier_filter.core.neighbours.scan_pattern import (
-    LINES_AT_ONCE,
-    Pattern,
-    origin_of,
-)
+from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE, Pattern
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -77,17 +73,17 @@ class PatternWindow(NamedTuple):
     ----------
     square, away : (SIZE, LANES) float32
         Squared distances to the returns, m²; and their ranges, less the point's own, m.
-    mine : (QUANTITIES, LANES) float32
-        x, y, z, range and phase of the points.
+    mine : (PHASE, LANES) float32
+        x, y, z and range of the points.
     side : (10 * OWN, LANES) float32
-        The same of returns of one ring.
+        The same of returns of one ring, and their phases less those of the points.
     best : (NEAR, LANES) float32
         The least squared distances, ascending, m².
     sums : (SUMS, LANES) float32
     inverse : (2 * RINGS, LANES) float32
         1 ÷ range of the nearest return on each ring beside, 1/m; below 0 for none.
     origin : (LANES,) float64
-        What is taken off the phases of each point's window, rad.
+        The phase of each point, which is taken off those of its window, rad.
 
     """
 
@@ -107,7 +103,7 @@ def make_window() -> PatternWindow:
     return PatternWindow(
         rows_of_singles(SIZE),
         rows_of_singles(SIZE),
-        rows_of_singles(QUANTITIES),
+        rows_of_singles(PHASE),
         rows_of_singles(2 * OWN * QUANTITIES),
         rows_of_singles(NEAR),
         rows_of_singles(SUMS),
@@ -142,10 +138,8 @@ def write_roughness(pattern: Pattern, begin: int, end: int, rough: Singles) -> N
         step, noise = pattern.step[line], pattern.noise[line]
         rough[low], rough[high - 1] = ZERO, ZERO
         for k in range(low + 1, high - 1):
-            origin = origin_of(phase[k])
-            mine, before = F(phase[k] - origin), F(phase[k - 1] - origin)
-            span = F(phase[k + 1] - origin) - before
-            part = (mine - before) / span if span > ZERO else HALF
+            before, span = F(phase[k] - phase[k - 1]), F(phase[k + 1] - phase[k - 1])
+            part = before / span if span > ZERO else HALF
             value = (ONE - part) / reach[k - 1] + part / reach[k + 1]
             rough[k] = min(abs(ONE - reach[k] * value) / (step + noise / reach[k]), MOST)
 
@@ -170,13 +164,11 @@ def find_beside(pattern: Pattern, begin: int, end: int, near: Places) -> None:
                 continue
             j, stop = pattern.first[other], pattern.last[other] - 1
             for k in range(low, high):
-                origin = origin_of(phase[k])
-                mine = F(phase[k] - origin)
-                while j < stop and F(phase[j + 1] - origin) <= mine:
+                mine = phase[k]
+                while j < stop and phase[j + 1] <= mine:
                     j += 1
                 # Behind the last one is a place that is far away.
-                before, after = mine - F(phase[j] - origin), F(phase[j + 1] - origin) - mine
-                near[m, k] = j + 1 if after < before else j
+                near[m, k] = j + 1 if phase[j + 1] - mine < mine - phase[j] else j
 
 
 @inlined_kernel
@@ -189,11 +181,12 @@ def gather(prepared: Prepared, line: int, k: int, window: PatternWindow) -> None
     # Once, because every time that an array is taken from a tuple its references are counted.
     pattern, rough, near, _ = prepared
     rows, phase = (pattern.x, pattern.y, pattern.z, pattern.range), pattern.phase
-    step, gap = pattern.step[line], pattern.gap[line]
-    _gather_own(rows, phase, rough, k, step, window)
+    step, turn = pattern.step[line], pattern.turn[line]
+    unit = max(step, pattern.gap[line]) * turn
+    _gather_own(rows, phase, rough, k, step * turn, window)
     for ring in range(2 * RINGS):
         others = near[ring, k : k + LANES]
-        _gather_other(rows, phase, rough, others, ring, max(step, gap), window)
+        _gather_other(rows, phase, rough, others, ring, unit, window)
 
 
 @inlined_kernel
@@ -216,8 +209,7 @@ def _gather_own(
     origin = window.origin
     sums[:] = ZERO
     for lane in range(len(origin)):
-        origin[lane] = origin_of(phase[k + lane])
-    _copy_phases(phase[k:], origin, mine[PHASE])
+        origin[lane] = phase[k + lane]
     for slot in range(2 * OWN):
         _copy_phases(phase[place_of(k, slot) :], origin, side[2 * OWN * PHASE + slot])
     for q in range(PHASE):
@@ -245,7 +237,7 @@ def _copy(values: Singles, row: Singles) -> None:
 
 @inner_kernel
 def _copy_phases(phase: Floats, origin: Floats, row: Singles) -> None:
-    """Write the phases of each lane, less its origin."""
+    """Write phases less that of each lane's point."""
     for lane in range(len(row)):
         row[lane] = phase[lane] - origin[lane]
 
@@ -284,13 +276,13 @@ def _compare(window: PatternWindow, most: Number, begin: int, rows: int, there: 
     ``side`` has so many rows of x, then of y, z, range and phase.
     """
     side, mine, squares, ranges = window.side, window.mine, window.square, window.away
-    x, y, z, r, p = mine[0], mine[1], mine[2], mine[3], mine[4]
+    x, y, z, r = mine[0], mine[1], mine[2], mine[3]
     for m in range(rows):
         xs, ys, zs = side[m], side[rows + m], side[2 * rows + m]
         rs, ps = side[3 * rows + m], side[4 * rows + m]
         square, away = squares[begin + m], ranges[begin + m]
         for lane in range(len(square)):
-            good = abs(ps[lane] - p[lane]) <= most
+            good = abs(ps[lane]) <= most
             dx, dy, dz = xs[lane] - x[lane], ys[lane] - y[lane], zs[lane] - z[lane]
             d = dx * dx + dy * dy + dz * dz
             square[lane] = d if good else FAR

@@ -98,13 +98,12 @@ def _predict_own(
         before, after = k - 1 - m, k + 1 + m
         for lane in range(len(row)):
             r, o = reach[k + lane], origin[lane]
-            p, pa = F(phase[k + lane] - o), F(phase[before + lane] - o)
-            pb = F(phase[after + lane] - o)
+            pa, pb = F(phase[before + lane] - o), F(phase[after + lane] - o)
             good = (square[a, lane] < FAR) & (square[b, lane] < FAR) & (pb > pa)
-            part = (p - pa) / (pb - pa if good else ONE)
+            part = -pa / (pb - pa if good else ONE)
             value = (ONE - part) / reach[before + lane] + part / reach[after + lane]
             # Of a plane, the inverse range is a sine: between two others it is more than a line.
-            off = (r * value - ONE + HALF * (p - pa) * (pb - p)) * r / sigma
+            off = (r * value - ONE - HALF * pa * pb) * r / sigma
             row[lane] = min(max(off, -MOST), MOST) + MOST if good else MISSING
 
 

@@ -20,12 +20,12 @@ import numpy as np
 from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.detectors.evidence.pattern_window import OTHER, RINGS
 from lidar_outlier_filter.core.kernels import inner_kernel, kernel
-from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE
+from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.neighbours.scan_pattern import Pattern
+    from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
 
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]

@@ -26,7 +26,7 @@ from lidar_outlier_filter.core.detectors.evidence.profile_features import COUNT_
 from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees
 from lidar_outlier_filter.core.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.lanes import LANES
-from lidar_outlier_filter.core.neighbours.scan_pattern import LINES_AT_ONCE
+from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 # A number never changes its meaning, so each group has room for more: of the window, of the second
 # pass, of profile scanners, and of the weighted sum. 0 is none.
 WINDOW, SECOND, OF_PROFILE, OF_SUM = 1, 65, 129, 193
-LIKELY = ('range', 'glare', 'share', 'share_range')  # no reasons
+LIKELY = ('range', 'glare', 'uneven', 'share', 'share_range')  # no reasons
 SLANTED = OF_SUM + len(weighted.FEATURES)  # a slanted group in the air
 REASON_NAMES = {
     first + k: name
