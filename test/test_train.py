@@ -12,11 +12,14 @@ from test_scan_pattern import sweep
 from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import read_trees
 from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
+from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
+from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.points import Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.tuning.held_out import LIMITS, choose_threshold, figures, judge_at_all
-from lidar_outlier_filter.tuning.learner import export
-from lidar_outlier_filter.tuning.train import FALL, RISE, Recipe, Sweep, train
+from lidar_outlier_filter.tuning.learner import export, window_features
+from lidar_outlier_filter.tuning.train import FALL, RISE, Recipe, Sweep, lie_between, train
 
 FEW = (3, 4)  # trees
 pytestmark = pytest.mark.usefixtures('few_edges')
@@ -144,6 +147,10 @@ def test_threshold_and_figures() -> None:
     clean[:] = 9.0
     all_wrong = judge_at_all('b', 'clean', nothing, clean)
     assert choose_threshold([*dust, all_wrong]) == LIMITS[-1]
+    # One sensor alone does not decide where there are others.
+    fine = judge_at_all('c', 'clean', nothing, np.full(1000, -3.0, np.float32))
+    assert choose_threshold([*dust, all_wrong, fine]) == -1.0
+    assert choose_threshold([*dust, all_wrong, fine, one]) == pytest.approx(-1.0)
     other = judge_at_all('b', 'dust', outlier, np.full(1000, -5.0, np.float32))
     said = figures([*dust, other, one], 1.1)
     assert said['weather']['dust']['f1'] == pytest.approx(540 / 570 / 2, abs=1e-4)
@@ -165,3 +172,23 @@ def test_what_cannot_be_trained_on() -> None:
     few = some[0].points.take(slice(0, 8))
     with pytest.raises(FilterError, match='room 0'):
         train([*some[1:], some[0]._replace(points=few, outlier=some[0].outlier[:8])], {})
+
+
+def test_mixed_points_do_not_train_as_good() -> None:
+    """What lies between a near and a far surface is named; poles, walls and slopes are not."""
+    columns, rings = 360, 8
+    shot = np.arange(columns * rings)
+    ring, column = shot % rings, shot // rings
+    azimuth = -2 * np.pi * column / columns
+    up = np.radians(np.linspace(-14.0, 14.0, rings))[ring]
+    # A near wall, a far one, mixed points where they meet, and a pole before the far one.
+    far = np.where(column < 180, 4.0 + 0.005 * column, 9.0)
+    mixed, pole = column == 180, (column == 250) | (column == 251)
+    far[mixed], far[pole] = 6.5, 5.0
+    level = np.stack([np.cos(azimuth), np.sin(azimuth), np.tan(up)], axis=1)
+    points = Points(far[:, None] * level, column * 277_777 + ring, ring, np.ones(len(shot), bool))
+    pattern = find_pattern(points)
+    assert pattern is not None
+    values = window_features(prepare(pattern), None)
+    found = lie_between(pattern, values)
+    assert found.tolist() == mixed[pattern.order[pattern.order >= 0]].tolist()

@@ -13,18 +13,18 @@ from lidar_outlier_filter.cli.terminal import (
     DONE,
     add_parameter_options,
     read_parameters,
-    say,
     stoppable_bar,
 )
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from rich.table import Table
 
     from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.simulation.sensors import SpinningScanner
 
     Progress = Callable[[int, int, str], object]
     _Trained = tuple[str, float, list[Table]]  # the file, its threshold, and its figures
@@ -138,9 +138,9 @@ def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained
     from lidar_outlier_filter.tuning.train import Recipe, train
 
     progress(0, 1, 'reading')
-    recordings = _recordings(options)
-    sweeps = make_sweeps(recordings, options.seed, options.train_on, progress)
-    about = _about([name for name, _ in recordings], options.train_on)
+    recordings, scanners = _recordings(options), _scanners(options)
+    sweeps = make_sweeps(recordings, scanners, options.seed, options.train_on, progress)
+    about = _about([name for name, _ in recordings], [*scanners], options.train_on)
     recipe = Recipe(options.seed, without=options.without, monotone=options.monotone)
     result = train(sweeps, about, recipe, progress)
     return result.text, result.threshold, _tables(result.held_out)
@@ -217,7 +217,13 @@ def _profile_table(held_out: Mapping[str, Any]) -> Table:
     return table
 
 
-def _recordings(options: argparse.Namespace) -> list[tuple[str, list[Points]]]:
+def _folder(options: argparse.Namespace) -> Path | None:
+    """Return the folder of real data; None: there is none."""
+    given: Path | None = options.data
+    return given or (None if options.onto else DATA)
+
+
+def _recordings(options: argparse.Namespace) -> list[tuple[str, Sequence[Points]]]:
     """Read clean clouds of each sensor."""
     from lidar_outlier_filter.tuning.scenes import (
         CleanRecording,
@@ -225,27 +231,35 @@ def _recordings(options: argparse.Namespace) -> list[tuple[str, list[Points]]]:
         known_recordings,
         read_sweeps,
     )
+    from lidar_outlier_filter.tuning.single_sweeps import read_single_sweeps
 
-    found: list[tuple[str, list[Points]]] = []
-    folder = options.data or (None if options.onto else DATA)
+    found: list[tuple[str, Sequence[Points]]] = []
+    folder = _folder(options)
     if folder is not None:
         known = known_recordings(folder / 'bags')
         if not known:
             raise FilterError('--data', 'a folder with bags/ of the known recordings', folder)
         found = [(recording.sensor, read_sweeps(recording)) for recording in known]
+        found += read_single_sweeps(folder)
     values = read_parameters(options.params, options.settings)
     found += [
         (path.stem, read_sweeps(CleanRecording(path.stem, path, values))) for path in options.onto
     ]
     for sensor, clouds in found:
-        if not all(has_pattern(cloud, crowded=True) for cloud in clouds):
-            raise FilterError('a recording to train on', 'one of a spinning sensor', sensor)
         if not all(map(has_pattern, clouds)):
-            say(f'{sensor} trains, and is not judged: its rings are unevenly spaced')
+            raise FilterError('a recording to train on', 'one of a spinning sensor', sensor)
     return found
 
 
-def _about(sensors: list[str], train_on: list[str]) -> dict[str, Any]:
+def _scanners(options: argparse.Namespace) -> dict[str, SpinningScanner]:
+    """Simulate the sensors whose tables of rings the folder of real data has."""
+    from lidar_outlier_filter.tuning.ring_tables import known_scanners
+
+    folder = _folder(options)
+    return {} if folder is None else known_scanners(folder / 'ring_tables')
+
+
+def _about(sensors: list[str], scanners: list[str], train_on: list[str]) -> dict[str, Any]:
     from lidar_outlier_filter import __version__
     from lidar_outlier_filter.simulation.weather.kinds import WEATHERS
     from lidar_outlier_filter.tuning.scenes import (
@@ -253,6 +267,7 @@ def _about(sensors: list[str], train_on: list[str]) -> dict[str, Any]:
         STREET_SEED_HELD_OUT,
         STREET_SEEDS,
         STREETS,
+        TABLE_SEEDS,
     )
 
     return {
@@ -262,6 +277,8 @@ def _about(sensors: list[str], train_on: list[str]) -> dict[str, Any]:
             'recordings': sensors if 'recordings' in train_on else [],
             'weather': list(WEATHERS),
             'sweeps_of_each': OF_EACH,
+            'simulated': scanners if 'streets' in train_on else [],
+            'simulated_seeds': list(TABLE_SEEDS),
             'streets': list(STREETS) if 'streets' in train_on else [],
             'street_seeds': list(STREET_SEEDS),
             'street_seed_held_out': STREET_SEED_HELD_OUT,

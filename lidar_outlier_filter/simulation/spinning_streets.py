@@ -109,7 +109,10 @@ def _weigh(block: Block) -> Block:
 def plan(count: int, seed: int) -> Drive:
     """Draw the street of a seed, and how the vehicle passes through it."""
     rng = np.random.default_rng([seed, count])
-    weather, sensor = WEATHER[count], SENSORS[count]
+    return _drive(SENSORS[count], WEATHER[count], seed, rng)
+
+
+def _drive(sensor: SpinningScanner, weather: Weather, seed: int, rng: np.random.Generator) -> Drive:
     start = rng.uniform(4.0, 9.0)
     things, air = _traffic(start, weather, rng)
     flight = (start + rng.uniform(-2.0, 14.0), rng.uniform(-3.0, 3.0))
@@ -155,3 +158,14 @@ def _route(seconds: float, rng: np.random.Generator) -> Route:
     start = (rng.uniform(-2.0, 0.0), LANES[0], 0.0)
     phase = rng.uniform(0.0, 6.0)
     return Route(knots, start, bump=0.03, phase=phase, mount=(0.0, 0.0, 1.9))
+
+
+def dry_turn(sensor: SpinningScanner, seed: int) -> Cloud:
+    """Simulate one turn of a sensor in a street of a seed, in dry air.
+
+    What mirrors, edges and birds make of it is labelled.
+    """
+    rng = np.random.default_rng([seed, sensor.rings])
+    drive = _drive(sensor, Weather(1, 0.0), seed, rng)
+    block = choose.gather(drive)
+    return next(iter(messages(drive, [(drive.shots, block.clean)], lines_per_message=1)))

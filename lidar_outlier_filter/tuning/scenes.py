@@ -17,9 +17,11 @@ from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.simulation import presets
 from lidar_outlier_filter.simulation.recording import to_message
+from lidar_outlier_filter.simulation.spinning_streets import dry_turn
 from lidar_outlier_filter.simulation.weather.beams import Optics, find_beams
 from lidar_outlier_filter.simulation.weather.brightness import Brightness
-from lidar_outlier_filter.simulation.weather.kinds import WEATHERS, make
+from lidar_outlier_filter.simulation.weather.echoes import WeatherEchoes, choose
+from lidar_outlier_filter.simulation.weather.kinds import WEATHERS, make_both
 from lidar_outlier_filter.tuning.held_out import CLEAN, STREET
 from lidar_outlier_filter.tuning.recorded import RecordedClouds
 from lidar_outlier_filter.tuning.train import Sweep
@@ -30,14 +32,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.simulation.sensors import SpinningScanner
     from lidar_outlier_filter.simulation.weather.beams import Beams
-    from lidar_outlier_filter.simulation.weather.echoes import WeatherEchoes
+    from lidar_outlier_filter.simulation.weather.echoes import BothEchoes
 
     Singles = NDArray[np.float32]
     Progress = Callable[[int, int, str], object]
 
 # Clean recordings of spinning sensors in a folder of real data, and how they are read. Their order,
-# and that of the streets behind them, makes the folds: every fourth is in one.
+# and that of the others behind them, makes the folds.
 RECORDINGS: Mapping[str, tuple[str, Mapping[str, object]]] = {
     'HDL-32E': ('hdl32_mrpt_mcap', {}),
     'OS1-128': ('os1_128_db3', {}),
@@ -51,8 +54,11 @@ STREETS = ('street-128', 'street-64', 'street-16', 'street-32')
 STREET_SEEDS, STREET_SEED_HELD_OUT = (11, 12), 101
 MOST_CLEAN = 4  # sweeps of a recording that are taken as they are
 OF_EACH = 3  # sweeps with each weather
+RETURNS = ('strongest', 'last', 'dual')  # that they measure, by turns
 # Standard deviations of the logarithm of the intensity of particles
-OF_SWEEP, OF_EACH_PARTICLE = 0.5, 0.4
+OF_SWEEP, OF_EACH_PARTICLE = 0.8, 0.5
+TABLE_SEEDS = (21, 22)  # of streets that sensors with published rings pass through
+DOMES = ('Bpearl',)  # rings up to the zenith, where beams cannot be followed: no weather
 FIRST = 2  # turn of a street from which on turns are taken
 
 
@@ -95,13 +101,9 @@ def read_sweeps(recording: CleanRecording, most: int = MOST_CLEAN) -> list[Point
     return kept
 
 
-def has_pattern(points: Points, *, crowded: bool = False) -> bool:
-    """Return whether the trees judge a cloud; with ``crowded``: whether they can be trained on it.
-
-    What looks across rings that are crowded together is no good for judging, but for training:
-    there are as many points that lie alone as anywhere.
-    """
-    return find_pattern(points, spins=True, crowded=crowded) is not None
+def has_pattern(points: Points) -> bool:
+    """Return whether trees judge a cloud, and can be trained on it."""
+    return find_pattern(points, spins=True) is not None
 
 
 def recorded_sweeps(
@@ -109,19 +111,19 @@ def recorded_sweeps(
 ) -> list[Sweep]:
     """Take clouds as they are, and put every weather into some of them.
 
-    They are judged, too, where the filter would judge them by trees.
+    Of these, some measure the strongest return of each beam, some the last, and some two.
     """
-    judged = all(map(has_pattern, clouds))
     sweeps = [
-        Sweep(f'{sensor} {CLEAN} {k}', sensor, CLEAN, points, nothing, trains, judged)
+        Sweep(f'{sensor} {CLEAN} {k}', sensor, CLEAN, points, nothing, trains)
         for k, points in enumerate(clouds)
         for nothing in (np.zeros(len(points), np.bool_),)
     ]
-    for weather in WEATHERS:
+    for weather in () if sensor in DOMES else WEATHERS:
         for k in range(OF_EACH):
             name = f'{sensor} {weather} {k}'
-            points, outlier = put_weather(clouds[k % len(clouds)], weather, [seed, _number(name)])
-            sweeps.append(Sweep(name, sensor, weather, points, outlier, trains, judged))
+            chances, returns = [seed, _number(name)], RETURNS[k % len(RETURNS)]
+            points, outlier = put_weather(clouds[k % len(clouds)], weather, chances, returns)
+            sweeps.append(Sweep(name, sensor, weather, points, outlier, trains))
     return sweeps
 
 
@@ -130,11 +132,12 @@ def _number(name: str) -> int:
 
 
 def put_weather(
-    points: Points, weather: str, seed: Sequence[int]
+    points: Points, weather: str, seed: Sequence[int], returns: str = 'strongest'
 ) -> tuple[Points, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Let the beams of a cloud go through a weather; optics are drawn.
 
-    Reflectances are those that the intensities show, or drawn where there are none.
+    Reflectances are those that the intensities show, or drawn where there are none. ``returns``
+    says which echo of a beam is measured: strongest, first, last, or dual for two.
 
     Returns
     -------
@@ -146,11 +149,11 @@ def put_weather(
     reflectance = np.clip(0.25 * np.exp(0.5 * rng.standard_normal(len(points))), 0.02, 1.0)
     # Sensors differ.
     optics = Optics(
-        divergence=rng.uniform(0.0015, 0.004),
+        divergence=rng.uniform(0.001, 0.005),
         nearest=rng.uniform(0.3, 1.0),
-        farthest=rng.uniform(60.0, 150.0),
-        blind=rng.uniform(1.0, 3.0),
-        pulse=rng.uniform(0.5, 1.5),
+        farthest=rng.uniform(60.0, 200.0),
+        blind=rng.uniform(0.5, 4.0),
+        pulse=rng.uniform(0.3, 1.8),
     )
     distance, intensity, curve = points.range, points.intensity, None
     if intensity is not None:
@@ -160,15 +163,31 @@ def put_weather(
         least = optics.floor * distance**2
         reflectance = np.maximum(curve.reflectance(distance, values), least)
     beams = find_beams(points.xyz, points.t, points.line, reflectance, points.valid)
-    echoes = make(weather, beams, int(rng.integers(1 << 31)), optics)
-    there = np.isfinite(echoes.distance)
-    xyz = beams.direction[there] * echoes.distance[there, None]
-    single = xyz.astype(np.float32).astype(np.float64)
-    found = Points(single, beams.t[there], beams.ring[there], np.ones(len(single), np.bool_))
-    if intensity is not None and curve is not None:
-        measured = _intensities(intensity, curve, beams, echoes, rng)
-        found = replace(found, intensity=measured[there])
-    return found, echoes.cause[there] > 0
+    both = make_both(weather, beams, int(rng.integers(1 << 31)), optics, returns)
+    xyz, source, cause, bright = [], [], [], []
+    for echoes in measured(both, returns):
+        there = np.flatnonzero(np.isfinite(echoes.distance))
+        xyz.append(beams.direction[there] * echoes.distance[there, None])
+        source.append(there)
+        cause.append(echoes.cause[there])
+        if intensity is not None and curve is not None:
+            bright.append(_intensities(intensity, curve, beams, echoes, rng)[there])
+    single, of = np.concatenate(xyz).astype(np.float32), np.concatenate(source)
+    seen = np.ones(len(of), np.bool_)
+    found = Points(single.astype(np.float64), beams.t[of], beams.ring[of], seen)
+    if bright:
+        found = replace(found, intensity=np.concatenate(bright))
+    return found, np.concatenate(cause) > 0
+
+
+def measured(both: BothEchoes, returns: str) -> list[WeatherEchoes]:
+    """List what a sensor measures: one echo of each beam, or two of those that have two."""
+    if returns != 'dual':
+        return [choose(both, returns)]
+    two = np.isfinite(both.surface.distance) & np.isfinite(both.before.distance)
+    distance = np.where(two, both.before.distance, np.inf)
+    second = WeatherEchoes(distance, both.before.power, both.before.cause)
+    return [choose(both, 'last'), second]
 
 
 def _intensities(
@@ -210,8 +229,33 @@ def street_sweeps(name: str, *, trains: bool = True) -> list[Sweep]:
     return found
 
 
+def simulated_sweeps(sensor: str, scanner: SpinningScanner, seed: int) -> list[Sweep]:
+    """Simulate streets with the rings of a sensor: as they are, and dry ones with every weather.
+
+    They train, and are not judged: the real sensors are.
+    """
+    decoder = Decoder(FilterParameters())
+    sweeps = []
+    clean = []
+    for street in TABLE_SEEDS:
+        cloud = dry_turn(scanner, street)
+        points = decoder.decode(to_message(cloud.stamp, cloud.points, cloud.frame))
+        outlier = cloud.points['label'][points.valid] > 0
+        some = points.take(points.valid)
+        name = f'{sensor} simulated seed {street}'
+        sweeps.append(Sweep(name, sensor, STREET, some, outlier, judged=False))
+        clean.append(some.take(~outlier))
+    for number, weather in enumerate(WEATHERS):
+        name = f'{sensor} simulated {weather}'
+        chances, returns = [seed, _number(name)], RETURNS[number % len(RETURNS)]
+        points, outlier = put_weather(clean[number % len(clean)], weather, chances, returns)
+        sweeps.append(Sweep(name, sensor, weather, points, outlier, judged=False))
+    return sweeps
+
+
 def make_sweeps(
     recordings: Sequence[tuple[str, Sequence[Points]]],
+    scanners: Mapping[str, SpinningScanner],
     seed: int,
     train_on: Iterable[str],
     progress: Progress = lambda _done, _total, _what: None,
@@ -221,17 +265,22 @@ def make_sweeps(
     Parameters
     ----------
     recordings : names of sensors, and clean clouds of each
+    scanners : simulated sensors with published rings, by the names of real ones
     seed : of the weather, from 0
     train_on : 'recordings', 'streets' or both; the others are judged only
     progress : is called before every sensor: how many of how many are done, and of what
 
     """
-    wanted, total = {*train_on}, len(recordings) + len(STREETS)
+    wanted, total = {*train_on}, len(recordings) + len(scanners) + len(STREETS)
     sweeps = []
     for number, (sensor, clouds) in enumerate(recordings):
         progress(number, total, f'weather for {sensor}')
         sweeps += recorded_sweeps(sensor, clouds, seed, trains='recordings' in wanted)
-    for number, name in enumerate(STREETS, len(recordings)):
+    simulated = scanners if 'streets' in wanted else {}
+    for number, (sensor, scanner) in enumerate(simulated.items(), len(recordings)):
+        progress(number, total, f'streets for {sensor}')
+        sweeps += simulated_sweeps(sensor, scanner, seed)
+    for number, name in enumerate(STREETS, len(recordings) + len(scanners)):
         progress(number, total, name)
         sweeps += street_sweeps(name, trains='streets' in wanted)
     return sweeps

@@ -3,9 +3,12 @@
 """Train the trees on the scan pattern from labelled sweeps, and write their file.
 
 Two ensembles are trained: one on each point's window, and one on the points that the first does not
-call clearly good, with the first's results around them. Each sensor is left out once: what the
-second ensemble sees of a sweep is what a first one says that never saw the sweep's sensor. The
-thresholds and the figures of the file are of ensembles, too, that never saw it.
+call clearly good, with the first's results around them. Sensors are left out in folds, each once:
+what the second ensemble sees of a sweep is what a first one says that never saw the sweep's sensor.
+The thresholds and the figures of the file are of ensembles, too, that never saw it.
+
+Recordings hold mixed points, which nobody has labelled: what lies between two surfaces of its ring
+does not train as a good point.
 
 So the trees that judge a sensor never saw it. But first results of other sensors, which their
 second ensemble learns from, are of ensembles that did; and the thresholds are chosen on the sweeps
@@ -29,7 +32,13 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
 from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.tuning.held_out import CLEAN, choose_threshold, figures, judge_at_all
+from lidar_outlier_filter.tuning.held_out import (
+    CLEAN,
+    STREET,
+    choose_threshold,
+    figures,
+    judge_at_all,
+)
 from lidar_outlier_filter.tuning.learner import (
     Drawn,
     Trained,
@@ -44,6 +53,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared
+    from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
     from lidar_outlier_filter.core.points import Points
 
     Singles = NDArray[np.float32]
@@ -72,6 +82,10 @@ RISE = (
     *('near3', 'near5', 'near5_m', 'first', 'first_own', 'first_other', 'first_close'),
     *('first_level', 'wide_own', 'wide_other', 'share', 'share_range'),
 )
+FOLDS = 8  # parts of the sensors, each of which is left out once
+BETWEEN = 0.3  # m, at least, from a mixed point to either surface, beside what rings are apart
+OFF = 0.1  # m, at least, from what its neighbours predict
+NEXT = 3.0  # steps, at most, to the returns before and after
 FALL = ('level_own', 'level_other', 'dense', 'sparse')  # and only fall with these
 
 
@@ -186,18 +200,19 @@ def _pass(
     sensors = list(dict.fromkeys(one.sweep.sensor for one in seen))
     if len(sensors) == 1:
         raise FilterError('the sensors to train on', 'at least 2: each is left out once', 1)
+    folds = [sensors[k::FOLDS] for k in range(min(FOLDS, len(sensors)))]
     results = [np.empty(0, np.float32)] * len(seen)
-    done, steps = again * (len(sensors) + 1), 2 * (len(sensors) + 1)
-    for k, sensor in enumerate(sensors):
-        progress(done + k, steps, f'without {sensor}')
-        some = [table for number, table in drawn.items() if seen[number].sweep.sensor != sensor]
+    done, steps = again * (len(folds) + 1), 2 * (len(folds) + 1)
+    for k, fold in enumerate(folds):
+        progress(done + k, steps, f'without {", ".join(fold)}')
+        some = [table for number, table in drawn.items() if seen[number].sweep.sensor not in fold]
         trees = read_trees(_learn(some, recipe, again=again), _names(again=again))
         for number, one in enumerate(seen):
             wanted = one.sweep.judged or (one.trains and not again)
-            if one.sweep.sensor == sensor and wanted:
+            if one.sweep.sensor in fold and wanted:
                 values = window_features(one.prepared, before[number])
                 results[number] = judge_pass(trees, values, before[number], DOUBTFUL)
-    progress(done + len(sensors), steps, 'with every sensor')
+    progress(done + len(folds), steps, 'with every sensor')
     return _learn(list(drawn.values()), recipe, again=again), results
 
 
@@ -214,7 +229,7 @@ def _held_out(seen: Sequence[_Seen], odds: Sequence[Singles]) -> tuple[float, di
 
 def _look(sweep: Sweep, number: int) -> tuple[_Seen, _Seen]:
     """Look at a sweep with its intensities, and without; by turns, either trains."""
-    pattern = find_pattern(sweep.points, spins=True, crowded=True)
+    pattern = find_pattern(sweep.points, spins=True)
     if pattern is None:
         raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
     outlier = sweep.outlier[pattern.order[pattern.order >= 0]]
@@ -233,7 +248,9 @@ def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     drawable = np.ones(len(seen.outlier), np.bool_) if odds is None else odds > LEARN_FROM
     rng = np.random.default_rng([seed, number, again])
     bad = np.flatnonzero(seen.outlier & drawable)
-    good = np.flatnonzero(~seen.outlier & drawable)
+    values = window_features(seen.prepared, odds)
+    known = seen.sweep.kind == STREET or ~lie_between(seen.prepared.pattern, values)
+    good = np.flatnonzero(~seen.outlier & drawable & known)
     all_bad = int(seen.outlier.sum())
     all_good = len(seen.outlier) - all_bad
     kind = seen.sweep.kind
@@ -246,10 +263,28 @@ def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     of_good = counts * len(good) / max(all_good, 1) / max(len(some_good), 1)
     rows = np.concatenate([some_bad, some_good])
     return Drawn(
-        window_features(seen.prepared, odds)[:, rows],
+        values[:, rows],
         seen.outlier[rows],
         np.repeat([of_bad, of_good], [len(some_bad), len(some_good)]),
     )
+
+
+def lie_between(pattern: Pattern, values: Singles) -> Mask:
+    """Return which points of a pattern (N,), in its order, may be mixed: they lie between surfaces.
+
+    The returns before and after in the ring are well nearer and well farther, and no straight line
+    through neighbours predicts the range. ``values`` (F, N) are the features.
+    """
+    place = np.flatnonzero(pattern.order >= 0)
+    line = np.repeat(np.arange(len(pattern.first)), pattern.last - pattern.first)
+    reach, phase = pattern.range, pattern.phase
+    before, after = reach[place] - reach[place - 1], reach[place + 1] - reach[place]
+    most = NEXT * pattern.step[line] * pattern.turn[line]
+    beside = (phase[place] - phase[place - 1] <= most) & (phase[place + 1] - phase[place] <= most)
+    least = BETWEEN + pattern.gap[line] * reach[place]
+    apart = (before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
+    between: Mask = beside & apart & (values[FEATURES.index('along_m')] > OFF)
+    return between
 
 
 def _learn(drawn: Sequence[Drawn], recipe: Recipe, *, again: bool) -> dict[str, Any]:

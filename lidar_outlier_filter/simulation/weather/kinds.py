@@ -163,26 +163,26 @@ def _hanging(cloud: plumes.Plume, cause: Cause, sweep: _Sweep) -> BothEchoes:
 
 def _rain(sweep: _Sweep) -> BothEchoes:
     rng = sweep.fixed
-    fall = drops.rain(float(np.exp(rng.uniform(np.log(5.0), np.log(80.0)))))
+    fall = drops.rain(_log_uniform(rng, 5.0, 80.0))
     return _falling(fall, Cause.RAIN, sweep)
 
 
 def _light_snow(sweep: _Sweep) -> BothEchoes:
     rng = sweep.fixed
-    fall = drops.snow(float(np.exp(rng.uniform(np.log(0.05), np.log(0.4)))))
+    fall = drops.snow(_log_uniform(rng, 0.05, 0.4))
     return _falling(fall, Cause.SNOW, sweep)
 
 
 def _heavy_snow(sweep: _Sweep) -> BothEchoes:
     rng = sweep.fixed
-    fall = drops.snow(float(np.exp(rng.uniform(np.log(0.6), np.log(5.0)))))
+    fall = drops.snow(_log_uniform(rng, 0.6, 5.0))
     return _falling(fall, Cause.SNOW, sweep)
 
 
 def _fog(sweep: _Sweep) -> BothEchoes:
     """Hang fog: meteorological optical range MOR = ln 20 ÷ α (Hahner et al. 2021, eq. 4)."""
     rng = sweep.fixed
-    sight = float(np.exp(rng.uniform(np.log(25.0), np.log(150.0))))
+    sight = _log_uniform(rng, 25.0, 150.0)
     cloud = plumes.Plume(
         density=np.log(20.0) / sight,
         ratio=65.0,
@@ -231,25 +231,25 @@ def _spray(sweep: _Sweep) -> BothEchoes:
         puffs: list[plumes.PlumePuff] = []
         for side in (-0.8, 0.8):
             x, y = start[0] - side * np.sin(heading), start[1] + side * np.cos(heading)
-            length, density = rng.uniform(3.0, 9.0), rng.uniform(0.3, 2.0)
+            length, density = rng.uniform(2.0, 14.0), _log_uniform(rng, 0.1, 3.0)
             puffs += plumes.trail((x, y, ground + 0.1), heading, length, density, rng)
         return puffs
 
-    ranges = _PlumeRanges((20.0, 20.0), (0.4, 1.0), (1.0, 1.7), (0.4, 1.2))
+    ranges = _PlumeRanges((12.0, 50.0), (0.25, 1.5), (0.5, 1.8), (0.4, 4.0))
     return _behind_vehicles(sweep, trail, ranges, Cause.SPRAY)
 
 
 def _dust(sweep: _Sweep) -> BothEchoes:
     """Whirl dust up: broad plumes behind vehicles."""
     ground, rng = sweep.around.ground, sweep.fixed
-    density = float(np.exp(rng.uniform(np.log(0.15), np.log(1.5))))
+    density = _log_uniform(rng, 0.1, 2.5)
 
     def trail(start: Place, heading: float) -> Sequence[plumes.PlumePuff]:
         length, width = rng.uniform(4.0, 14.0), rng.uniform(0.5, 1.0)
         growth = rng.uniform(0.1, 0.25)
         return plumes.trail((*start, ground), heading, length, density, rng, width, growth)
 
-    ranges = _PlumeRanges((25.0, 55.0), (0.6, 2.5), (0.6, 1.3), (1.0, 4.0))
+    ranges = _PlumeRanges((15.0, 60.0), (0.4, 2.5), (0.4, 1.6), (0.6, 6.0))
     return _behind_vehicles(sweep, trail, ranges, Cause.DUST)
 
 
@@ -284,6 +284,10 @@ def _moved(
     echo = drops.power(far, beams.reflectance * np.where(moved, share, 1.0), 0.0)
     causes = np.where(moved, cause, 0).astype(np.uint8)
     return BothEchoes(WeatherEchoes(far, echo, causes), echoes.nothing(len(beams)))
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def _vehicles(
