@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import sys
 from contextlib import chdir
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -25,8 +25,10 @@ from lidar_outlier_filter.core.detectors.evidence.pattern import judge
 from lidar_outlier_filter.core.detectors.evidence.pattern_model import PATTERN_MODEL, read_file
 from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.whole_cloud import judge_whole, with_rings
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive, snow_drive
@@ -256,6 +258,25 @@ def _shipped() -> dict[str, float]:
     return shares
 
 
+def _recovered(_pages: Pages) -> Figures:
+    """Judge the first cloud of recordings with its rings, with recovered ones, and with none."""
+    parameters = FilterParameters()
+    figures: dict[str, str] = {}
+    for recording in known_recordings(DATA / 'bags'):
+        cloud = read_sweeps(recording, 1)[0]
+        nothing = np.zeros(len(cloud), np.int64)
+        mixed = np.random.default_rng(1).permutation(len(cloud))
+        bare = replace(cloud, t=nothing, line=nothing).take(mixed)
+        known = judge_whole(cloud, parameters).rejected[mixed]
+        found = judge_whole(with_rings(bare, parameters), parameters).rejected
+        near = judge_whole(bare, parameters).rejected
+        title = recording.sensor
+        figures[f'{title} equal'] = f'{100 * np.mean(known == found):.2f} %'
+        for how, rejected in (('known', known), ('found', found), ('near', near)):
+            figures[f'{title} {how}'] = f'{100 * np.mean(rejected):.3f} %'
+    return figures
+
+
 def _real_snow(_pages: Pages) -> Figures:
     """Read the page of real snow, which a command wrote: F1, and good points lost."""
     page = (ROOT / 'doc' / 'real_snow.md').read_text('utf-8')
@@ -324,6 +345,25 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 )
                 for title, name in SENSORS.items()
             ),
+        ],
+    ),
+    'recovered rings': (
+        _recovered,
+        [
+            Quote(
+                'doc/detectors/evidence.md',
+                f'| {title} | {{{name} equal}} | {{{name} known}} | {{{name} found}} '
+                f'| {{{name} near}} |',
+            )
+            for title, name in (
+                ('VLP-16', 'VLP-16'),
+                ('HDL-32E', 'HDL-32E'),
+                ('VLP-32C', 'VLP-32C'),
+                ('OS0-32', 'OS0-32'),
+                ('OS1-128', 'OS1-128'),
+                ('XT32', 'XT32'),
+                ('`lidar_link`, 32 rings', 'lidar_link'),
+            )
         ],
     ),
     'real snow': (

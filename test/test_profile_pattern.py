@@ -258,8 +258,8 @@ def test_group_of_an_arm() -> None:
     assert wanted == pytest.approx({name: described[name] for name in wanted}, rel=1e-2)
 
 
-def test_the_wide_group_is_described() -> None:
-    """Parts of a tube are groups of their own, and, reaching farther, one: that one counts."""
+def test_all_returns_of_a_tube_are_one_group() -> None:
+    """Reaching farther, parts of a tube hang together: its returns, and no others, are counted."""
     drive = Drive(8, lines=12, shots=400, strays=0.0)
     tube = np.abs(drive.angle - 1.9) < 0.12
     near = 0.5 * drive.far + 0.05 * (drive.line - 6) + 0.2 * (drive.line >= 6)
