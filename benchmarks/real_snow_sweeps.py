@@ -155,7 +155,7 @@ def read_sweep(path: Path, rings: Rings, begin: int = START) -> tuple[Sweep, int
     points = _numbers(path, '<f4', 4)
     label = (_numbers(beside, '<u4', 1)[:, 0] & 0xFFFF).astype(np.uint16)
     if len(label) != len(points):
-        raise RecordingError(f'the labels of {path.name}', len(points), len(label))
+        raise RecordingError(f'the labels of {path.name}', f'{len(points)} of them', len(label))
     xyz = np.ascontiguousarray(points[:, :3])
     ring = find_rings(xyz, rings, path.name)
     shot, second = find_shots(xyz, ring, rings)

@@ -32,7 +32,7 @@ def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
     file = tmp_path / 'cloud.csv'
     rows = (f'{n % 20},{n // 20},{n % 3 / 10}\n' for n in range(400))
     file.write_text('x,y,z\n' + ''.join(rows))
-    command = [sys.executable, '-m', f'{PACKAGE}.cli.main', 'clean', str(file), '--dry-run']
+    command = [sys.executable, '-P', '-m', f'{PACKAGE}.cli.main', 'clean', str(file), '--dry-run']
     first, second = (
         subprocess.run(
             [*command, '--chain', 'sor'], env=env, capture_output=True, text=True, check=True
@@ -45,12 +45,12 @@ def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
 
 def test_each_part_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     """A detector's own kernels by its name, those of the core as shared; strangers' not at all."""
-    hear = notice()
+    say_once = notice()
     for module in ('detectors.lof', 'kernels', 'detectors.evidence.lines'):
-        hear(f'{PACKAGE}.core.{module}')
-        hear(f'{PACKAGE}.core.{module}')
-    hear(f'{PACKAGE}.simulation.caster')
-    hear('somebody.else')
+        say_once(f'{PACKAGE}.core.{module}')
+        say_once(f'{PACKAGE}.core.{module}')
+    say_once(f'{PACKAGE}.simulation.caster')
+    say_once('somebody.else')
     assert capsys.readouterr().err.splitlines() == [
         f'the kernels of lof are compiled, this once: about {SECONDS["lof"]} s',
         f'the kernels that all share are compiled, this once: about {SHARED_SECONDS} s',

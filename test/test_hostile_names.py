@@ -65,7 +65,7 @@ def test_clean(
     """A file is cleaned under any name, and the log names it."""
     path = tmp_path / os.fsdecode(name + suffix.encode())
     write(path)
-    assert main(['clean', '--chain', 'sor', '--', str(path)]) == 0
+    assert main(['clean', '--chain', 'sor', '--columns', 'x,y', '--', str(path)]) == 0
     written = path.with_name(path.stem + '_cleaned' + path.suffix)
     assert written.is_file()
     log = json.loads(written.with_name(written.name + '.json').read_text())

@@ -171,7 +171,7 @@ def some_points() -> Points:
     rng = np.random.default_rng(5)
     place = rng.normal(size=(7, 3))
     line, there, bright = np.arange(7) // 2, np.ones(7, np.bool_), np.ones(7, np.float32)
-    return Points(place, np.arange(7), line, there, np.ones(7), place, bright)
+    return Points(place, np.arange(7), line, there, np.ones(7), place, bright, line, there)
 
 
 @pytest.mark.parametrize('name', [column.name for column in fields(Points)])
@@ -182,7 +182,7 @@ def test_digest_sees_every_column(name: str) -> None:
     values.reshape(-1)[-1] = values.reshape(-1)[-1] + 1 if values.dtype.kind != 'b' else False
     other: dict[str, Any] = {name: values}
     assert digest(replace(points, **other)) != digest(points)
-    if name in {'sigma', 'own', 'intensity'}:
+    if name in {'sigma', 'own', 'intensity', 'ring', 'fixed'}:
         other[name] = None
         assert digest(replace(points, **other)) != digest(points)
 

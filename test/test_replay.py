@@ -145,7 +145,7 @@ def check_answers(before: Content, after: Content, topic: str) -> None:
 @pytest.mark.parametrize('name', REAL)
 def test_real_recording(recordings: Path, tmp_path: Path, name: str) -> None:
     """Of each real recording, every point is in one answer, and every message is copied."""
-    strict = {'evidence.threshold': 0.5}  # or next to nothing is rejected
+    strict = {'evidence.threshold': 0.75}  # or next to nothing is rejected
     report = replay(recordings / 'bags' / name, tmp_path / 'out', parameters=strict)
     assert report.is_complete
     before, after = content(recordings / 'bags' / name), content(tmp_path / 'out')

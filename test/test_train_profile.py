@@ -51,7 +51,7 @@ def test_file_is_complete_and_repeats() -> None:
     data = json.loads(text)
     assert data.items() >= about.items()
     assert (data['seed'], data['streets']) == (1, [f'street {n}' for n in range(3)])
-    assert data['uses'] == [*(name for name in FEATURES if name != 'bright'), *PROFILE, *AGAIN]
+    assert data['uses'] == [*FEATURES[: FEATURES.index('bright')], *PROFILE, *AGAIN]
     assert [len(data[key]['values']) for key in ('first', 'again')] == [3, 4]
     asked = {name for tree in data['first']['features'] for name in tree}
     assert asked <= {*NAMES[PROFILE_MODEL]}

@@ -206,10 +206,10 @@ def _data(options: argparse.Namespace, path: Path, parameters: FilterParameters)
     from lidar_outlier_filter.evaluation.labels import is_recording
     from lidar_outlier_filter.tuning.training import from_file, from_recording
 
-    files, codes = truth_of(options, path)
-    if files and len(options.data) > 1:
+    if options.labels and len(options.data) > 1:
         must_be = 'given for one recording; of several, the truth is in their clouds'
         raise RecordingError('--labels', must_be, f'{len(options.data)} recordings')
+    files, codes = truth_of(options, path)
     injection = _injection(options)
     if injection is not None:
         if files or options.label or options.codes or options.ignore:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.compiling import SENSORS, NotCompiled, only_compiled
+from lidar_outlier_filter.core.neighbours import recovered_rings
 from lidar_outlier_filter.core.poses import Track
 from lidar_outlier_filter.core.threads import cores
 from lidar_outlier_filter.messages.decoder import Decoder
@@ -68,6 +69,7 @@ def make_ready(parameters: FilterParameters, sensors: Sequence[str] = SENSORS) -
     """Run the kernels of a chain once; what is not on disk is compiled, and written there."""
     Decoder(parameters).compile()
     Track.compile()
+    recovered_rings.compile_kernels()
     Chain(parameters).compile(sensors)
     if tuple(sensors) == SENSORS:
         _ready.add(_kind(parameters))

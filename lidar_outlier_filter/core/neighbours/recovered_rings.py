@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.neighbours.ring_origin import Origin, find_origin
+from lidar_outlier_filter.core.neighbours.ring_origin import Origin, find_origin, spread
 from lidar_outlier_filter.core.neighbours.scan_pattern import FEWEST, TURN, arctangent
 from lidar_outlier_filter.core.points import SECOND
 from lidar_outlier_filter.core.scan_lines import line_starts
@@ -145,6 +145,15 @@ def _share_near(elevation: Floats, rings: Floats) -> float:
     of_ring = np.bincount(nearest, minlength=len(rings))
     shares = np.bincount(nearest, near, len(rings)) / np.maximum(of_ring, 1)
     return min(float(near.mean()), float(shares.mean()))
+
+
+def compile_kernels() -> None:
+    """Run the kernels on next to nothing, so that they are ready."""
+    flat, z, nowhere = np.ones(2), np.zeros(2), Origin(0.0, 0.0)
+    elevations(flat, z, nowhere)
+    spread(flat, z, nowhere.up, nowhere.out)
+    find_peaks(np.zeros(2, np.int64), 1)
+    _times(np.ones((2, 3)))
 
 
 @kernel
