@@ -20,7 +20,7 @@ from lidar_outlier_filter.simulation.recording import to_message
 from lidar_outlier_filter.simulation.spinning_streets import dry_turn
 from lidar_outlier_filter.simulation.weather.beams import Optics, find_beams
 from lidar_outlier_filter.simulation.weather.brightness import Brightness
-from lidar_outlier_filter.simulation.weather.echoes import WeatherEchoes, choose
+from lidar_outlier_filter.simulation.weather.echoes import measured
 from lidar_outlier_filter.simulation.weather.kinds import WEATHERS, make_both
 from lidar_outlier_filter.tuning.held_out import CLEAN, STREET
 from lidar_outlier_filter.tuning.recorded import RecordedClouds
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.simulation.sensors import SpinningScanner
     from lidar_outlier_filter.simulation.weather.beams import Beams
-    from lidar_outlier_filter.simulation.weather.echoes import BothEchoes
+    from lidar_outlier_filter.simulation.weather.echoes import WeatherEchoes
 
     Singles = NDArray[np.float32]
     Progress = Callable[[int, int, str], object]
@@ -178,16 +178,6 @@ def put_weather(
     if bright:
         found = replace(found, intensity=np.concatenate(bright))
     return found, np.concatenate(cause) > 0
-
-
-def measured(both: BothEchoes, returns: str) -> list[WeatherEchoes]:
-    """List what a sensor measures: one echo of each beam, or two of those that have two."""
-    if returns != 'dual':
-        return [choose(both, returns)]
-    two = np.isfinite(both.surface.distance) & np.isfinite(both.before.distance)
-    distance = np.where(two, both.before.distance, np.inf)
-    second = WeatherEchoes(distance, both.before.power, both.before.cause)
-    return [choose(both, 'last'), second]
 
 
 def _intensities(

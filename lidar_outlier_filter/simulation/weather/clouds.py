@@ -152,13 +152,8 @@ class CloudWeather:
         both = kinds.make_both(
             self._weather, beams, self._seed, optics, self._returns, sweep, around
         )
-        if self._returns != 'dual':
-            return echoes.choose(both, self._returns), None
-        two = np.isfinite(both.surface.distance) & np.isfinite(both.before.distance)
-        second = np.where(two, both.before.distance, np.inf)
-        return echoes.choose(both, 'last'), echoes.WeatherEchoes(
-            second, both.before.power, both.before.cause
-        )
+        main, *other = echoes.measured(both, self._returns)
+        return main, other[0] if other else None
 
 
 def _most(points: Points) -> int:

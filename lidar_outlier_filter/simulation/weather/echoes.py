@@ -81,3 +81,13 @@ def choose(both: BothEchoes, returns: str) -> WeatherEchoes:
         np.where(taken, before.power, surface.power),
         np.where(taken, before.cause, surface.cause).astype(np.uint8),
     )
+
+
+def measured(both: BothEchoes, returns: str) -> list[WeatherEchoes]:
+    """List what a sensor measures: one echo of each beam, or two of those that have two."""
+    if returns != 'dual':
+        return [choose(both, returns)]
+    two = np.isfinite(both.surface.distance) & np.isfinite(both.before.distance)
+    distance = np.where(two, both.before.distance, np.inf)
+    second = WeatherEchoes(distance, both.before.power, both.before.cause)
+    return [choose(both, 'last'), second]
