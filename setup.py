@@ -15,6 +15,7 @@ from setuptools.command.develop import develop
 from setuptools.command.install import install
 
 NAME = 'lidar_outlier_filter'
+LAB = 'lidar_outlier_lab'  # makes the default, and proves it
 ROOT = Path(__file__).parent
 # What to compile at an installation: the detectors of a chain; nothing; without it, all that ships.
 COMPILE = 'LIDAR_OUTLIER_FILTER_COMPILE'
@@ -76,17 +77,18 @@ setup(
     maintainer='The lidar_outlier_filter authors',
     maintainer_email='lidar_outlier_filter@example.org',
     license='Apache-2.0',
-    packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'core/detectors/evidence/*.json', 'report/assets/*']},
+    packages=find_packages(include=[NAME, f'{NAME}.*', LAB, f'{LAB}.*']),
+    package_data={
+        NAME: ['py.typed', 'core/detectors/evidence/*/*.json', 'report/assets/*'],
+        LAB: ['py.typed'],
+    },
     data_files=shared_files(),
     zip_safe=True,
     python_requires='>=3.11',
     # Lower bounds: what Ubuntu 24.04 packages, so that a Jazzy machine needs pip for rosbags only.
     install_requires=[
-        'matplotlib>=3.6',
         'numba>=0.58',
         'numpy>=1.26',
-        'Pillow>=10.2',
         'PyYAML>=6.0',
         'rich>=13.7',
         'rosbags>=0.11.6',
@@ -104,7 +106,8 @@ setup(
             'ros-jazzy-std-msgs>=5.3,<6',
             'ros-jazzy-std-srvs>=5.3,<6',
         ],
-        'train': ['scikit-learn>=1.5'],  # `tuning.train`: the trees on the scan pattern
+        # What `lidar_outlier_lab` needs, and the pictures of `evaluate` and `report`.
+        'lab': ['matplotlib>=3.6', 'Pillow>=10.2', 'scikit-learn>=1.5'],
         'audit': ['filterpy>=1.4.5'],  # `engine: filterpy`
         # `lidar-outlier-filter clean`: LAS, LAZ, PCD (10 MB); Parquet (170 MB). Others need none.
         'files': ['laspy[lazrs]>=2.5', 'pyproj>=3.6', 'python-neo-lzf>=0.3.5'],
@@ -157,6 +160,11 @@ setup(
         'console_scripts': [
             f'lidar-outlier-filter = {NAME}.cli.start:start',
             f'outlier_filter_node = {NAME}.cli.node:main',
+        ],
+        # Verbs of the one command that are not of the product.
+        f'{NAME}.commands': [
+            f'{verb} = {LAB}.cli.{verb}:add_{verb}'
+            for verb in ('bench', 'demo', 'results', 'simulate', 'train')
         ],
     },
 )

@@ -25,8 +25,9 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
-from lidar_outlier_filter.core.detectors.evidence import declaration, pattern
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import (
+from lidar_outlier_filter.core.detectors.evidence import declaration
+from lidar_outlier_filter.core.detectors.evidence.pattern import judge as pattern
+from lidar_outlier_filter.core.detectors.evidence.pattern.model import (
     NAMES,
     PATTERN_MODEL,
     PROFILE_MODEL,
@@ -34,22 +35,22 @@ from lidar_outlier_filter.core.detectors.evidence.pattern_model import (
     load,
     read_trees,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED
-from lidar_outlier_filter.results.contest import score
-from lidar_outlier_filter.results.contest_tables import TARGETS
-from lidar_outlier_filter.results.contestants import OURS
-from lidar_outlier_filter.results.samples import simulated
-from lidar_outlier_filter.simulation.presets import PRESETS
-from lidar_outlier_filter.tuning import learner
-from lidar_outlier_filter.tuning.train_profile import ROUNDS, STREETS, make_streets, train_profile
+from lidar_outlier_lab.results.contest import score
+from lidar_outlier_lab.results.contest_tables import TARGETS
+from lidar_outlier_lab.results.contestants import OURS
+from lidar_outlier_lab.results.samples import simulated
+from lidar_outlier_lab.simulation.presets import PRESETS
+from lidar_outlier_lab.training import learner
+from lidar_outlier_lab.training.train_profile import ROUNDS, STREETS, make_streets, train_profile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import numpy as np
 
-    from lidar_outlier_filter.results.contest import Record
+    from lidar_outlier_lab.results.contest import Record
 
 MORE = 3  # times as many trees of one question as of three
 Models = dict[str, PatternModel]  # by the file of the package that each stands for

@@ -26,7 +26,7 @@ from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:

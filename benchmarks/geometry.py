@@ -24,11 +24,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
 from shapes import CHAINS, SHAPES, scanned, street
 
-from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
 
 LONGEST = 5.0  # times as long as on the street
 

@@ -31,21 +31,21 @@ import numba
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.points import concatenate
-from lidar_outlier_filter.core.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.judging.blocks import Stream
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.points.points import concatenate
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.results.samples import simulated
+from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -15,8 +15,8 @@ from pathlib import Path
 from rich.console import Console
 
 from lidar_outlier_filter.parameters.detectors import Hierarchical
-from lidar_outlier_filter.results import sotoodeh_picture as hod_picture
-from lidar_outlier_filter.simulation import sotoodeh_clusters as hod_scene
+from lidar_outlier_lab.results import sotoodeh_picture as hod_picture
+from lidar_outlier_lab.simulation.papers import sotoodeh_clusters as hod_scene
 
 SEEDS = range(20)
 

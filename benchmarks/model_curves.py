@@ -20,18 +20,18 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.core.detectors.evidence.pattern import first_pass
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
-from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import REASONS, contribute
-from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
+from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import REASONS, contribute
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import first_pass
+from lidar_outlier_filter.core.detectors.evidence.pattern.model import load
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
     COUNT_AGAIN,
     measure_again,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import add_up
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.plots import COLOURS, DPI, FRAME, GRID, INK
-from lidar_outlier_filter.tuning.scenes import (
+from lidar_outlier_lab.training.scenes import (
     has_pattern,
     known_recordings,
     read_sweeps,
@@ -41,7 +41,7 @@ from lidar_outlier_filter.tuning.scenes import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.tuning.train import Sweep
+    from lidar_outlier_lab.training.train import Sweep
 
     Singles = NDArray[np.float32]
 

@@ -24,11 +24,11 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core import threads as pool
+from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.demo_street import demo_drive
-from lidar_outlier_filter.simulation.recording import clouds
+from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
+from lidar_outlier_lab.simulation.world.recording import clouds
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,8 +16,8 @@ from real_snow_forms import Verdict
 
 from lidar_outlier_filter import CloudFilter
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.files.clean import clean
-from lidar_outlier_filter.files.clean_log import Wanted
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import Wanted
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from real_snow_forms import Cloud
     from real_snow_sweeps import Mask
 
-    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
 
 HESAI = Path(__file__).resolve().parents[1] / 'config' / 'hesai.yaml'  # as the quick start says
 XYZI = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4')]

@@ -17,7 +17,7 @@ from real_snow_sweeps import CLASSES, SNOW
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Confusion, Share
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.results.markdown import NOTHING, number, paragraphs, table
+from lidar_outlier_lab.results.markdown import NOTHING, number, paragraphs, table
 
 if TYPE_CHECKING:
     from pathlib import Path

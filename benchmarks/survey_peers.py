@@ -23,16 +23,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
-from lidar_outlier_filter.results.real_clouds import labelled
-from lidar_outlier_filter.results.samples import simulated
+from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
+from lidar_outlier_lab.results.real_clouds import labelled
+from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.results.samples import Sample
+    from lidar_outlier_lab.results.samples import Sample
 
     Floats = NDArray[np.float64]
     Bools = NDArray[np.bool_]

@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.detectors.evidence import detector
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.tuning.held_out import CLEAN, ENOUGH
-from lidar_outlier_filter.tuning.scenes import (
+from lidar_outlier_lab.training.held_out import CLEAN, ENOUGH
+from lidar_outlier_lab.training.scenes import (
     has_pattern,
     known_recordings,
     read_sweeps,
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
-    from lidar_outlier_filter.tuning.train import Sweep
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_lab.training.train import Sweep
 
     Floats = NDArray[np.float64]
 

@@ -64,7 +64,7 @@ def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros]:
 @pytest.fixture
 def few_edges(monkeypatch: pytest.MonkeyPatch) -> None:
     """Train on coarse histograms: for each edge, scikit-learn takes as long as for a tree."""
-    monkeypatch.setattr('lidar_outlier_filter.tuning.learner.EDGES', 32)
+    monkeypatch.setattr('lidar_outlier_lab.training.learner.EDGES', 32)
 
 
 @pytest.fixture
@@ -81,8 +81,8 @@ def sweeps(recordings: Path) -> list[PointCloud2]:
 @pytest.fixture(scope='session')
 def snow(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Record two turns in snow."""
-    from lidar_outlier_filter.simulation.demo_street import snow_drive  # noqa: PLC0415
-    from lidar_outlier_filter.simulation.recording import record  # noqa: PLC0415
+    from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive  # noqa: PLC0415
+    from lidar_outlier_lab.simulation.world.recording import record  # noqa: PLC0415
 
     path = tmp_path_factory.mktemp('snow') / 'snow'
     record(replace(snow_drive(), lines=2), path, lines_per_message=1)

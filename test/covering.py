@@ -38,7 +38,7 @@ with atheris.instrument_imports(include=['lidar_outlier_filter', 'rosbags', 'las
     from lidar_outlier_filter.messages.decoder import Decoder
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.bags import Recording
-    from lidar_outlier_filter.recordings.salvage import salvaged
+    from lidar_outlier_filter.recordings.salvage.salvage import salvaged
     from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:

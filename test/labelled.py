@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
+from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
-from lidar_outlier_filter.simulation.recording import to_message
-from lidar_outlier_filter.simulation.scene import Cause, Kind
+from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.file_cleaners import Job
     from lidar_outlier_filter.archive.file_workers import Attempt
     from lidar_outlier_filter.errors import FilterError
-    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
 
 # Sends itself a signal when so many files are done.
 PROGRAM = """

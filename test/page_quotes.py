@@ -21,21 +21,21 @@ from page_runs import DATA, ROOT, Pages, run, write_clouds
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.cli.terminal import REFUSED
-from lidar_outlier_filter.core.detectors.evidence.pattern import judge
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import PATTERN_MODEL, read_file
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import judge
+from lidar_outlier_filter.core.detectors.evidence.pattern.model import PATTERN_MODEL, read_file
 from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.core.judging.whole_cloud import judge_whole, with_rings
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
-from lidar_outlier_filter.core.whole_cloud import judge_whole, with_rings
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive, snow_drive
-from lidar_outlier_filter.simulation.recording import record
-from lidar_outlier_filter.tuning.held_out import CHOOSE_BY
-from lidar_outlier_filter.tuning.scenes import known_recordings, read_sweeps
-from lidar_outlier_filter.tuning.single_sweeps import read_single_sweeps
+from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
+from lidar_outlier_lab.simulation.world.recording import record
+from lidar_outlier_lab.training.held_out import CHOOSE_BY
+from lidar_outlier_lab.training.scenes import known_recordings, read_sweeps
+from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

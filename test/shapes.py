@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 
 if TYPE_CHECKING:
     from collections.abc import Callable

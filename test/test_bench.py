@@ -11,9 +11,9 @@ import pytest
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filterpy_engine
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.results import bench
-from lidar_outlier_filter.simulation.demo_street import demo_drive
-from lidar_outlier_filter.simulation.recording import clouds, to_message
+from lidar_outlier_lab.results import bench
+from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
+from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 
 
 @pytest.mark.slow

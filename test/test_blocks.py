@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.blocks import MOST_BLOCKS, Stream
-from lidar_outlier_filter.core.points import SECOND, Points
-from lidar_outlier_filter.core.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.judging.blocks import MOST_BLOCKS, Stream
+from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -22,7 +22,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lidar_outlier_filter.core.chain import Chain
+    from lidar_outlier_filter.core.judging.chain import Chain
     from lidar_outlier_filter.errors import JudgingError
 
 BLOCK, HALO = 10_000_000, 2_000_000  # nanoseconds

@@ -12,9 +12,9 @@ from clouds import cloud, table
 from naive import scan_pattern as naive
 from test_scan_pattern import measured, pattern_of, sweep
 
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
 from lidar_outlier_filter.core.neighbours.brightness import write_brightness
-from lidar_outlier_filter.core.points import Points, concatenate
+from lidar_outlier_filter.core.points.points import Points, concatenate
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

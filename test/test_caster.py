@@ -11,9 +11,10 @@ import pytest
 from naive import raycast as naive
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.caster import PANE, uniform
-from lidar_outlier_filter.simulation.scene import Kind, Rays, Scene
-from lidar_outlier_filter.simulation.surfaces import (
+from lidar_outlier_filter.messages.truth import Kind
+from lidar_outlier_lab.simulation.world.caster import PANE, uniform
+from lidar_outlier_lab.simulation.world.scene import Rays, Scene
+from lidar_outlier_lab.simulation.world.surfaces import (
     Ball,
     BarrierArm,
     Box,
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.simulation.scene import Hits, Surface
+    from lidar_outlier_lab.simulation.world.scene import Hits, Surface
 
     Floats = NDArray[np.float64]
     Vector = tuple[float, float, float]

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.registry import BITS
-from lidar_outlier_filter.core.points import FARTHEST, FINEST, Points
-from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.points.points import FARTHEST, FINEST, Points
 from lidar_outlier_filter.core.verdict import ALL, SECOND_PHASE, Verdict
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -210,7 +210,7 @@ def test_compiles_what_the_parameters_ask_for(chain: tuple[str, ...]) -> None:
 COMPILING = """
 import sys
 import numpy as np
-from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from test_evidence import arm, road, sweep
 

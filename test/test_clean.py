@@ -21,12 +21,12 @@ from cloud_files import columns
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.clean import clean
-from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, Wanted
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
 
     Capture = pytest.CaptureFixture[str]
 

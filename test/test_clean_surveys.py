@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.heights import is_high
-from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.files import classes
+from lidar_outlier_filter.files.cleaning import classes
 
 if TYPE_CHECKING:
     from pathlib import Path

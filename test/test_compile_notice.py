@@ -14,8 +14,8 @@ from numba import njit
 from watching import fresh_copy
 
 from lidar_outlier_filter.cli.compile_notice import notice
-from lidar_outlier_filter.core.compile_listeners import listeners
-from lidar_outlier_filter.core.compiling import NotCompiled, only_compiled
+from lidar_outlier_filter.core.kernels.compile_listeners import listeners
+from lidar_outlier_filter.core.kernels.compiling import NotCompiled, only_compiled
 from lidar_outlier_filter.stream.compiling import SECONDS, SHARED_SECONDS
 
 if TYPE_CHECKING:

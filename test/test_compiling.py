@@ -19,7 +19,7 @@ from numba.core.event import Event, Listener, install_listener
 
 from lidar_outlier_filter.cli.compile import _wanted
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.compiling import SENSORS, NotCompiled, only_compiled
+from lidar_outlier_filter.core.kernels.compiling import SENSORS, NotCompiled, only_compiled
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, detector_names
 from lidar_outlier_filter.stream import compiling

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.evaluation.confusion import Confusion
-from lidar_outlier_filter.results import contest, contest_tables
-from lidar_outlier_filter.results.contest import Record, Standing, compete, score, standings
-from lidar_outlier_filter.results.contest_section import entries, written
-from lidar_outlier_filter.results.contest_tables import Target
-from lidar_outlier_filter.results.contestants import (
+from lidar_outlier_lab.results import contest, contest_tables
+from lidar_outlier_lab.results.contest import Record, Standing, compete, score, standings
+from lidar_outlier_lab.results.contest_section import entries, written
+from lidar_outlier_lab.results.contest_tables import Target
+from lidar_outlier_lab.results.contestants import (
     DEFAULT,
     OURS,
     RULES,
@@ -25,10 +25,10 @@ from lidar_outlier_filter.results.contestants import (
     Peer,
     peers,
 )
-from lidar_outlier_filter.results.samples import simulated
+from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.results.samples import Sample
+    from lidar_outlier_lab.results.samples import Sample
 
 
 def record(name: str, counts: tuple[int, int, int, int], seed: int = 1, **more: str) -> Record:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.results import contestants
-from lidar_outlier_filter.results.contestants import (
+from lidar_outlier_filter.tuning.training import Training
+from lidar_outlier_lab.results import contestants
+from lidar_outlier_lab.results.contestants import (
     DEFAULT,
     OURS,
     RULES,
@@ -21,8 +22,7 @@ from lidar_outlier_filter.results.contestants import (
     missing,
     peers,
 )
-from lidar_outlier_filter.results.samples import Sample
-from lidar_outlier_filter.tuning.training import Training
+from lidar_outlier_lab.results.samples import Sample
 
 if TYPE_CHECKING:
     import pytest

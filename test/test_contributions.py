@@ -7,13 +7,13 @@ from __future__ import annotations
 import numpy as np
 from test_evidence import arm
 
-from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.detectors.evidence import survey
-from lidar_outlier_filter.core.detectors.evidence.contributions import contributions
 from lidar_outlier_filter.core.detectors.evidence.declaration import Way
-from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
-from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.core.seen import Seen
+from lidar_outlier_filter.core.detectors.evidence.explain.contributions import contributions
+from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
+from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
+from lidar_outlier_filter.core.detectors.seen import Seen
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
 
 CONFIG = Path(__file__).parents[1] / 'config'
 COUNT = 1000

@@ -21,12 +21,12 @@ from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.results import demo
-from lidar_outlier_filter.simulation.demo_street import demo_drive, snow_drive
-from lidar_outlier_filter.simulation.trajectory import Trajectory
+from lidar_outlier_lab.results import demo
+from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive, snow_drive
+from lidar_outlier_lab.simulation.world.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.simulation.drive import Drive
+    from lidar_outlier_lab.simulation.world.drive import Drive
 
 OUTPUT = Path('demo_output')
 FILES = {

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.dials import decades
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.tuning.dials import searches

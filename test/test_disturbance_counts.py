@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation import disturbance_counts as choose
-from lidar_outlier_filter.simulation.demo_street import demo_drive
-from lidar_outlier_filter.simulation.drive import Block, Drive, Returns, merge, simulate
-from lidar_outlier_filter.simulation.recording import POINT
-from lidar_outlier_filter.simulation.scene import Cause, Scene
-from lidar_outlier_filter.simulation.surfaces import Ground
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_lab.simulation.papers import disturbance_counts as choose
+from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
+from lidar_outlier_lab.simulation.world.drive import Block, Drive, Returns, merge, simulate
+from lidar_outlier_lab.simulation.world.recording import POINT
+from lidar_outlier_lab.simulation.world.scene import Scene
+from lidar_outlier_lab.simulation.world.surfaces import Ground
 
 GOOD, SNOW, MIXED = Cause.GOOD, Cause.SNOW, Cause.MIXED
 

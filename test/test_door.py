@@ -16,7 +16,7 @@ import lidar_outlier_filter
 from lidar_outlier_filter import CloudFilter, detect_outliers
 from lidar_outlier_filter.core.detectors import elevation, lof, sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
-from lidar_outlier_filter.core.detectors.evidence import detector as evidence
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector as evidence
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.detectors.registry import BITS

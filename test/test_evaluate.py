@@ -19,8 +19,8 @@ from lidar_outlier_filter.cli.evaluate import label_files
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.judged import read_recording
-from lidar_outlier_filter.simulation.demo_street import SENSOR, demo_drive
-from lidar_outlier_filter.simulation.recording import record
+from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive
+from lidar_outlier_lab.simulation.world.recording import record
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,11 +12,11 @@ import pytest
 from naive import evidence as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lidar_outlier_filter.core.detectors.evidence import detector as evidence
-from lidar_outlier_filter.core.detectors.evidence import groups, lines
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector as evidence
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum import groups, lines
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.core.scan_lines import find_lines
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.points.scan_lines import find_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

@@ -217,8 +217,8 @@ from clouds import cloud, table
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import plain
 from lidar_outlier_filter.core.detectors.registry import register
-from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.parameters.declaration import Section, declare
 from lidar_outlier_filter.ros.executable import main
 import numpy as np

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from test_blocks import TaggedStream
 
-    from lidar_outlier_filter.core.chain import Chain
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.judging.chain import Chain
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
 
 RAISED = [FilterError('k', 'less', 3), ValueError('a\nb'), FloatingPointError(), MemoryError()]

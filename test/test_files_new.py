@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from lidar_outlier_filter.disk import publication
+from lidar_outlier_filter.disk.new_files import new_files, new_output
+from lidar_outlier_filter.disk.publication import FILE, FOLDER
 from lidar_outlier_filter.errors import CloudError, RecordingError
-from lidar_outlier_filter.files import publication
 from lidar_outlier_filter.files.cloud_file import open_cloud
-from lidar_outlier_filter.files.new_files import new_files, new_output
-from lidar_outlier_filter.files.publication import FILE, FOLDER
 
 if TYPE_CHECKING:
     from pathlib import Path

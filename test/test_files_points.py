@@ -15,9 +15,9 @@ import pytest
 from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError, FilterError
-from lidar_outlier_filter.files import scan
+from lidar_outlier_filter.files.cleaning import scan
+from lidar_outlier_filter.files.cleaning.points import Loaded, choose_coordinates, load
 from lidar_outlier_filter.files.cloud_file import open_cloud
-from lidar_outlier_filter.files.points import Loaded, choose_coordinates, load
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

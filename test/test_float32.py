@@ -13,7 +13,7 @@ from test_replay import cloud as sweep
 
 from lidar_outlier_filter import CloudFilter
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.points import COARSEST, too_coarse
+from lidar_outlier_filter.core.points.points import COARSEST, too_coarse
 
 if TYPE_CHECKING:
     from pathlib import Path

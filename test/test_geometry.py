@@ -13,8 +13,8 @@ import pytest
 from naive import hierarchical as naive
 from shapes import CHAINS, GRID, LINE, SHAPES, UTM, scanned, street
 
-from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines, sort_lines
 from lidar_outlier_filter.parameters.detectors import Hierarchical
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
 
     Floats = NDArray[np.float64]
 

@@ -23,8 +23,8 @@ from rosbags.typesys import Stores, get_typestore
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.recordings.mcap_records import walk
 from lidar_outlier_filter.recordings.packed import unpack_file
+from lidar_outlier_filter.recordings.salvage.mcap_records import walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,8 +14,8 @@ import pytest
 from cloud_files import columns, copied
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.clean import clean
-from lidar_outlier_filter.files.clean_log import Wanted
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import Wanted
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
 from lidar_outlier_filter.files.room import check_points
 
@@ -338,7 +338,7 @@ def test_too_large_for_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     path = tmp_path / 'cloud.pcd'
     path.write_bytes(PCD.format(COUNT, 'binary').encode() + rows())
-    monkeypatch.setattr('lidar_outlier_filter.files.judged_file.judge_whole', none)
+    monkeypatch.setattr('lidar_outlier_filter.files.cleaning.judged_file.judge_whole', none)
     with pytest.raises(CloudError, match='small enough for the memory, or judged in tiles'):
         clean(path, tmp_path / 'out.pcd', Wanted())
     assert [item.name for item in tmp_path.iterdir()] == ['cloud.pcd']

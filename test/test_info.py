@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.files.info import look_at_file
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.info import look

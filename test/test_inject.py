@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.scene import Cause
+from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.tuning.inject import Injection, inject
 
 SECOND = 1_000_000_000

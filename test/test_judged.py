@@ -20,7 +20,7 @@ from lidar_outlier_filter.evaluation.judged import (
 )
 from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.messages.cloud import split
-from lidar_outlier_filter.simulation.recording import to_message
+from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from lidar_outlier_filter.core import kernel_cache
+from lidar_outlier_filter.core.kernels import kernel_cache
 
 PACKAGE = Path(kernel_cache.__file__).parents[1]
 no_caches = shutil.ignore_patterns('__pycache__')
 
 KERNEL = """
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel
 {imports}
 
 @kernel
@@ -85,7 +85,7 @@ def test_only_what_a_kernel_can_reach_makes_it_old(toy: Path) -> None:
 
 # Two copies of the package: what was compiled in one is used in the other, which cannot be written.
 TWICE = """
-from lidar_outlier_filter.core import kernel_cache
+from lidar_outlier_filter.core.kernels import kernel_cache
 from toy.caller import answer
 print(answer(1), sum(answer.stats.cache_hits.values()), len(kernel_cache.complaints))
 """
@@ -142,7 +142,7 @@ def test_no_folder_can_be_written(toy: Path, tmp_path: Path) -> None:
 def test_a_kernel_that_cannot_be_saved_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     """A full disk is one sentence."""
     usual = IndexDataCacheFile('/dev/null', 'room.kernel-1.py311', None)  # type: ignore[no-untyped-call]
-    file = kernel_cache.CacheFile(usual, __file__, 'lidar_outlier_filter.core.kernels')
+    file = kernel_cache.CacheFile(usual, __file__, 'lidar_outlier_filter.core.kernels.kernels')
     monkeypatch.setattr(kernel_cache, 'complaints', [])
     for _ in range(2):
         file.save('key', 'data')

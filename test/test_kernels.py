@@ -7,7 +7,13 @@ from time import process_time
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.kernels import inlined_kernel, inner_kernel, kernel, median, select
+from lidar_outlier_filter.core.kernels.kernels import (
+    inlined_kernel,
+    inner_kernel,
+    kernel,
+    median,
+    select,
+)
 
 
 @pytest.mark.parametrize('count', [*range(1, 34), 100, 101])

@@ -16,9 +16,9 @@ from damaged import write_recording
 from hostile import FORMATS, whole_file
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.disk.hidden_folder import LOCK, hidden_folder
+from lidar_outlier_filter.disk.scratch import scratch
 from lidar_outlier_filter.errors import CloudError, RecordingError
-from lidar_outlier_filter.files.hidden_folder import LOCK, hidden_folder
-from lidar_outlier_filter.files.scratch import scratch
 from lidar_outlier_filter.recordings.packed import unpack_file
 from lidar_outlier_filter.recordings.replay import replay
 
@@ -26,7 +26,7 @@ KILLING = Path(__file__).with_name('killing.py')
 FULL = """
 import resource, sys
 from lidar_outlier_filter.cli.main import main
-import lidar_outlier_filter.files.clean
+import lidar_outlier_filter.files.cleaning.clean
 resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))
 print([main(['clean', '--chain', 'sor', path]) for path in sys.argv[1:]])
 """

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.simulation.landscape import Landscape, Plants, build, hills
-from lidar_outlier_filter.simulation.scene import Kind
+from lidar_outlier_filter.messages.truth import Kind
+from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants, build, hills
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from lidar_outlier_filter.core import lanes
+from lidar_outlier_filter.core.kernels import lanes
 
 
 @pytest.mark.parametrize('count', [1, 2, 3, 7, 16, 20, 33])

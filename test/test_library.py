@@ -19,8 +19,8 @@ from lidar_outlier_filter import (
     Verdict,
     detect_outliers,
 )
-from lidar_outlier_filter.files.clean import clean
-from lidar_outlier_filter.files.clean_log import Wanted
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import Wanted
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.points import SECOND, Points
-from lidar_outlier_filter.core.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.report import live_clouds
 from lidar_outlier_filter.report.live_clouds import (
     KEPT_SECONDS,

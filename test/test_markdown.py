@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.results import markdown
+from lidar_outlier_lab.results import markdown
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,7 +13,7 @@ from profile_scanner import SHOTS, Drive
 from test_blocks import BLOCK, HALO, expected_scores, points_at, random_times, stream
 from test_motion import Moving
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:

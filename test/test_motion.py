@@ -13,8 +13,8 @@ from clouds import SECOND, STAMP, cloud, table
 from profile_scanner import MOUNTING, SHOTS, Drive, seconds
 from test_scan_pattern import sweep
 
-from lidar_outlier_filter.core.points import concatenate
-from lidar_outlier_filter.core.poses import Mounting, Track
+from lidar_outlier_filter.core.points.points import concatenate
+from lidar_outlier_filter.core.points.poses import Mounting, Track
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
 
 SOR: dict[str, object] = {

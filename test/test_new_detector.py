@@ -19,7 +19,6 @@ from test_replay import ROW, write_drive
 from test_replay import cloud as recorded
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.declaration import Detector, Measured, Tiled
 from lidar_outlier_filter.core.detectors.dials import Dial, decades, each, plain
 from lidar_outlier_filter.core.detectors.registry import (
@@ -30,8 +29,9 @@ from lidar_outlier_filter.core.detectors.registry import (
     table,
     unregister,
 )
-from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import SECOND_PHASE
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.parameters.declaration import Section, declare

@@ -32,7 +32,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.threads import cores
+from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros import node as node_module
 from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.report import worst

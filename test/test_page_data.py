@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.evidence.explain.reasons import REASON_NAMES
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
@@ -29,8 +29,8 @@ from lidar_outlier_filter.report.pack import REASONS, SCORE_UNIT, STEPS, UNTESTE
 from lidar_outlier_filter.report.reasons import FEATURES, MOST_IN_BLOCK, OF_WAY, STRONGEST
 from lidar_outlier_filter.report.sliders import BITS, sliders
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
-from lidar_outlier_filter.simulation.demo_street import snow_drive
-from lidar_outlier_filter.simulation.recording import record
+from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive
+from lidar_outlier_lab.simulation.world.recording import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -13,15 +13,15 @@ import pytest
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.detectors import Elevation, Hierarchical
-from lidar_outlier_filter.results.neighbour_curves import statistics
-from lidar_outlier_filter.results.papers import kang, maps, pirotti_buses, roc, side_views
-from lidar_outlier_filter.results.papers import sotoodeh_hod as hod
-from lidar_outlier_filter.results.papers import sotoodeh_lof as lof
-from lidar_outlier_filter.results.papers.pages import PAGES
-from lidar_outlier_filter.results.papers.published import HIERARCHICAL, LOF
-from lidar_outlier_filter.simulation import aerial, bus_tracks, sotoodeh_clusters
-from lidar_outlier_filter.simulation.scene import Cause
+from lidar_outlier_lab.results.neighbour_curves import statistics
+from lidar_outlier_lab.results.papers import kang, maps, pirotti_buses, roc, side_views
+from lidar_outlier_lab.results.papers import sotoodeh_hod as hod
+from lidar_outlier_lab.results.papers import sotoodeh_lof as lof
+from lidar_outlier_lab.results.papers.pages import PAGES
+from lidar_outlier_lab.results.papers.published import HIERARCHICAL, LOF
+from lidar_outlier_lab.simulation.papers import aerial, bus_tracks, sotoodeh_clusters
 
 DOC = Path(__file__).parents[1] / 'doc' / 'papers'
 

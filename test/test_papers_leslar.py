@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.cli.results import PAPERS
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.evaluation.confusion import Confusion
+from lidar_outlier_filter.messages.truth import Kind
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.results.papers import leslar, leslar_picture
-from lidar_outlier_filter.results.papers.counts import NONE_OF_ITS_PRESETS, Counted, count
-from lidar_outlier_filter.results.papers.pages import PAGES, write_up
-from lidar_outlier_filter.results.papers.published import LESLAR, OUTLIERS
-from lidar_outlier_filter.results.samples import Sample
-from lidar_outlier_filter.simulation.scene import Kind
 from lidar_outlier_filter.tuning.training import Training
+from lidar_outlier_lab.cli.results import PAPERS
+from lidar_outlier_lab.results.papers import leslar, leslar_picture
+from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, Counted, count
+from lidar_outlier_lab.results.papers.pages import PAGES, write_up
+from lidar_outlier_lab.results.papers.published import LESLAR, OUTLIERS
+from lidar_outlier_lab.results.samples import Sample
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -20,7 +20,7 @@ from sklearn.neighbors import LocalOutlierFactor
 
 from lidar_outlier_filter.core.detectors import lof, sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.points import is_return
+from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.detectors import Lof, Sor
 

@@ -8,14 +8,14 @@ from naive import scan_pattern as naive
 from test_profile_pattern import Drive
 from test_scan_pattern import sweep
 
-from lidar_outlier_filter.core.detectors.evidence.pattern import find_either, judge
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import load
-from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import (
+from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import (
     REASONS,
     Reasons,
     contribute,
     explain,
 )
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either, judge
+from lidar_outlier_filter.core.detectors.evidence.pattern.model import load
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError

@@ -18,10 +18,10 @@ from lidar_outlier_filter.archive import pieces as module
 from lidar_outlier_filter.archive.pieces import cut
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.verdict_bytes import digest, pack, unpack
-from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.compiling import SENSORS, sample
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.kernels.compiling import SENSORS, sample
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lidar_outlier_filter.core import poses
-from lidar_outlier_filter.core.points import Points, concatenate
-from lidar_outlier_filter.core.poses import KEPT, Mounting, Track
+from lidar_outlier_filter.core.points import poses
+from lidar_outlier_filter.core.points.points import Points, concatenate
+from lidar_outlier_filter.core.points.poses import KEPT, Mounting, Track
 from lidar_outlier_filter.errors import PoseError
 
 if TYPE_CHECKING:

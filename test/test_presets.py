@@ -14,23 +14,23 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.cli.simulate import add_simulate
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.simulation import aerial
-from lidar_outlier_filter.simulation import bus_tracks as bus
-from lidar_outlier_filter.simulation import spinning_streets as streets
-from lidar_outlier_filter.simulation import surveyed_streets as leslar
-from lidar_outlier_filter.simulation.presets import PRESETS, make
-from lidar_outlier_filter.simulation.scene import Cause, Kind
+from lidar_outlier_lab.cli.simulate import add_simulate
+from lidar_outlier_lab.simulation.papers import aerial
+from lidar_outlier_lab.simulation.papers import bus_tracks as bus
+from lidar_outlier_lab.simulation.papers import surveyed_streets as leslar
+from lidar_outlier_lab.simulation.presets import PRESETS, make
+from lidar_outlier_lab.simulation.scenes import spinning_streets as streets
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.simulation.recording import Cloud
+    from lidar_outlier_lab.simulation.world.recording import Cloud
 
     Rows = NDArray[np.void]
 

@@ -14,28 +14,26 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 from test_scan_pattern import sweep
 
-from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.detectors.evidence import (
-    detector,
-    pattern_features,
-    profile_groups,
-)
-from lidar_outlier_filter.core.detectors.evidence.pattern import judge
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared, prepare
-from lidar_outlier_filter.core.detectors.evidence.profile_features import (
+from lidar_outlier_filter.core.detectors.evidence.pattern import features as pattern_features
+from lidar_outlier_filter.core.detectors.evidence.pattern import profile_groups
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import judge
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
     COUNT_PROFILE,
     PROFILE,
     measure_profile,
 )
-from lidar_outlier_filter.core.detectors.evidence.profile_groups import (
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_groups import (
     GROUPS,
     REACHES,
     find_groups,
 )
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared, prepare
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector
+from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

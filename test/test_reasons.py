@@ -17,36 +17,39 @@ from test_profile_pattern import pattern_of as profile_of
 from test_scan_pattern import pattern_of as spinning_of
 from test_scan_pattern import sweep
 
-from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.detectors.evidence.detector import neighbours
-from lidar_outlier_filter.core.detectors.evidence.features import FEATURES as OF_SUM
-from lidar_outlier_filter.core.detectors.evidence.features import compute, see
-from lidar_outlier_filter.core.detectors.evidence.pattern import first_pass
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import (
+from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import contribute
+from lidar_outlier_filter.core.detectors.evidence.explain.reasons import (
+    REASON_NAMES,
+    strongest_of_trees,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import first_pass
+from lidar_outlier_filter.core.detectors.evidence.pattern.model import (
     PROFILE_MODEL,
     PatternModel,
     load,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import contribute
-from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
+    PROFILE,
+    measure_profile,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
     AGAIN,
     COUNT_AGAIN,
     measure_again,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
-from lidar_outlier_filter.core.detectors.evidence.profile_features import PROFILE, measure_profile
-from lidar_outlier_filter.core.detectors.evidence.reasons import (
-    REASON_NAMES,
-    strongest_of_trees,
-)
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import neighbours
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.features import FEATURES as OF_SUM
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.features import compute, see
+from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.detectors.evidence.pattern_window import Prepared
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
 
 PAGE = Path(__file__).parents[1] / 'doc/detectors/evidence.md'

@@ -12,31 +12,32 @@ import pytest
 from scipy import stats
 
 from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.messages.truth import Cause, Kind
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.simulation.demo_street import demo_drive
-from lidar_outlier_filter.simulation.drive import Disturbances, Drive, Returns, simulate
-from lidar_outlier_filter.simulation.particles import Fall, Puff
-from lidar_outlier_filter.simulation.recording import POINT, clouds, record
-from lidar_outlier_filter.simulation.scene import Cause, Kind, Rays, Scene
-from lidar_outlier_filter.simulation.sensors import ProfileScanner, _strongest
-from lidar_outlier_filter.simulation.spinning_streets import RAIN, SNOW
-from lidar_outlier_filter.simulation.surfaces import (
+from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
+from lidar_outlier_lab.simulation.scenes.spinning_streets import RAIN, SNOW
+from lidar_outlier_lab.simulation.weather.beams import Optics
+from lidar_outlier_lab.simulation.weather.drops import Precipitation
+from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, Returns, simulate
+from lidar_outlier_lab.simulation.world.particles import Fall, Puff
+from lidar_outlier_lab.simulation.world.recording import POINT, clouds, record
+from lidar_outlier_lab.simulation.world.scene import Rays, Scene
+from lidar_outlier_lab.simulation.world.sensors import ProfileScanner, _strongest
+from lidar_outlier_lab.simulation.world.surfaces import (
     BarrierArm,
     Box,
     Building,
     Ground,
     Pole,
 )
-from lidar_outlier_filter.simulation.trajectory import Trajectory
-from lidar_outlier_filter.simulation.weather.beams import Optics
-from lidar_outlier_filter.simulation.weather.drops import Precipitation
+from lidar_outlier_lab.simulation.world.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.simulation.scene import Surface
+    from lidar_outlier_lab.simulation.world.scene import Surface
 
 QUIET = Disturbances(reflection=0.0, near_surface=0.0)
 SMOOTH = Trajectory(speed_change=0.0, bump=0.0, sway=0.0)

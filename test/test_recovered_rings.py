@@ -16,8 +16,8 @@ from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.neighbours import ring_origin
 from lidar_outlier_filter.core.neighbours.recovered_rings import find_peaks, recover_rings
 from lidar_outlier_filter.core.neighbours.ring_origin import find_origin
-from lidar_outlier_filter.files.clean import clean
-from lidar_outlier_filter.files.clean_log import SEPARATE, Wanted
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import SEPARATE, Wanted
 from lidar_outlier_filter.files.cloud_file import filled, open_cloud, read_exact
 from lidar_outlier_filter.files.info import look_at_file
 from lidar_outlier_filter.messages.decoder import Decoder

@@ -16,7 +16,7 @@ import pytest
 from damaged import write_large
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.journal import NOTES

@@ -40,9 +40,9 @@ from mcap.reader import make_reader
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import LATEST, NewBag, Recording, Topic
-from lidar_outlier_filter.recordings.damaged_sqlite import DamagedDatabase
-from lidar_outlier_filter.recordings.losses import MOST, Losses
 from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.recordings.salvage.losses import MOST, Losses
+from lidar_outlier_filter.recordings.salvage.sqlite import DamagedDatabase
 
 if TYPE_CHECKING:
     from damaged import Content

@@ -11,9 +11,9 @@ import pytest
 from labelled import BAD, rows
 
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.results.samples import Sample, simulated
-from lidar_outlier_filter.simulation import presets
-from lidar_outlier_filter.simulation.recording import FRAME, START, Cloud
+from lidar_outlier_lab.results.samples import Sample, simulated
+from lidar_outlier_lab.simulation import presets
+from lidar_outlier_lab.simulation.world.recording import FRAME, START, Cloud
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

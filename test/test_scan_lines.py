@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from naive import alpha_beta_gamma as naive
 
-from lidar_outlier_filter.core.points import Points, concatenate
-from lidar_outlier_filter.core.scan_lines import (
+from lidar_outlier_filter.core.points.points import Points, concatenate
+from lidar_outlier_filter.core.points.scan_lines import (
     LineCounter,
     Lines,
     _count_lines,

@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.core.detectors.evidence.pattern import judge
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import COUNT, FEATURES, measure
-from lidar_outlier_filter.core.detectors.evidence.pattern_scores import (
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES, measure
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import judge
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
     AGAIN,
     COUNT_AGAIN,
     count_scores,
     measure_again,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern, count_points
 from lidar_outlier_filter.core.neighbours.scan_pattern import arctangent, find_pattern
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.results.tuner_proof import AIM, BAD_START, prove, run
 from lidar_outlier_filter.tuning.dials import searches
 from lidar_outlier_filter.tuning.model import AUC, Goal, Model, levels, middle_of_best
 from lidar_outlier_filter.tuning.search import fold_of_each, tune
 from lidar_outlier_filter.tuning.training import Training, together
+from lidar_outlier_lab.results.tuner_proof import AIM, BAD_START, prove, run
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

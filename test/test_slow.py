@@ -18,11 +18,11 @@ from test_replay import cloud as sweep
 from test_replay import content, write_drive
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.compiling import COUNT
 from lidar_outlier_filter.core.detectors import sor
-from lidar_outlier_filter.core.points import SECOND, Points
-from lidar_outlier_filter.core.slow import SlowDetector, watched
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.judging.slow import SlowDetector, watched
+from lidar_outlier_filter.core.kernels.compiling import COUNT
+from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 

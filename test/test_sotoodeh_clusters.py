@@ -19,9 +19,9 @@ from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOut
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation import pictures as picture
 from lidar_outlier_filter.parameters.detectors import Hierarchical
-from lidar_outlier_filter.results import sotoodeh_picture as hod_picture
-from lidar_outlier_filter.simulation import sotoodeh_clusters as hod_scene
-from lidar_outlier_filter.simulation.sotoodeh_clusters import FAR, NEAR, Errors, simulate
+from lidar_outlier_lab.results import sotoodeh_picture as hod_picture
+from lidar_outlier_lab.simulation.papers import sotoodeh_clusters as hod_scene
+from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, Errors, simulate
 
 if TYPE_CHECKING:
     from types import ModuleType

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.drive import Disturbances, Drive, Returns, simulate
-from lidar_outlier_filter.simulation.recording import messages
-from lidar_outlier_filter.simulation.scene import Cause, Kind, Scene
-from lidar_outlier_filter.simulation.sensors import SpinningScanner
-from lidar_outlier_filter.simulation.spinning_streets import SENSORS, rings
-from lidar_outlier_filter.simulation.surfaces import Box, Ground, Pole
-from lidar_outlier_filter.simulation.trajectory import Route
+from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_lab.simulation.scenes.spinning_streets import SENSORS, rings
+from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, Returns, simulate
+from lidar_outlier_lab.simulation.world.recording import messages
+from lidar_outlier_lab.simulation.world.scene import Scene
+from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
+from lidar_outlier_lab.simulation.world.surfaces import Box, Ground, Pole
+from lidar_outlier_lab.simulation.world.trajectory import Route
 
 QUIET = Disturbances(reflection=0.0, near_surface=0.0)
 FLAT = Scene((Ground(-500.0, 500.0, 500.0),))

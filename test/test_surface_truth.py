@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidar_outlier_filter.simulation import surface_truth
-from lidar_outlier_filter.simulation.landscape import Plants
+from lidar_outlier_lab.simulation.papers import surface_truth
+from lidar_outlier_lab.simulation.world.landscape import Plants
 
 
 def to_triangle(p: np.ndarray, corners: np.ndarray) -> float:

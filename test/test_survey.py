@@ -13,16 +13,18 @@ from numpy.typing import NDArray
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
-from lidar_outlier_filter.core.detectors.evidence import survey, survey_far, survey_near
-from lidar_outlier_filter.core.detectors.evidence.survey_far import MOST, Far
-from lidar_outlier_filter.core.detectors.evidence.survey_model import load
-from lidar_outlier_filter.core.detectors.evidence.survey_near import K
-from lidar_outlier_filter.core.detectors.evidence.survey_places import find_places, shares_places
-from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
+from lidar_outlier_filter.core.detectors.evidence.survey import far as survey_far
+from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
+from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
+from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far
+from lidar_outlier_filter.core.detectors.evidence.survey.model import load
+from lidar_outlier_filter.core.detectors.evidence.survey.near import K
+from lidar_outlier_filter.core.detectors.evidence.survey.places import find_places, shares_places
+from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
+from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
+from lidar_outlier_filter.core.judging.whole_cloud import judge_whole
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.points import Points, is_return
-from lidar_outlier_filter.core.tiled_chain import TiledChain
-from lidar_outlier_filter.core.whole_cloud import judge_whole
+from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

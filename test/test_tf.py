@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from test_poses import LEVEL, SECOND, START, points, turned
 from tf_buffer import Listener, make_tf, transform
 
-from lidar_outlier_filter.core.poses import KEPT
+from lidar_outlier_filter.core.points.poses import KEPT
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from lidar_outlier_filter.core import threads
+from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def test_cores_are_those_of_the_process() -> None:
     assert threads.cores() == len(os.sched_getaffinity(0))
     program = (
         'import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))});'
-        'from lidar_outlier_filter.core.threads import cores; print(cores())'
+        'from lidar_outlier_filter.core.kernels.threads import cores; print(cores())'
     )
     answer = subprocess.run([sys.executable, '-c', program], check=True, capture_output=True)
     assert answer.stdout == b'1\n'
@@ -134,7 +134,7 @@ def test_works_in_a_forked_process() -> None:
     """A child that was forked while others were at work has threads of its own."""
     program = """
 import os, threading, warnings
-from lidar_outlier_filter.core import threads
+from lidar_outlier_filter.core.kernels import threads
 warnings.simplefilter('ignore')  # newer Pythons warn of what is tried here
 started, go_on = threading.Event(), threading.Event()
 work = lambda *_: (started.set(), go_on.wait(30))

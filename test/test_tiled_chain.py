@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core import tiled_chain as tiled
-from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.points import Points
-from lidar_outlier_filter.core.tiled_chain import TiledChain
-from lidar_outlier_filter.core.tiles import Tiles
+from lidar_outlier_filter.core.judging import tiled_chain as tiled
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
+from lidar_outlier_filter.core.judging.tiles import Tiles
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.files.cleaning.points import choose_coordinates, load
 from lidar_outlier_filter.files.cloud_file import open_cloud
-from lidar_outlier_filter.files.points import choose_coordinates, load
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

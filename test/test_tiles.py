@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.tiles import Tiles
+from lidar_outlier_filter.core.judging.tiles import Tiles
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -169,8 +169,8 @@ def test_few_pairs_at_once(monkeypatch: pytest.MonkeyPatch, pairs: int) -> None:
     left, start = some(), np.arange(0, 300, 30)
     start = start[left[start]]
     expected = tiles.closure(start, 3, 2, left, np.full(300, np.nan))
-    monkeypatch.setattr('lidar_outlier_filter.core.tiles.PAIRS', pairs)
-    monkeypatch.setattr('lidar_outlier_filter.core.tiles.CHUNK', 17)
+    monkeypatch.setattr('lidar_outlier_filter.core.judging.tiles.PAIRS', pairs)
+    monkeypatch.setattr('lidar_outlier_filter.core.judging.tiles.CHUNK', 17)
     again = Tiles(cloud(), np.ones(300, np.bool_), 3.0, np.empty)
     np.testing.assert_array_equal(again.order, tiles.order)
     np.testing.assert_array_equal(again.xyz, tiles.xyz)

@@ -9,17 +9,17 @@ import pytest
 from sklearn.ensemble import HistGradientBoostingClassifier
 from test_scan_pattern import sweep
 
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import read_trees
-from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
-from lidar_outlier_filter.core.detectors.evidence.pattern_window import prepare
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.model import read_trees
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.tuning.held_out import LIMITS, choose_threshold, figures, judge_at_all
-from lidar_outlier_filter.tuning.learner import export, window_features
-from lidar_outlier_filter.tuning.train import FALL, RISE, Recipe, Sweep, lie_between, train
+from lidar_outlier_lab.training.held_out import LIMITS, choose_threshold, figures, judge_at_all
+from lidar_outlier_lab.training.learner import export, window_features
+from lidar_outlier_lab.training.train import FALL, RISE, Recipe, Sweep, lie_between, train
 
 FEW = (3, 4)  # trees
 pytestmark = pytest.mark.usefixtures('few_edges')

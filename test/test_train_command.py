@@ -12,11 +12,11 @@ import pytest
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.simulation import profile_streets
-from lidar_outlier_filter.simulation.weather.kinds import WEATHERS
-from lidar_outlier_filter.tuning import scenes, train, train_profile
-from lidar_outlier_filter.tuning.ring_tables import TABLES, known_scanners, read_elevations
-from lidar_outlier_filter.tuning.single_sweeps import read_single_sweeps
+from lidar_outlier_lab.simulation.scenes import profile_streets
+from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
+from lidar_outlier_lab.training import scenes, train, train_profile
+from lidar_outlier_lab.training.ring_tables import TABLES, known_scanners, read_elevations
+from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
 
 if TYPE_CHECKING:
     from pathlib import Path

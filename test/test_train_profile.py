@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from lidar_outlier_filter.core.detectors.evidence.pattern_features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern_model import NAMES, PROFILE_MODEL, load
-from lidar_outlier_filter.core.detectors.evidence.pattern_scores import AGAIN
-from lidar_outlier_filter.core.detectors.evidence.profile_features import PROFILE
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.model import NAMES, PROFILE_MODEL, load
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import PROFILE
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.profile_streets import training_street
-from lidar_outlier_filter.tuning.train_profile import Street, measured, train_profile
+from lidar_outlier_lab.simulation.scenes.profile_streets import training_street
+from lidar_outlier_lab.training.train_profile import Street, measured, train_profile
 
 FEW = (3, 4)  # trees
 pytestmark = pytest.mark.usefixtures('few_edges')

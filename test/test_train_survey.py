@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.detectors.evidence.survey_far import NAMES
-from lidar_outlier_filter.core.detectors.evidence.survey_model import load
+from lidar_outlier_filter.core.detectors.evidence.survey.far import NAMES
+from lidar_outlier_filter.core.detectors.evidence.survey.model import load
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.scene import Cause
-from lidar_outlier_filter.simulation.survey_errors import NEIGHBOUR, add_errors
-from lidar_outlier_filter.simulation.survey_scenes import KINDS, training_scene
-from lidar_outlier_filter.tuning import train_survey as train_module
-from lidar_outlier_filter.tuning.train_survey import SCENES, train_survey
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_lab.simulation.scenes.survey_errors import NEIGHBOUR, add_errors
+from lidar_outlier_lab.simulation.scenes.survey_scenes import KINDS, training_scene
+from lidar_outlier_lab.training import train_survey as train_module
+from lidar_outlier_lab.training.train_survey import SCENES, train_survey
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.simulation.survey_scenes import SurveyScene
+    from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene
 
 WALLS = (3, 9, 13, 19)  # seeds of small scenes
 pytestmark = pytest.mark.usefixtures('few_edges')

@@ -16,12 +16,12 @@ from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import Codes
+from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.simulation.recording import to_message
-from lidar_outlier_filter.simulation.scene import Cause
 from lidar_outlier_filter.tuning.inject import Injection
 from lidar_outlier_filter.tuning.training import from_file, from_recording, together
+from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.trajectory import Route, rotation
+from lidar_outlier_lab.simulation.world.trajectory import Route, rotation
 
 
 def test_straight_with_a_stop() -> None:

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.simulation import tripod
-from lidar_outlier_filter.simulation.scene import Cause, Kind
+from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_lab.simulation.papers import tripod
 
 
 @pytest.fixture(scope='module')

@@ -22,12 +22,12 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.judged import read_recording
+from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.simulation.recording import to_message
-from lidar_outlier_filter.simulation.scene import Cause
 from lidar_outlier_filter.tuning.output import ros_lines
+from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.scene import Cause
-from lidar_outlier_filter.simulation.weather import drops, kinds, plumes
-from lidar_outlier_filter.simulation.weather.beams import Beams, Optics, find_beams
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_lab.simulation.weather import drops, kinds, plumes
+from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
 
 OPTICS = Optics()
 RINGS, COLUMNS = 16, 900

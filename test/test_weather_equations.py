@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.simulation.scene import Cause
-from lidar_outlier_filter.simulation.weather import drops, kinds, plumes
-from lidar_outlier_filter.simulation.weather.beams import Beams, Optics, find_beams
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_lab.simulation.weather import drops, kinds, plumes
+from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
 
 Floats = NDArray[np.float64]
 # The receiver sees all of a beam, which is 1 cm wide everywhere, and almost no light suffices.

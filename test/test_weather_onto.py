@@ -19,19 +19,19 @@ from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
-from lidar_outlier_filter.simulation.recording import to_message
-from lidar_outlier_filter.simulation.scene import Cause
-from lidar_outlier_filter.simulation.weather.beams import FEWEST
-from lidar_outlier_filter.simulation.weather.clouds import CloudWeather
-from lidar_outlier_filter.simulation.weather.labelled_cloud import LabelledCloud
-from lidar_outlier_filter.simulation.weather.names import RETURN_NAMES, WEATHER_NAMES
+from lidar_outlier_lab.simulation.weather.beams import FEWEST
+from lidar_outlier_lab.simulation.weather.clouds import CloudWeather
+from lidar_outlier_lab.simulation.weather.labelled_cloud import LabelledCloud
+from lidar_outlier_lab.simulation.weather.names import RETURN_NAMES, WEATHER_NAMES
+from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
 
     Rows = NDArray[np.void]
 

@@ -13,7 +13,7 @@ import numpy as np
 from geometry_msgs.msg import TransformStamped
 from scipy.spatial.transform import Rotation, Slerp
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.ros.tf import Tf
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import decades, plain
 from lidar_outlier_filter.core.detectors.registry import register
-from lidar_outlier_filter.core.scores import Scores
-from lidar_outlier_filter.core.seen import Seen
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.parameters.declaration import Section, declare
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

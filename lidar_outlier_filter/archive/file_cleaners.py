@@ -8,21 +8,21 @@ from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from lidar_outlier_filter.files.clean import clean, list_logs
-from lidar_outlier_filter.files.new_files import new_files
+from lidar_outlier_filter.disk.new_files import new_files
+from lidar_outlier_filter.files.cleaning.clean import clean, list_logs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
     from concurrent.futures import Future
     from pathlib import Path
 
-    from lidar_outlier_filter.core.slow import SaySlow
-    from lidar_outlier_filter.files.clean import MakeFiles
-    from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
-    from lidar_outlier_filter.files.judged_file import JudgedFile, Progress
+    from lidar_outlier_filter.core.judging.slow import SaySlow
+    from lidar_outlier_filter.files.cleaning.clean import MakeFiles
+    from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, Wanted
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile, Progress
 
 STEP = 0.2  # seconds between two looks at whether to go on
-JUDGE = 'lidar_outlier_filter.files.clean'  # the module whose code decides what is written
+JUDGE = 'lidar_outlier_filter.files.cleaning.clean'  # the module whose code decides what is written
 HERE = 'this process'
 
 

@@ -20,15 +20,15 @@ from lidar_outlier_filter.archive.file_cleaners import JUDGE, CleanedFile, Job, 
 from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.archive.workers import check_code
+from lidar_outlier_filter.disk.new_files import new_files
 from lidar_outlier_filter.errors import CloudError, FilterError
-from lidar_outlier_filter.files.new_files import new_files
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
 
     from lidar_outlier_filter.archive.workers import Workers
-    from lidar_outlier_filter.files.clean_log import Wanted
-    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
 
 
 @dataclass(frozen=True)

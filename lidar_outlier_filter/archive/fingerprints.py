@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import lidar_outlier_filter
-from lidar_outlier_filter.core import kernel_cache
+from lidar_outlier_filter.core.kernels import kernel_cache
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.archive.places import Place

@@ -12,13 +12,13 @@ from bisect import bisect_right
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.verdict_bytes import digest, pack, unpack
-from lidar_outlier_filter.core.chain import Chain
+from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.verdict import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.bags import Topic
 

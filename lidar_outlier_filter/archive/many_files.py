@@ -25,7 +25,7 @@ from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.errors import CloudError, FilterError, SchedulerError, said_by
-from lidar_outlier_filter.files.clean import list_logs
+from lidar_outlier_filter.files.cleaning.clean import list_logs
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Cleaners, Job
     from lidar_outlier_filter.archive.manifest import Entry, Manifest
-    from lidar_outlier_filter.files.clean_log import CleanReport, Wanted
+    from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, Wanted
 
 LEFT = 'done before'
 

@@ -19,7 +19,7 @@ from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.known_chain import NotingChain
 from lidar_outlier_filter.archive.places import staged
 from lidar_outlier_filter.archive.worker_start import name_of_worker
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic

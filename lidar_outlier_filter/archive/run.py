@@ -24,6 +24,8 @@ from lidar_outlier_filter.archive.manifest import DONE, FAILED, NO_CLOUDS, How, 
 from lidar_outlier_filter.archive.places import place_of, published
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Step
+from lidar_outlier_filter.disk.hidden_folder import hidden_folder
+from lidar_outlier_filter.disk.publication import publish
 from lidar_outlier_filter.errors import (
     FilterError,
     NoCloudsError,
@@ -31,8 +33,6 @@ from lidar_outlier_filter.errors import (
     SchedulerError,
     said_by,
 )
-from lidar_outlier_filter.files.hidden_folder import hidden_folder
-from lidar_outlier_filter.files.publication import publish
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

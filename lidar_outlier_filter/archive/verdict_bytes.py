@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import Points
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 
 if TYPE_CHECKING:

@@ -186,7 +186,7 @@ def _order(options: argparse.Namespace) -> Order:
 def jobs_of(options: argparse.Namespace, size: int) -> int:
     """Return how many processes judge so many bytes, as far as the options leave it open."""
     from lidar_outlier_filter.archive.workers import are_available
-    from lidar_outlier_filter.core.threads import cores
+    from lidar_outlier_filter.core.kernels.threads import cores
 
     if options.jobs is not None:
         if options.jobs < 1:
@@ -212,7 +212,7 @@ def _scratch(
     options: argparse.Namespace, folder: RecordingPath
 ) -> AbstractContextManager[Path | None]:
     """Give a hidden folder for what workers of this machine write; None: they write nothing."""
-    from lidar_outlier_filter.files.hidden_folder import hidden_folder
+    from lidar_outlier_filter.disk.hidden_folder import hidden_folder
 
     if options.scheduler is not None or not isinstance(folder, Path):
         return nullcontext()

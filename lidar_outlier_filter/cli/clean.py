@@ -24,7 +24,7 @@ from lidar_outlier_filter.cli.terminal import (
     say,
     saying_how_far,
 )
-from lidar_outlier_filter.core.threads import cores
+from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.file_cleaners import Job
     from lidar_outlier_filter.archive.many_files import Result
     from lidar_outlier_filter.cli.terminal import Advance, Commands
-    from lidar_outlier_filter.files.clean_log import Wanted
-    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
     from lidar_outlier_filter.report.worst import Worst
 
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # behind the name of a file
@@ -291,7 +291,7 @@ def _check_scheduler(options: argparse.Namespace, folder: Path | None) -> None:
 def _job(path: Path, options: argparse.Namespace, folder: Path | None) -> Job:
     """Name the outputs after the file, beside it, where nothing else is said."""
     from lidar_outlier_filter.archive.file_cleaners import Job
-    from lidar_outlier_filter.files.clean_log import SEPARATE
+    from lidar_outlier_filter.files.cleaning.clean_log import SEPARATE
 
     name = path.stem + CLEANED + path.suffix
     output = options.output or path.with_name(name)
@@ -305,7 +305,7 @@ def _job(path: Path, options: argparse.Namespace, folder: Path | None) -> Job:
 
 def _wanted(options: argparse.Namespace) -> Wanted:
     """Take from the options what is wanted."""
-    from lidar_outlier_filter.files.clean_log import MARK, SEPARATE, Wanted
+    from lidar_outlier_filter.files.cleaning.clean_log import MARK, SEPARATE, Wanted
 
     values = read_parameters(options.params, options.settings, options.chain)
     return Wanted(

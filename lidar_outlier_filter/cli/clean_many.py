@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.manifest import Manifest
     from lidar_outlier_filter.archive.many_files import ManyFiles, Result
     from lidar_outlier_filter.archive.step import Step
-    from lidar_outlier_filter.core.slow import SlowDetector
-    from lidar_outlier_filter.files.clean_log import Wanted
-    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.core.judging.slow import SlowDetector
+    from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
 
     Look = Callable[[JudgedFile], object]
 
@@ -105,7 +105,7 @@ def _opened(folder: Path | None) -> Iterator[tuple[Manifest | None, Path | None]
         yield None, None
         return
     from lidar_outlier_filter.archive.manifest import opened_manifest
-    from lidar_outlier_filter.files.hidden_folder import hidden_folder
+    from lidar_outlier_filter.disk.hidden_folder import hidden_folder
 
     with opened_manifest(folder, say) as manifest, hidden_folder(folder / 'files') as hidden:
         yield manifest, hidden

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.archive.many_files import Result
-    from lidar_outlier_filter.files.clean_log import CleanReport
+    from lidar_outlier_filter.files.cleaning.clean_log import CleanReport
     from lidar_outlier_filter.report.worst import Worst
 
 # Of ASPRS (LAS 1.4, table 17).

@@ -37,7 +37,7 @@ def add_compile(commands: Commands) -> None:
 
 
 def _compile(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.core import kernel_cache
+    from lidar_outlier_filter.core.kernels import kernel_cache
     from lidar_outlier_filter.stream.compiling import Processes, load, shares
 
     # What is on disk already, in whatever order it was written, is not done again.

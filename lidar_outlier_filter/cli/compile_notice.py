@@ -7,7 +7,7 @@ from __future__ import annotations
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.compile_listeners import listeners
+from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 
 if TYPE_CHECKING:
     from collections.abc import Callable

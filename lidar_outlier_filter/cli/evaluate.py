@@ -147,8 +147,8 @@ def label_files(paths: list[Path]) -> list[Path]:
 def _run(options: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from lidar_outlier_filter.disk.publication import FOLDER, check_new
     from lidar_outlier_filter.evaluation.report import evaluate, tables
-    from lidar_outlier_filter.files.publication import FOLDER, check_new
 
     if options.output is not None:
         check_new(options.output, FOLDER)
@@ -198,10 +198,10 @@ def write(result: Evaluation, folder: Path, confidence: float, seed: int) -> Non
     """
     import json
 
+    from lidar_outlier_filter.disk.new_files import new_output
+    from lidar_outlier_filter.disk.publication import FOLDER
     from lidar_outlier_filter.evaluation.plots import draw_precision_recall, draw_roc
     from lidar_outlier_filter.evaluation.report import to_json
-    from lidar_outlier_filter.files.new_files import new_output
-    from lidar_outlier_filter.files.publication import FOLDER
 
     with new_output(folder, FOLDER) as built:
         text = json.dumps(to_json(result, confidence, seed), indent=1) + '\n'

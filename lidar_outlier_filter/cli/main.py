@@ -1,29 +1,28 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: every command has a module of its own beside this one."""
+"""The command line: every command has a module of its own beside this one.
+
+Other packages add theirs by entry points, as the laboratory does.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from importlib.metadata import entry_points
 from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.cli.bench import add_bench
 from lidar_outlier_filter.cli.clean import add_clean
 from lidar_outlier_filter.cli.compile import add_compile
-from lidar_outlier_filter.cli.demo import add_demo
 from lidar_outlier_filter.cli.evaluate import add_evaluate
 from lidar_outlier_filter.cli.info import add_info
 from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
 from lidar_outlier_filter.cli.replay import add_replay
 from lidar_outlier_filter.cli.report import add_report
-from lidar_outlier_filter.cli.results import add_results
 from lidar_outlier_filter.cli.right_verb import hint
-from lidar_outlier_filter.cli.simulate import add_simulate
 from lidar_outlier_filter.cli.terminal import REFUSED, say
-from lidar_outlier_filter.cli.train import add_train
 from lidar_outlier_filter.cli.tune import add_tune
 from lidar_outlier_filter.errors import FilterError
 
@@ -31,6 +30,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from lidar_outlier_filter.cli.terminal import Commands
+
+GROUP = 'lidar_outlier_filter.commands'  # of entry points: functions that add a command
+EXTRAS = {'matplotlib': 'lab', 'PIL': 'lab', 'sklearn': 'lab', 'open3d': 'bench'}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,20 +51,17 @@ def run(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
-    for add in COMMANDS:
+    words = sys.argv[1:] if arguments is None else arguments
+    for add in commands_for(words):
         add(commands)
-    options = parser.parse_args(arguments)
+    options = parser.parse_args(words)
     try:
         status: int = options.run(options)
     except FilterError as err:
         say(f'{err}{hint(options, err)}')
         return REFUSED
     except ModuleNotFoundError as err:
-        # Of what the commands need, Ubuntu packages all but this.
-        if (err.name or '').partition('.')[0] != 'rosbags':
-            raise
-        must_be = 'installed for recordings (the page on installation has the line)'
-        say(str(FilterError('the module rosbags', must_be, 'none')))
+        say(str(_is_missing(err)))
         return REFUSED
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -70,20 +69,36 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 # A command is a function that adds its parser; `run` in the parser's defaults runs it.
-COMMANDS: tuple[Callable[[Commands], None], ...] = (
-    add_replay,
-    add_clean,
-    add_report,
-    add_info,
-    add_simulate,
-    add_evaluate,
-    add_tune,
-    add_train,
-    add_results,
-    add_demo,
-    add_bench,
-    add_compile,
-)
+COMMANDS: dict[str, Callable[[Commands], None]] = {
+    'replay': add_replay,
+    'clean': add_clean,
+    'report': add_report,
+    'info': add_info,
+    'evaluate': add_evaluate,
+    'tune': add_tune,
+    'compile': add_compile,
+}
+
+
+def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
+    """List the commands; those of other packages only where none of the product is asked for."""
+    known = list(COMMANDS.values())
+    if words and words[0] in COMMANDS:
+        return known
+    found = sorted(entry_points(group=GROUP), key=lambda one: one.name)
+    return known + [one.load() for one in found]
+
+
+def _is_missing(err: ModuleNotFoundError) -> FilterError:
+    """Say which extra brings a module that a command needs; raise again what is none of them."""
+    module = (err.name or '').partition('.')[0]
+    if module == 'rosbags':  # of what the commands need, Ubuntu packages all but this
+        where = 'installed for recordings (the page on installation has the line)'
+        return FilterError('the module rosbags', where, 'none')
+    if module not in EXTRAS:
+        raise err
+    must_be = f"installed for this command: pip install '.[{EXTRAS[module]}]' in the project"
+    return FilterError(f'the module {module}', must_be, 'none')
 
 
 if __name__ == '__main__':

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.cli.terminal import Commands
-    from lidar_outlier_filter.recordings.losses import Losses
     from lidar_outlier_filter.recordings.replay import ReplayReport
+    from lidar_outlier_filter.recordings.salvage.losses import Losses
 
 MOST_REASONS = 5  # of losses, that are said in full
 

@@ -71,7 +71,7 @@ def add_report(commands: Commands) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.files.publication import FILE, FOLDER, check_new
+    from lidar_outlier_filter.disk.publication import FILE, FOLDER, check_new
     from lidar_outlier_filter.report.figures import write_figures
     from lidar_outlier_filter.report.page import write_page
 

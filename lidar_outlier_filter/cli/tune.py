@@ -134,8 +134,8 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from lidar_outlier_filter.disk.publication import check_new
     from lidar_outlier_filter.evaluation.confusion import check_confidence
-    from lidar_outlier_filter.files.publication import check_new
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning import output as tuned
     from lidar_outlier_filter.tuning.model import Goal

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.scores import Scores
+    from lidar_outlier_filter.core.detectors.scores import Scores
 
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 

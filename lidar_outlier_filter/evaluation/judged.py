@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.core.points import is_return
+from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.join import Joiner
 from lidar_outlier_filter.evaluation.labels import (
@@ -30,8 +30,8 @@ from lidar_outlier_filter.evaluation.labels import (
     words,
 )
 from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE
+from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.simulation.scene import Cause
 from lidar_outlier_filter.stream.topics import CLEANED, CLOUD, OUTLIERS
 
 if TYPE_CHECKING:

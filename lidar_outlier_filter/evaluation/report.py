@@ -25,7 +25,7 @@ from lidar_outlier_filter.evaluation.confusion import (
 )
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.evaluation.labels import words
-from lidar_outlier_filter.simulation.scene import Kind
+from lidar_outlier_filter.messages.truth import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -21,6 +21,7 @@ from laspy import DecompressionSelection as Parts
 from laspy.vlrs.vlrlist import VLRList
 
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cleaning.units import USER, metres_per_unit
 from lidar_outlier_filter.files.cloud_file import CHUNK
 from lidar_outlier_filter.files.las_header import (
     EVLR,
@@ -32,7 +33,6 @@ from lidar_outlier_filter.files.las_header import (
     check_scaling,
 )
 from lidar_outlier_filter.files.laz import unpacked
-from lidar_outlier_filter.files.units import USER, metres_per_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidar_outlier_filter.disk.sqlite_pages import check_pages, connect
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK
-from lidar_outlier_filter.files.sqlite_pages import check_pages, connect
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import AXES, DATATYPES
 

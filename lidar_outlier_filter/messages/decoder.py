@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import SECOND, Points, check_sigma, returns, too_coarse
-from lidar_outlier_filter.core.scan_lines import LineCounter
+from lidar_outlier_filter.core.points.points import SECOND, Points, check_sigma, returns, too_coarse
+from lidar_outlier_filter.core.points.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError, short
 from lidar_outlier_filter.messages.cloud import (
     AXES,

@@ -22,7 +22,7 @@ from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, answers, resolve
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from lidar_outlier_filter.core.chain import Chain
+    from lidar_outlier_filter.core.judging.chain import Chain
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.bags import NewBag
     from lidar_outlier_filter.recordings.journal import Journal

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -15,10 +15,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 from zlib import crc32
 
+from lidar_outlier_filter.disk.hidden_folder import held_leftovers
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.files.hidden_folder import held_leftovers
-from lidar_outlier_filter.recordings.damaged_mcap import DamagedMcap
-from lidar_outlier_filter.recordings.losses import Losses
+from lidar_outlier_filter.recordings.salvage.losses import Losses
+from lidar_outlier_filter.recordings.salvage.mcap import DamagedMcap
 from lidar_outlier_filter.stream.topics import answers, resolve
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 
 GAP = 2.0  # usual distances of two messages, from which on some are missing between them
 _BINS = 2000  # of the distances, for each factor of e

@@ -11,16 +11,16 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.stream_cloud import END
+from lidar_outlier_filter.core.judging.stream_cloud import END
+from lidar_outlier_filter.disk.publication import FOLDER, check_new
 from lidar_outlier_filter.errors import NoCloudsError, ParameterError, RecordingError
-from lidar_outlier_filter.files.publication import FOLDER, check_new
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic, writable
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.journal import Journal, Left, left_for
-from lidar_outlier_filter.recordings.losses import Losses
 from lidar_outlier_filter.recordings.odometry import check_motion
-from lidar_outlier_filter.recordings.salvage import salvaged
+from lidar_outlier_filter.recordings.salvage.losses import Losses
+from lidar_outlier_filter.recordings.salvage.salvage import salvaged
 from lidar_outlier_filter.recordings.unpack import LARGEST
 from lidar_outlier_filter.stream.topics import CLOUD, check_name
 
@@ -29,7 +29,7 @@ ROOM = 2**21  # bytes: a chunk that we write, beside a message that is longer
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from lidar_outlier_filter.core.chain import Chain
+    from lidar_outlier_filter.core.judging.chain import Chain
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 

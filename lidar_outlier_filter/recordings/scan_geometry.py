@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.core.scan_lines import line_starts, order_by_line
+from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
 
 LEVEL = math.radians(1)  # deviation in elevation up to which a line is a ring
 EVEN = 0.1  # of the median step, up to which rings are evenly spaced

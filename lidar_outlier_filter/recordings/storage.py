@@ -12,17 +12,17 @@ import yaml
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2.storage_mcap import McapReader
 
+from lidar_outlier_filter.disk.sqlite_pages import check_pages
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.files.sqlite_pages import check_pages
 from lidar_outlier_filter.parameters.declaration import shown
-from lidar_outlier_filter.recordings.mcap_records import (
+from lidar_outlier_filter.recordings.remote_path import RemotePath
+from lidar_outlier_filter.recordings.salvage.mcap_records import (
     Walk,
     complete,
     complete_from_summary,
     has_summary,
     walk,
 )
-from lidar_outlier_filter.recordings.remote_path import RemotePath
 from lidar_outlier_filter.recordings.unpack import bound_chunks, bound_mcap, unpack
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from lidar_outlier_filter.core.detectors.evidence.declaration import Way
-from lidar_outlier_filter.core.detectors.evidence.reasons import OF_SUM, REASON_NAMES
+from lidar_outlier_filter.core.detectors.evidence.explain.reasons import OF_SUM, REASON_NAMES
 
 _PATTERN = {
     'step': 'distance to the nearer return beside it in its line',

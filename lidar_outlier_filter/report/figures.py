@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.disk.new_files import new_output
+from lidar_outlier_filter.disk.publication import FOLDER
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.evaluation.plots import FRAME, INK, draw_roc, dress, save
-from lidar_outlier_filter.files.new_files import new_output
-from lidar_outlier_filter.files.publication import FOLDER
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.header import near_origin
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES, SCORE_BINS

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.evidence.explain.reasons import REASON_NAMES
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.report.feature_texts import REST, TEXTS, reason_text

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.report.frames import SHORT, STRETCH
 from lidar_outlier_filter.report.pack import (
     LINES,
@@ -30,7 +30,7 @@ from lidar_outlier_filter.report.reasons import NEAR
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
     from lidar_outlier_filter.report.pack import Words
 
 KEPT_SECONDS = 5.0  # of sensor time

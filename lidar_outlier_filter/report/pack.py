@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.evidence.explain.reasons import REASON_NAMES
 from lidar_outlier_filter.messages.cloud import first_numbers
 from lidar_outlier_filter.report.keeping import table
 from lidar_outlier_filter.report.sliders import BITS

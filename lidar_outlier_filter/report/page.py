@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from matplotlib import colormaps
 
-from lidar_outlier_filter.files.new_files import new_output
+from lidar_outlier_filter.disk.new_files import new_output
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.header import header, split
 from lidar_outlier_filter.report.pack import pack

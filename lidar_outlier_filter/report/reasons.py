@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.detectors.evidence.contributions import contributions
 from lidar_outlier_filter.core.detectors.evidence.declaration import DETECTOR as EVIDENCE
 from lidar_outlier_filter.core.detectors.evidence.declaration import Way
-from lidar_outlier_filter.core.detectors.evidence.detector import PARTS
-from lidar_outlier_filter.core.detectors.evidence.pattern_reasons import REASONS
-from lidar_outlier_filter.core.detectors.evidence.profile_features import PROFILE
-from lidar_outlier_filter.core.detectors.evidence.survey_far import NAMES
+from lidar_outlier_filter.core.detectors.evidence.explain.contributions import contributions
+from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import REASONS
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import PROFILE
+from lidar_outlier_filter.core.detectors.evidence.survey.far import NAMES
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import PARTS
+from lidar_outlier_filter.core.judging.chain import Chain
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
-    from lidar_outlier_filter.core.scores import Scores
-    from lidar_outlier_filter.core.seen import Seen
-    from lidar_outlier_filter.core.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.detectors.scores import Scores
+    from lidar_outlier_filter.core.detectors.seen import Seen
+    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 NEAR = 0.8  # scores above this are explained, too

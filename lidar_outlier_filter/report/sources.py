@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.core.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.whole_cloud import check_chain, judge_whole
+from lidar_outlier_filter.core.judging.blocks import Stream
+from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.judging.whole_cloud import check_chain, judge_whole
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_codes
-from lidar_outlier_filter.files import points as columns
+from lidar_outlier_filter.files.cleaning import points as columns
 from lidar_outlier_filter.files.cloud_file import open_cloud, read
 from lidar_outlier_filter.messages.cloud import structured
-from lidar_outlier_filter.tuning.recorded import RecordedClouds
+from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.chain import Chain
+    from lidar_outlier_filter.core.judging.chain import Chain
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.tuning.recorded import RecordedCloud
+    from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud
 
 INTENSITIES = ('intensity', 'reflectivity', 'i')
 GAP = 1.5  # × the usual time between two clouds: more is a gap

@@ -12,14 +12,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
+from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
 
 MANY = 10  # points of a large group
 TOUCHING = 1.8  # cells apart, of the middles: √3 and a little

@@ -8,7 +8,7 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.clocks import DelayClock
 from lidar_outlier_filter.ros.health import Backlog, Health, Report
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.core.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
     from lidar_outlier_filter.errors import CloudError, JudgingError
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.ros.compiler import Compiler

@@ -7,7 +7,7 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core import kernel_cache
+from lidar_outlier_filter.core.kernels import kernel_cache
 from lidar_outlier_filter.stream.compiling import (
     Processes,
     is_ready,

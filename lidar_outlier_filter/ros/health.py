@@ -15,7 +15,7 @@ from lidar_outlier_filter.stream.statistics import Statistics
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from lidar_outlier_filter.core.slow import SlowDetector
+    from lidar_outlier_filter.core.judging.slow import SlowDetector
     from lidar_outlier_filter.parameters.node import HealthLimits
 
 OK, WARN, ERROR = 0, 1, 2

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.threads import cores
+from lidar_outlier_filter.core.kernels.threads import cores
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.time import Duration, Time
 
-from lidar_outlier_filter.core.points import SECOND, Points
-from lidar_outlier_filter.core.poses import Mounting, Track
+from lidar_outlier_filter.core.points.points import SECOND, Points
+from lidar_outlier_filter.core.points.poses import Mounting, Track
 from lidar_outlier_filter.errors import ParameterError, PoseError
 from lidar_outlier_filter.ros.tf_links import Links
 from lidar_outlier_filter.stream.motion import Odometry

@@ -9,8 +9,8 @@ from bisect import bisect_left, bisect_right
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.core.poses import KEPT
+from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.points.poses import KEPT
 
 if TYPE_CHECKING:
     from collections.abc import Callable

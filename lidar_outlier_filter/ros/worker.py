@@ -9,7 +9,7 @@ from collections import Counter
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.ros.backlog import Inbox, Overload, Received, Treatment
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import Chain
 from lidar_outlier_filter.core.detectors.declaration import Tiled
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.points import missing
-from lidar_outlier_filter.core.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.judging.blocks import Stream
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.points.points import missing
 from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import split
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from lidar_outlier_filter.core.points import Points
-    from lidar_outlier_filter.core.slow import SlowDetector
+    from lidar_outlier_filter.core.judging.slow import SlowDetector
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
 

@@ -16,11 +16,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.chain import Chain
-from lidar_outlier_filter.core.compiling import SENSORS, NotCompiled, only_compiled
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.kernels.compiling import SENSORS, NotCompiled, only_compiled
+from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.core.neighbours import recovered_rings
-from lidar_outlier_filter.core.poses import Track
-from lidar_outlier_filter.core.threads import cores
+from lidar_outlier_filter.core.points.poses import Track
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

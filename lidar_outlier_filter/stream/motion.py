@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from lidar_outlier_filter.core.points import SECOND, Points
-from lidar_outlier_filter.core.poses import Mounting, Track
+from lidar_outlier_filter.core.points.points import SECOND, Points
+from lidar_outlier_filter.core.points.poses import Mounting, Track
 from lidar_outlier_filter.errors import PoseError
 from lidar_outlier_filter.stream.statistics import Kinds
 

@@ -8,14 +8,14 @@ from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING, Generic
 
-from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.core.stream_cloud import BEGINNING, AnyCloud
+from lidar_outlier_filter.core.judging.stream_cloud import BEGINNING, AnyCloud
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from lidar_outlier_filter.core.blocks import Stream
+    from lidar_outlier_filter.core.judging.blocks import Stream
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.evidence.explain.reasons import REASON_NAMES
 from lidar_outlier_filter.core.detectors.registry import BITS
 
 if TYPE_CHECKING:

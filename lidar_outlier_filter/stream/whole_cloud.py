@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.points import Points, is_return
-from lidar_outlier_filter.core.whole_cloud import check_chain, judge_whole, with_rings
+from lidar_outlier_filter.core.judging.whole_cloud import check_chain, judge_whole, with_rings
+from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
 from lidar_outlier_filter.messages.decoder import Decoder, to_nanoseconds

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.simulation.scene import Cause
+from lidar_outlier_filter.messages.truth import Cause
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
 
     Floats = NDArray[np.float64]
     Integers = NDArray[np.int64]

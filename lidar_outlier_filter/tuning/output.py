@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from rich.table import Table
 
+from lidar_outlier_filter.disk.new_files import new_output
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, f1_interval
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.files.new_files import new_output
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
 
 if TYPE_CHECKING:

@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.blocks import Stream
-from lidar_outlier_filter.core.chain import Chain, along_lines, uses_lines
-from lidar_outlier_filter.core.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.judging.blocks import Stream
+from lidar_outlier_filter.core.judging.chain import Chain, along_lines, uses_lines
+from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.judging.whole_cloud import with_rings
 from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.core.whole_cloud import with_rings
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.labels import read_codes
-from lidar_outlier_filter.files import points as file_points
+from lidar_outlier_filter.files.cleaning import points as file_points
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.messages.cloud import is_empty, structured
+from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.tuning.inject import Injection, inject
-from lidar_outlier_filter.tuning.recorded import RecordedClouds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.parameters.filter import FilterParameters
 

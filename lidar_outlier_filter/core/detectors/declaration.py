@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.dials import Dial, Threshold
+    from lidar_outlier_filter.core.detectors.scores import Scores
+    from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    from lidar_outlier_filter.core.scores import Scores
-    from lidar_outlier_filter.core.seen import Seen
     from lidar_outlier_filter.parameters.declaration import Section
     from lidar_outlier_filter.parameters.filter import FilterParameters
 

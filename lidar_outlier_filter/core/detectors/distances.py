@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
 
 if TYPE_CHECKING:

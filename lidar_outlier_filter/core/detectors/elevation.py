@@ -29,19 +29,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core import threads as pool
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import decades, each, plain
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
-from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.detectors import Elevation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.seen import Seen
+    from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]

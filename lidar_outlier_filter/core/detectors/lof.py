@@ -31,14 +31,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core import threads
 from lidar_outlier_filter.core.detectors.declaration import Detector, Measured
 from lidar_outlier_filter.core.detectors.dials import NEIGHBOURS, Threshold, decades, each, plain
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
-from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.kernels import threads
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
-from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Lof
 
 if TYPE_CHECKING:

@@ -42,7 +42,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core import threads
 from lidar_outlier_filter.core.detectors.declaration import Detector, Measured
 from lidar_outlier_filter.core.detectors.dials import (
     NEIGHBOURS,
@@ -53,9 +52,10 @@ from lidar_outlier_filter.core.detectors.dials import (
     plain,
 )
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
-from lidar_outlier_filter.core.kernels import kernel, median
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.kernels import threads
+from lidar_outlier_filter.core.kernels.kernels import kernel, median
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
-from lidar_outlier_filter.core.scores import Scores
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.declaration import walk
 from lidar_outlier_filter.parameters.detectors import Sor

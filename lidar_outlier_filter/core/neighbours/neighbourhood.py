@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core import threads as pool
+from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.neighbours import tree_search, tree_steps, tree_walks
 from lidar_outlier_filter.core.neighbours.tree_build import Tree, build, prune
 from lidar_outlier_filter.errors import FilterError

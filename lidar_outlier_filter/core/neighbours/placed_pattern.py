@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
-from lidar_outlier_filter.core.lanes import LANES
+from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN
 
 if TYPE_CHECKING:

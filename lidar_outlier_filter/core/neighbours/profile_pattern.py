@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.placed_pattern import (
     LINES_AT_ONCE,
     Pattern,
@@ -31,12 +31,12 @@ from lidar_outlier_filter.core.neighbours.placed_pattern import (
 )
 from lidar_outlier_filter.core.neighbours.scan_pattern import TURN
 from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines, sort_lines
-from lidar_outlier_filter.core.scan_lines import is_interleaved, line_starts, order_by_line
+from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.ring_origin import Origin, find_origin, spread
 from lidar_outlier_filter.core.neighbours.scan_pattern import FEWEST, TURN, arctangent
-from lidar_outlier_filter.core.points import SECOND
-from lidar_outlier_filter.core.scan_lines import line_starts
+from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.points.scan_lines import line_starts
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]

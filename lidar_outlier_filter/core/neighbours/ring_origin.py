@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.scan_pattern import arctangent
 
 if TYPE_CHECKING:

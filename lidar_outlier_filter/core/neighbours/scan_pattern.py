@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.neighbours.brightness import write_brightness
 from lidar_outlier_filter.core.neighbours.placed_pattern import (
     LINES_AT_ONCE,
@@ -29,12 +29,12 @@ from lidar_outlier_filter.core.neighbours.sorted_lines import (
     join_shots,
     sort_lines,
 )
-from lidar_outlier_filter.core.scan_lines import is_interleaved, line_starts, order_by_line
+from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
+    from lidar_outlier_filter.core.points.points import Points
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, push
 
 if TYPE_CHECKING:

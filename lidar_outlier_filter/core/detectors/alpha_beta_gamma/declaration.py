@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import detect
 from lidar_outlier_filter.core.detectors.declaration import Detector, Tiled
 from lidar_outlier_filter.core.detectors.dials import Dial, each, significance
-from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.points import Points
-    from lidar_outlier_filter.core.scan_lines import Lines
-    from lidar_outlier_filter.core.seen import Seen
+    from lidar_outlier_filter.core.detectors.seen import Seen
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.core.points.scan_lines import Lines
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 WINDOWS = (3, 4, 5, 7, 10, 15)

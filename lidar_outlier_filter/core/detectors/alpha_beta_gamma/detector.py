@@ -33,15 +33,15 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
     X,
     empty_series,
 )
-from lidar_outlier_filter.core.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.points import Points
-    from lidar_outlier_filter.core.scan_lines import Lines
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.core.points.scan_lines import Lines
     from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
 
     Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
@@ -101,8 +101,8 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     --------
     >>> import numpy as np
     >>> from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as smoother
-    >>> from lidar_outlier_filter.core.points import Points
-    >>> from lidar_outlier_filter.core.scan_lines import find_lines
+    >>> from lidar_outlier_filter.core.points.points import Points
+    >>> from lidar_outlier_filter.core.points.scan_lines import find_lines
     >>> from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])

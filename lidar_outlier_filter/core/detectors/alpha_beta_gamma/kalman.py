@@ -33,7 +33,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
     T,
     X,
 )
-from lidar_outlier_filter.core.points import SECOND
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError, ParameterError
 
 if TYPE_CHECKING:

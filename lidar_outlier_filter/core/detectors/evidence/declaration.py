@@ -11,19 +11,20 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.declaration import Detector, Reaching
 from lidar_outlier_filter.core.detectors.dials import Threshold, plain
-from lidar_outlier_filter.core.detectors.evidence import survey, survey_far
-from lidar_outlier_filter.core.detectors.evidence.detector import detect, neighbours
-from lidar_outlier_filter.core.detectors.evidence.pattern import find_either, judge
-from lidar_outlier_filter.core.detectors.evidence.survey_scale import typical_scale
-from lidar_outlier_filter.core.scan_lines import has_lines, spins
-from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either, judge
+from lidar_outlier_filter.core.detectors.evidence.survey import far as survey_far
+from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
+from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import detect, neighbours
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.points.scan_lines import has_lines, spins
 from lidar_outlier_filter.parameters.detectors import Evidence
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.detectors.evidence.pattern import FoundPattern
-    from lidar_outlier_filter.core.seen import Seen
+    from lidar_outlier_filter.core.detectors.evidence.pattern.judge import FoundPattern
+    from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from lidar_outlier_filter.core.kernels import kernel
+from lidar_outlier_filter.core.kernels.kernels import kernel
 
 if TYPE_CHECKING:
     import numpy as np

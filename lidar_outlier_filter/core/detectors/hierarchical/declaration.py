@@ -11,12 +11,12 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import Dial, Threshold, decades, each, scaled
 from lidar_outlier_filter.core.detectors.hierarchical.detector import detect
-from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.verdict import SECOND_PHASE
 from lidar_outlier_filter.parameters.detectors import Hierarchical
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.seen import Seen
+    from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECOND = 2  # phase

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core import threads as pool
-from lidar_outlier_filter.core.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.core.detectors.declaration import Detector, Tiled
 from lidar_outlier_filter.core.detectors.dials import Dial, each, significance
 from lidar_outlier_filter.core.detectors.quadric.detector import detect, neighbours
-from lidar_outlier_filter.core.scores import Scores
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.parameters.detectors import Quadric
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.seen import Seen
+    from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import fdtri, stdtrit
 
-from lidar_outlier_filter.core import threads
 from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windows
 from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
 from lidar_outlier_filter.core.detectors.quadric.statistics import Rules
+from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.neighbours.tree_steps import height
 from lidar_outlier_filter.errors import FilterError
 

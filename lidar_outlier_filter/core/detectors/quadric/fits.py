@@ -30,7 +30,7 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
     step,
     sum_normal,
 )
-from lidar_outlier_filter.core.kernels import inner_kernel
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

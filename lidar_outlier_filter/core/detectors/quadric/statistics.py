@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
     normalize,
     step,
 )
-from lidar_outlier_filter.core.kernels import inner_kernel, select
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, select
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -46,7 +46,7 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
     is_flat,
     measure_tests,
 )
-from lidar_outlier_filter.core.kernels import inner_kernel, kernel, select
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, select
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,0 +1,188 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Points judged by their scan pattern: features, and trees that weigh them.
+
+The first pass has the features of each point's window alone. The second pass judges the points that
+are not clearly good. It has also the scores of the first pass around them, and how many points have
+high ones. The trees were trained; :mod:`.pattern_model` says on what.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence.explain.reasons import strongest_of_trees
+from lidar_outlier_filter.core.detectors.evidence.pattern.model import (
+    PATTERN_MODEL,
+    PROFILE_MODEL,
+    load,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_groups import find_groups
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
+    FirstPass,
+    count_scores,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.values import (
+    make_pattern_room,
+    write_values,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared, prepare
+from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES
+from lidar_outlier_filter.core.neighbours.placed_pattern import (
+    LINES_AT_ONCE,
+    Pattern,
+    count_points,
+    spread,
+)
+from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.neighbours.recovered_rings import as_turn
+from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points.points import Points
+
+    Floats = NDArray[np.float64]
+    Singles = NDArray[np.float32]
+    Numbers = NDArray[np.uint8]
+
+LEAST = -8.0  # log-odds that make a score of 0
+
+
+class FoundPattern(NamedTuple):
+    """The scan pattern of some points, and whether it is that of a profile scanner."""
+
+    pattern: Pattern
+    profile: bool
+
+
+def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern | None:
+    """Find the scan pattern of points; None where they have none, so that trees cannot judge them.
+
+    Parameters
+    ----------
+    points : valid ones
+    sensor : 'spinning', 'profile', or 'auto': whichever it is
+    threads : at most so many at once; 0 for as many as there are cores
+
+    """
+    if sensor != 'profile':
+        # Azimuths are known in the sensor's own frame only.
+        turned, recovered = as_turn(points).in_own_frame, points.ring is not None
+        spins = recovered or sensor == 'spinning'
+        pattern = find_pattern(turned, threads, spins=spins)
+        if pattern is not None:
+            return FoundPattern(pattern, profile=False)
+    if sensor != 'spinning':
+        pattern = find_profile_pattern(points, threads)
+        if pattern is not None:
+            return FoundPattern(pattern, profile=True)
+    return None
+
+
+def judge(
+    pattern: Pattern,
+    threshold: float,
+    threads: int = 0,
+    *,
+    profile: bool = False,
+    reason: Numbers | None = None,
+) -> Floats:
+    """Score the N points of a pattern, in the order given.
+
+    Parameters
+    ----------
+    pattern : of the points
+    threshold : the user's: 1 for that of the model, more for fewer rejected
+    threads : at most so many at once; 0 for as many as there are cores
+    profile : whether the pattern is that of a profile scanner
+    reason : (N,) is filled with numbers of ``REASON_NAMES``; 0 for points that are not rejected
+
+    Returns
+    -------
+    (N,) float64
+        From 0; more than 1: rejected.
+
+    """
+    model = load(PROFILE_MODEL if profile else PATTERN_MODEL)
+    prepared = prepare(pattern, threads)
+    if profile:
+        groups = find_groups(pattern, prepared.near, threads)
+        prepared = prepared._replace(groups=groups)
+    first = first_pass(prepared, model.first, threads)
+    odds = second_pass(prepared, first, model.again, model.doubtful, threads)
+    known = pattern.bright >= 0
+    limit = np.where(known, model.threshold_bright, model.threshold) - LEAST
+    of_place = np.maximum(odds.astype(np.float64) - LEAST, 0.0) / (threshold * limit)
+    score = np.empty(count_points(pattern))
+    spread(pattern, of_place, score)
+    if reason is not None:
+        rejected = (pattern.order >= 0) & (of_place > 1)
+        found = strongest_of_trees(prepared, first, model, rejected, threads)
+        spread(pattern, found, reason)
+    return score
+
+
+def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
+    """Give each place its log-odds; those of places without a point are 0."""
+    pattern = prepared.pattern
+    places, unknown = len(pattern.order), np.empty(0, np.float32)
+    score = np.zeros(places, np.float32)
+    # All are doubtful, and there are no scores that anybody looks at.
+    nothing = FirstPass(np.zeros(places, np.float32), np.empty(0, np.int32), unknown, 0.0)
+    pool.run(
+        lambda i, j: _judge(prepared, nothing, False, -np.float32(np.inf), trees, i, j, score),  # noqa: FBT003
+        len(pattern.first),
+        LINES_AT_ONCE,
+        threads,
+    )
+    return count_scores(pattern, score)
+
+
+def second_pass(
+    prepared: Prepared, first: FirstPass, trees: Trees, doubtful: float, threads: int = 0
+) -> Singles:
+    """Return the log-odds (M,) of each place: of these trees, where the first are ``doubtful``."""
+    result, low = first.score.copy(), np.float32(doubtful)
+    pool.run(
+        lambda i, j: _judge(prepared, first, True, low, trees, i, j, result),  # noqa: FBT003
+        len(prepared.pattern.first),
+        LINES_AT_ONCE,
+        threads,
+    )
+    return result
+
+
+@kernel
+def _judge(
+    prepared: Prepared,
+    first: FirstPass,
+    second: bool,
+    doubtful: np.float32,
+    trees: Trees,
+    begin: int,
+    end: int,
+    result: Singles,
+) -> None:
+    """Write what trees say of the points of lines begin to end whose score is doubtful."""
+    pattern, room, total = prepared.pattern, make_pattern_room(), np.empty(LANES, np.float32)
+    score = first.score
+    for line in range(begin, end):
+        for k in range(pattern.first[line], pattern.last[line], LANES):
+            count = min(pattern.last[line] - k, LANES)
+            asked = False
+            for lane in range(count):
+                asked |= score[k + lane] > doubtful
+            if not asked:
+                continue
+            write_values(prepared, first, second, line, k, room)
+            add_up(trees, room.values, total)
+            for lane in range(count):
+                if score[k + lane] > doubtful:
+                    result[k + lane] = total[lane]

@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""All features that the trees ask of points: of either sensor, in either pass."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import write_features
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
+    COUNT_ALL,
+    COUNT_PROFILE,
+    PAIRS,
+    write_profile,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import write_scores
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import (
+    PatternWindow,
+    gather,
+    make_window,
+)
+from lidar_outlier_filter.core.kernels.kernels import inlined_kernel
+from lidar_outlier_filter.core.kernels.lanes import rows_of_singles
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.detectors.evidence.pattern.scores import FirstPass
+    from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
+
+    Singles = NDArray[np.float32]
+
+
+class PatternRoom(NamedTuple):
+    """Room to work in, for one thread.
+
+    Attributes
+    ----------
+    window : of the points
+    pairs : (PAIRS, LANES) float32
+        Of a profile scanner, what pairs of returns predict.
+    values : (COUNT_ALL, LANES) float32
+        The features; those of the second pass behind those of the first.
+
+    """
+
+    window: PatternWindow
+    pairs: Singles
+    values: Singles
+
+
+@inlined_kernel
+def make_pattern_room() -> PatternRoom:
+    """Make room for one thread."""
+    return PatternRoom(make_window(), rows_of_singles(PAIRS), rows_of_singles(COUNT_ALL))
+
+
+@inlined_kernel
+def write_values(
+    prepared: Prepared,
+    first: FirstPass,
+    second: bool,
+    line: int,
+    k: int,
+    room: PatternRoom,
+) -> None:
+    """Write the features of the points of a line from place k on; of the second pass if asked."""
+    window, values = room.window, room.values
+    gather(prepared, line, k, window)
+    write_features(prepared.pattern, line, k, window, values)
+    more = 0
+    if len(prepared.groups) > 0:
+        write_profile(prepared, line, k, window, room.pairs, values)
+        more = COUNT_PROFILE
+    if second:
+        write_scores(prepared, first, line, k, window, values[more:])

@@ -1,0 +1,233 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Features of a point among its eight nearest neighbours, without scan lines.
+
+All lengths are divided by the local scale s, the median distance of those neighbours to their own
+eighth: so features have no unit, and follow the density. z is expected to point up.
+
+``near1``, ``near3``, ``near8``
+    Distance to the nearest neighbour, mean of the three nearest, distance to the eighth, ÷ s.
+``denser``
+    Distance to the eighth ÷ the least of the neighbours' distances to theirs.
+``sparser``
+    The greatest of the neighbours' distances to their eighth ÷ s.
+``jump``, ``jump_at``
+    Greatest ratio of the distances to a neighbour and to the one before; neighbours before it.
+``listed``
+    How many of the neighbours are at least as far from their own eighth as from the point.
+``steps2``
+    How many other points two steps reach, each to one of the eight nearest.
+``off``, ``flat``, ``off_flat``
+    Distance from the plane through the neighbours, and their standard deviation from it, ÷ s; the
+    first ÷ the second and a hundredth of s.
+``thin``
+    Standard deviations of the neighbours across and along the plane's longest direction: a ratio.
+``aside``
+    Distance of the neighbours' mean from the point, ÷ their root mean square distance from it.
+``level``
+    Size of the vertical part of the plane's normal.
+``below``, ``above``
+    How far the point is below its lowest, and above its highest neighbour, ÷ s.
+``sunk``, ``raised``
+    The same, ÷ how far the third lowest is above the lowest, or the third highest below the
+    highest, and a fiftieth of s.
+``rare``
+    Distance to the eighth neighbour ÷ the typical one in the whole cloud.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence.survey.lanes import (
+    LEAST,
+    NARROW,
+    add_moments,
+    aside,
+    copy_rows,
+    gather,
+    measure,
+    off_plane,
+    write_heights,
+)
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.eigen import (
+    eigenvalues,
+    eigenvectors,
+)
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Singles = NDArray[np.float32]
+    Ints = NDArray[np.int64]
+    Index = NDArray[np.int32]
+
+K = 8  # neighbours
+FEW = 3  # of them
+SMOOTH = 0.01  # of s: less is not expected of any surface
+TABLE = 1024  # places for the points that two steps reach, a power of 2: few of them meet
+MARK = 1 << 32  # more than there are points
+FAR = 1e6  # features are at most so large
+SORT = network(K, range(K))
+
+NEAR = (
+    *('near1', 'near3', 'near8', 'denser', 'sparser', 'jump', 'jump_at', 'listed', 'steps2'),
+    *('off', 'flat', 'off_flat', 'thin', 'aside', 'level', 'below', 'above'),
+    *('sunk', 'raised', 'rare'),
+)
+COUNT = len(NEAR)
+
+
+class Near(NamedTuple):
+    """N points in tree order, and their neighbours.
+
+    Attributes
+    ----------
+    xyz : (N, 3) float64, metres
+    index : (N, K) int32
+        The nearest first.
+    radius : (N,) float64
+        Distance to the eighth, metres.
+    typical : float
+        The typical radius of the whole cloud.
+
+    """
+
+    xyz: Floats
+    index: Index  # type: ignore[assignment]  # nobody misses that of tuples
+    radius: Floats
+    typical: float
+
+
+class NearRoom(NamedTuple):
+    """Room to work in, for one thread; of each lane.
+
+    Attributes
+    ----------
+    scale : (LANES,) float64
+        s, metres.
+    place : (3, K, LANES) float64
+        Where the neighbours are, from the point, metres.
+    distance, radii : (K, LANES) float64
+        How far they are, and their distances to their own eighth, metres.
+    work : (K, LANES) float64
+    moment, mean, value, vector : (6, 3, 3 or 4, LANES) float64
+        Of a plane.
+    table : (TABLE + 1,) int64
+        The last is the mark of the latest count.
+
+    """
+
+    scale: Floats
+    place: Floats
+    distance: Floats
+    radii: Floats
+    work: Floats
+    moment: Floats
+    mean: Floats
+    value: Floats
+    vector: Floats
+    table: Ints
+
+
+@inner_kernel
+def make_room() -> NearRoom:
+    """Make room for points that are measured side by side."""
+    lists = np.empty((3, K, LANES))
+    return NearRoom(
+        np.empty(LANES),
+        np.empty((3, K, LANES)),
+        *(lists[0], lists[1], lists[2]),
+        *(np.empty((6, LANES)), np.empty((3, LANES)), np.empty((3, LANES)), np.empty((4, LANES))),
+        np.zeros(TABLE + 1, np.int64),
+    )
+
+
+@inner_kernel
+def write_near(near: Near, points: Ints, room: NearRoom, values: Singles) -> None:
+    """Write the features (COUNT, LANES) of points, so many as there are lanes."""
+    for lane in range(LANES):
+        p = points[lane]
+        gather(near.xyz, near.radius, p, near.index[p], lane, room.place, room.radii)
+        values[8, lane] = count_steps(near.index, p, room.table)
+        values[19, lane] = near.radius[p] / near.typical
+    measure(room.place, K, room.distance)
+    _write_distances(room, values)
+    write_heights(room.place[2], K, SORT, room.scale, 15, 17, room.work, values)
+    add_moments(room.place, K, room.moment, room.mean)
+    eigenvalues(room.moment, room.value)
+    eigenvectors(room.moment, room.value, NARROW, room.vector)
+    for lane in range(len(room.scale)):
+        s = room.scale[lane]
+        off, flat = off_plane(room.mean, room.value, room.vector, lane)
+        values[9, lane], values[10, lane] = off / s, flat / s
+        values[11, lane] = off / (flat + SMOOTH * s)
+        along = np.sqrt(max(room.value[2, lane], 0.0))
+        values[12, lane] = np.sqrt(max(room.value[1, lane], 0.0)) / (along + LEAST)
+        values[13, lane] = aside(room.moment, room.mean, lane)
+        values[14, lane] = abs(room.vector[2, lane])
+    for feature in range(COUNT):
+        for lane in range(len(room.scale)):
+            values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
+
+
+@inner_kernel
+def _write_distances(room: NearRoom, values: Singles) -> None:
+    """Write the features of distances, and s."""
+    distance, radii, work, scale = room.distance, room.radii, room.work, room.scale
+    copy_rows(radii, K, work)
+    sort(work, SORT)
+    half = K // 2
+    for lane in range(len(scale)):
+        s = scale[lane] = (work[half - 1, lane] + work[half, lane]) / 2 + LEAST
+        least, most = work[0, lane], work[K - 1, lane]
+        first, eighth = distance[0, lane], distance[K - 1, lane]
+        values[0, lane], values[2, lane] = first / s, eighth / s
+        values[1, lane] = (first + distance[1, lane] + distance[2, lane]) / (FEW * s)
+        values[3, lane], values[4, lane] = eighth / (least + LEAST), most / s
+    jump, jump_at, listed = work[0], work[1], work[2]
+    for lane in range(len(scale)):
+        jump[lane], jump_at[lane] = 1.0, 0.0
+        listed[lane] = distance[0, lane] <= radii[0, lane]
+    for m in range(1, K):
+        for lane in range(len(scale)):
+            ratio = distance[m, lane] / (distance[m - 1, lane] + LEAST)
+            jump_at[lane] = m if ratio > jump[lane] else jump_at[lane]
+            jump[lane] = max(jump[lane], ratio)
+            listed[lane] += distance[m, lane] <= radii[m, lane]
+    for lane in range(len(scale)):
+        values[5, lane], values[6, lane] = jump[lane], jump_at[lane]
+        values[7, lane] = listed[lane]
+
+
+@inner_kernel
+def count_steps(index: Index, p: int, table: Ints) -> int:
+    """Count the other points that two steps from p lead to.
+
+    What the table holds of earlier counts is less than ``mark``: so nothing is cleared.
+    """
+    table[TABLE] += MARK
+    mark, count = table[TABLE], 0
+    _put(table, mark, mark + p)
+    for m in range(K):
+        o = index[p, m]
+        count += _put(table, mark, mark + o)
+        for n in range(K):
+            count += _put(table, mark, mark + index[o, n])
+    return count
+
+
+@inner_kernel
+def _put(table: Ints, mark: int, number: int) -> int:
+    """Put a number into a table, unless it is there; return how many were put."""
+    place = number & (TABLE - 1)
+    while table[place] >= mark and table[place] != number:
+        place = (place + 1) & (TABLE - 1)
+    new = table[place] != number
+    table[place] = number
+    return int(new)

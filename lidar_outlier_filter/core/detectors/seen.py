@@ -1,0 +1,106 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a detector sees: points, their scan lines, and a neighbourhood that all detectors share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.points import scan_lines
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.core.points.scan_lines import Lines
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+POINTS_AT_ONCE = 1 << 15  # that a thread takes at once, or a line: some milliseconds
+
+
+class Seen:
+    """The points that a detector sees.
+
+    Attributes
+    ----------
+    points : N valid points
+    threads : at most so many at once; 0: as many as there are cores
+    gap_factor : where line segments end, see :func:`~.scan_lines.find_lines`
+    whole : whether they are all of a cloud, no part of a stream
+
+    """
+
+    def __init__(
+        self,
+        points: Points,
+        parameters: FilterParameters,
+        neighbours: int = 1,
+        neighbourhood: Neighbourhood | None = None,
+        *,
+        whole: bool = False,
+    ) -> None:
+        """Take points.
+
+        Parameters
+        ----------
+        points : all of them valid
+        parameters : threads and gap_factor
+        neighbours : the most that a detector will ask for, at least 1
+        neighbourhood : of these points, where it is known already
+        whole : whether they are all of a cloud
+
+        """
+        self.points = points
+        self.threads = parameters.threads
+        self.gap_factor = parameters.gap_factor
+        self.whole = whole
+        self._parameters, self._neighbours = parameters, neighbours
+        self._neighbourhood = neighbourhood
+
+    @property
+    def neighbourhood(self) -> Neighbourhood:
+        """The neighbours of the points, made when a detector first asks for them."""
+        if self._neighbourhood is None:
+            self._neighbourhood = Neighbourhood(self.points.xyz, self._neighbours, self.threads)
+        return self._neighbourhood
+
+    def without(self, rejected: NDArray[np.bool_]) -> Seen:
+        """Return what is left; what is known of its neighbourhood is kept."""
+        known = self._neighbourhood
+        known = None if known is None else known.without(rejected)
+        left = self.points.take(np.flatnonzero(~rejected))
+        return Seen(left, self._parameters, self._neighbours, known, whole=self.whole)
+
+    def along_lines(self, detect: Callable[[Points, Lines], Scores]) -> Scores:
+        """Give scan lines, some at a time, to a detector that judges each line by itself.
+
+        Parameters
+        ----------
+        detect : of points that are sorted by line and time, and of their lines
+
+        """
+        points = self.points
+        order = scan_lines.order_by_line(points)
+        # A profile scanner's points come in this order: a copy less.
+        unchanged = scan_lines.is_unchanged(order)
+        ordered = points if unchanged else points.take(order)
+        first = scan_lines.line_starts(ordered.line)
+        score = np.empty(len(points))
+
+        def work(begin: int, end: int) -> int:
+            part = slice(first[begin], first[end])
+            some = ordered.take(part)
+            found = detect(some, scan_lines.find_lines(some, self.gap_factor))
+            score[part if unchanged else order[part]] = found.score
+            return found.passes
+
+        count = len(first) - 1
+        chunk = max(1, -(-count * POINTS_AT_ONCE // max(len(points), 1)))
+        return Scores(score, passes=max(pool.run(work, count, chunk, self.threads), default=0))

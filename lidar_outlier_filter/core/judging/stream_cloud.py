@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A cloud on its way through the stream, from push to answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from lidar_outlier_filter.core.verdict import Verdict
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.errors import JudgingError
+
+    Places = NDArray[np.intp]
+
+BEGINNING = -(2**62)  # before any time, nanoseconds
+END = 2**62
+
+
+@dataclass(eq=False)
+class StreamCloud:
+    """The points of one cloud, in wait for their verdict or seen as halo of others.
+
+    Whoever pushes clouds adds to a class of their own what the answer needs. The stream does not
+    look at it.
+
+    Attributes
+    ----------
+    points : Points
+        All points are given; the valid ones are kept.
+    frame : str
+        That of the coordinates; empty for the one that stands still, in which those of
+        ``points.fixed`` are, too. Points of different frames are never judged together.
+    known : bool
+        Whether its verdict is known elsewhere. A block with points of such clouds only is not
+        judged.
+    where : (M,) int64
+        The places of the valid points in the cloud.
+    verdict : Verdict
+        Of all N points of the cloud; that of an invalid point is untested.
+    error : JudgingError or None
+        Why the cloud could not be judged: a detector raised an error in a block with points of it.
+        Its points are all untested then.
+    first, last : int
+        Earliest and latest time, nanoseconds; ``last`` < ``first`` of a cloud without valid points.
+    is_sorted : bool
+        Whether the valid points are sorted by time.
+
+    """
+
+    points: Points
+    frame: str = ''
+    known: bool = field(default=False, kw_only=True)
+    where: NDArray[np.intp] = field(init=False)
+    verdict: Verdict = field(init=False)
+    error: JudgingError | None = field(init=False, default=None)
+    first: int = field(init=False)
+    last: int = field(init=False)
+    is_sorted: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Choose the valid points, and note the stretch of time that they cover."""
+        self.verdict = Verdict.untested(len(self.points))
+        self.where = np.flatnonzero(self.points.valid)
+        if len(self.where) != len(self.points):
+            self.points = self.points.take(self.where)
+        t = self.points.t
+        self.first, self.last = (int(t.min()), int(t.max())) if len(t) else (END, BEGINNING - 1)
+        self.is_sorted = bool((t[1:] >= t[:-1]).all())
+
+    @property
+    def count(self) -> int:
+        """Count the points, missing returns too."""
+        return len(self.verdict)
+
+    def between(self, begin: int, end: int) -> slice | NDArray[np.intp]:
+        """Find the valid points with begin <= t < end."""
+        if begin <= self.first and self.last < end:
+            return slice(None)
+        return between(self.points.t, begin, end, is_sorted=self.is_sorted)
+
+    def in_frames(self, index: slice | NDArray[np.intp]) -> list[tuple[str, Points, Places]]:
+        """Choose valid points; return them by frame, and which of those chosen they are."""
+        points = self.points.take(index)
+        places = np.arange(len(points))
+        if points.fixed is None:
+            return [(self.frame, points, places)]
+        fixed, points = points.fixed, replace(points, fixed=None)
+        there, own = places[fixed], places[~fixed]
+        parts = ('', points.take(there), there), (self.frame, points.take(own).in_own_frame, own)
+        return [part for part in parts if len(part[2])]
+
+    def finish(self) -> None:
+        """Leave no verdict of a cloud that could not be judged as a whole."""
+        if self.error is not None:
+            self.verdict = Verdict.untested(self.count)
+
+
+AnyCloud = TypeVar('AnyCloud', bound=StreamCloud)  # what a stream takes, and gives back
+
+
+def between(
+    t: NDArray[np.int64], begin: int, end: int, *, is_sorted: bool
+) -> slice | NDArray[np.intp]:
+    """Find the times with begin <= t < end."""
+    if is_sorted:
+        # Views, not copies: most sensors send their points in order.
+        return slice(*np.searchsorted(t, (begin, end)).tolist())
+    return np.flatnonzero((t >= begin) & (t < end))

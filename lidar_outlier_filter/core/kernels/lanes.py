@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Work on several points side by side, in lanes, which a processor does at one stroke.
+
+Arrays are [quantity, neighbour, lane], and innermost loops go over the lanes: so nothing depends on
+the order in which the sums of one point are added up, and each lane gets what it would get alone.
+The length of innermost loops is that of an array, because the compiler unrolls literal ones.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Ints = NDArray[np.int64]
+    Singles = NDArray[np.float32]
+
+LANES = 32  # twice what compilers unroll a loop to; more would not fit into the nearest cache
+
+
+def network(count: int, wanted: range) -> Ints:
+    """Return which rows to compare and swap, one pair after the other, to sort so many.
+
+    Batcher's merge exchange (Knuth 5.2.2, algorithm M), without what the ``wanted`` ranks, from 0,
+    do not depend on: the other rows are not sorted.
+
+    Returns
+    -------
+    (C, 2) int64
+        The row that takes the smaller value first.
+
+    """
+    pairs = []
+    top = 1 << max((count - 1).bit_length() - 1, 0)
+    step = top
+    while step > 0:
+        size, remainder, distance = top, 0, step
+        while True:
+            pairs += [(i, i + distance) for i in range(count - distance) if i & step == remainder]
+            if size == step:
+                break
+            size, remainder, distance = size // 2, step, size - step
+        step //= 2
+    needed, kept = set(wanted), []
+    for pair in reversed(pairs):
+        if not needed.isdisjoint(pair):
+            needed.update(pair)
+            kept.append(pair)
+    return np.array(kept[::-1], np.int64).reshape(-1, 2)
+
+
+@inner_kernel
+def rows_of_singles(count: int) -> Singles:
+    """Make so many rows of lanes, single precision; one kernel, because numba has one per count."""
+    return np.empty((count, LANES), np.float32)
+
+
+@kernel
+def fill(points: Ints, wanted: NDArray[np.bool_], begin: int, end: int) -> tuple[int, int]:
+    """Put the next wanted points of a range into lanes; those left over take the last one, too.
+
+    Returns how many points there are, and where to go on.
+    """
+    count = 0
+    while begin < end and count < len(points):
+        points[count] = begin
+        count += wanted[begin]
+        begin += 1
+    if count > 0:
+        points[count:] = points[count - 1]
+    return count, begin
+
+
+@kernel
+def sort(values: NDArray[np.floating], pairs: Ints) -> None:
+    """Sort values, none negative, of each lane by the rows of a :func:`network`."""
+    for pair in range(len(pairs)):
+        a, b = pairs[pair, 0], pairs[pair, 1]
+        for lane in range(values.shape[1]):
+            one, other = values[a, lane], values[b, lane]
+            # The sign is taken off only because, where a value could stay as it is, the compiler
+            # would write under a mask, which takes three times as long.
+            values[a, lane], values[b, lane] = abs(min(one, other)), abs(max(one, other))
+
+
+@kernel
+def sort_signed(values: NDArray[np.float64], pairs: Ints) -> None:
+    """Sort values of any sign of each lane by the rows of a :func:`network`; -0 may become 0."""
+    for pair in range(len(pairs)):
+        a, b = pairs[pair, 0], pairs[pair, 1]
+        for lane in range(values.shape[1]):
+            one, other = values[a, lane], values[b, lane]
+            # 0 is added for the reason that `sort` takes the sign off.
+            values[a, lane], values[b, lane] = min(one, other) + 0.0, max(one, other) + 0.0

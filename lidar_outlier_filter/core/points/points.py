@@ -1,0 +1,216 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Points: what every stage after the decoder works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.errors import CloudError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+SECOND = 1_000_000_000  # nanoseconds
+# Metres. No map reaches that far, the Moon is nearer, and float64 still resolves 0.1 µm there. What
+# is beyond was never measured: memory that nobody has set, the wrong order of bytes.
+FARTHEST = 1e9
+FINEST = 1e-9  # metres: the least standard deviation
+COARSEST = 0.01  # metres between two float32 that still carry what sensors measure
+SAMPLE = 64  # points that show how far a cloud is from the origin
+
+
+@dataclass(frozen=True)
+class Points:
+    """N points in the order of their message.
+
+    Time is an integer, because a float64 of 1.7e9 seconds resolves 240 ns only, and because integer
+    differences do not depend on where the stream was cut.
+
+    Attributes
+    ----------
+    xyz : (N, 3) float64
+        Position, metres.
+    t : (N,) int64
+        Time of measurement, nanoseconds of the sensor's clock.
+    line : (N,) int64
+        Identity of the scan line: points of one line are compared along it.
+    valid : (N,) bool
+        False for missing returns (NaN, Inf, 0 0 0), which no detector sees.
+    sigma : (N,) float64 or None
+        Own standard deviation of each point, metres.
+    own : (N, 3) float64 or None
+        Position in the sensor's own frame, metres, where ``xyz`` is in another one.
+    intensity : (N,) float32 or None
+        As the sensor gives it, in any unit; NaN where it is not known.
+    ring : (N,) int64 or None
+        Recovered from elevations, where the sensor spins and gives no scan lines; -1 for missing
+        returns.
+    fixed : (N,) bool or None
+        Of a cloud that was moved in part: whether ``xyz`` is in the frame that stands still.
+
+    """
+
+    xyz: NDArray[np.float64]
+    t: NDArray[np.int64]
+    line: NDArray[np.int64]
+    valid: NDArray[np.bool_]
+    sigma: NDArray[np.float64] | None = None
+    own: NDArray[np.float64] | None = None
+    intensity: NDArray[np.float32] | None = None
+    ring: NDArray[np.int64] | None = None
+    fixed: NDArray[np.bool_] | None = None
+
+    def __len__(self) -> int:
+        """Count the points."""
+        return len(self.t)
+
+    @property
+    def range(self) -> NDArray[np.float64]:
+        """Distance from the sensor, which is the origin of its own frame, metres."""
+        xyz = self.xyz if self.own is None else self.own
+        distance: NDArray[np.float64] = np.sqrt(np.einsum('ij,ij->i', xyz, xyz))
+        return distance
+
+    @property
+    def in_own_frame(self) -> Points:
+        """The same points in the sensor's own frame; themselves where they are in it."""
+        return self if self.own is None else replace(self, xyz=self.own, own=None)
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Points:
+        """Choose points by index, mask or slice, in that order."""
+        if not isinstance(index, slice) and index.dtype == np.bool_:
+            index = np.flatnonzero(index)
+        return Points(
+            _rows(self.xyz, index),
+            self.t[index],
+            self.line[index],
+            self.valid[index],
+            None if self.sigma is None else self.sigma[index],
+            None if self.own is None else _rows(self.own, index),
+            None if self.intensity is None else self.intensity[index],
+            None if self.ring is None else self.ring[index],
+            None if self.fixed is None else self.fixed[index],
+        )
+
+
+def _rows(
+    xyz: NDArray[np.float64], index: NDArray[np.intp] | NDArray[np.bool_] | slice
+) -> NDArray[np.float64]:
+    """Choose rows of three: indexing takes four times as long."""
+    return xyz[index] if isinstance(index, slice) else np.take(xyz, index, axis=0)
+
+
+def missing(count: int) -> Points:
+    """Return points of which there is nothing but their number; they take no memory."""
+    zero = np.broadcast_to(np.int64(0), count)
+    return Points(
+        np.broadcast_to(np.nan, (count, 3)), zero, zero, np.broadcast_to(np.False_, count)
+    )
+
+
+def is_return(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return real returns from missing ones: all three finite, and not all three 0."""
+    valid, _ = _look(xyz)
+    return np.asarray(valid)
+
+
+def returns(xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return real returns from missing ones, as :func:`is_return`; refuse what can be neither.
+
+    Raises
+    ------
+    CloudError
+        If a coordinate of a return is beyond ``FARTHEST``.
+
+    """
+    valid, absurd = _look(xyz)
+    if absurd >= 0:
+        got = ', '.join(f'{value:g}' for value in xyz[absurd].tolist())
+        raise CloudError('the coordinates of a point', f'within {FARTHEST:g} m, NaN or Inf', got)
+    return np.asarray(valid)
+
+
+def check_sigma(sigma: NDArray[np.float64], valid: NDArray[np.bool_], what: str) -> None:
+    """Refuse standard deviations, metres, that cannot be true.
+
+    Raises
+    ------
+    CloudError
+        If that of a valid point is not from ``FINEST`` to ``FARTHEST``.
+
+    """
+    wrong = valid & ~((sigma >= FINEST) & (sigma <= FARTHEST))
+    if wrong.any():
+        raise CloudError(what, f'from {FINEST:g} to {FARTHEST:g} m', f'{sigma[wrong][0]:g}')
+
+
+def too_coarse(
+    xyz: NDArray[np.float64], valid: NDArray[np.bool_], single: Sequence[bool], unit: float = 1.0
+) -> str:
+    """Say that coordinates came as float32 and are too far from the origin for it; empty: no.
+
+    The median of some points counts, so that a single far one says nothing of the cloud. From
+    131 072 m on neighbouring float32 are more than ``COARSEST`` apart.
+
+    Parameters
+    ----------
+    xyz, valid : positions, metres, and which of them are returns
+    single : of x, y and z, whether it came as float32
+    unit : metres of the unit that it came in
+
+    """
+    where = np.flatnonzero(valid)
+    if not len(where) or not any(single):
+        return ''
+    some = xyz[where[:: -(-len(where) // SAMPLE)]][:, np.array(single)]
+    far = float(np.median(np.abs(some), axis=0).max())
+    step = float(np.spacing(np.float32(far / unit))) * unit
+    if step <= COARSEST:
+        return ''
+    return (
+        f'float32 coordinates of {far:.0f} m come in steps of {step:.3g} m, and what is finer is '
+        'lost: float64, or a frame near the sensor, keeps it'
+    )
+
+
+@kernel
+def _look(xyz: NDArray[np.float64]) -> tuple[NDArray[np.bool_], int]:
+    """Return the returns, and where the first one is that is beyond ``FARTHEST``; -1: nowhere."""
+    result = np.empty(len(xyz), np.bool_)
+    absurd = -1
+    for i in range(len(xyz)):
+        x, y, z = xyz[i]
+        finite = np.isfinite(x) and np.isfinite(y) and np.isfinite(z)
+        result[i] = finite and (x != 0 or y != 0 or z != 0)
+        if finite and absurd < 0 and max(abs(x), abs(y), abs(z)) > FARTHEST:
+            absurd = i
+    return result, absurd
+
+
+def concatenate(parts: Sequence[Points]) -> Points:
+    """Join points in the order given; all or none of the parts have a sigma, or an own frame.
+
+    Of parts without intensities they are unknown, where others have them.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    if any(part.intensity is not None for part in parts):
+        parts = [_with_intensity(part) for part in parts]
+    columns: dict[str, Any] = {}
+    for field in fields(Points):
+        values = [getattr(part, field.name) for part in parts]
+        columns[field.name] = None if values[0] is None else np.concatenate(values)
+    return Points(**columns)
+
+
+def _with_intensity(points: Points) -> Points:
+    if points.intensity is not None:
+        return points
+    return replace(points, intensity=np.full(len(points), np.nan, np.float32))

@@ -1,0 +1,244 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the vehicle was when: poses in order of time, interpolated at every point's own time."""
+
+from __future__ import annotations
+
+import math
+import threading
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.core.points.points import FARTHEST, SECOND, Points
+from lidar_outlier_filter.errors import PoseError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Bools = NDArray[np.bool_]
+    Triple = tuple[float, float, float]
+
+KEPT = 60 * SECOND  # poses that are older than the newest by more are forgotten
+MOST_KEPT = 200_000
+TINY = 1e-9  # radians between two poses that are as good as one
+ROUNDING = 0.01  # how far the norm of a quaternion may be from 1
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """Where the sensor is on the vehicle: metres, and a rotation from its axes to the vehicle's."""
+
+    position: Floats
+    matrix: Floats
+
+    @classmethod
+    def at(cls, position: Triple, angles: Triple) -> Mounting:
+        """Make it of x, y, z and roll, pitch, yaw (radians, about fixed axes, in turn)."""
+        return cls(np.array(position, np.float64), Rotation.from_euler('xyz', angles).as_matrix())
+
+
+class Track:
+    """Poses of one body in one fixed frame, in order of time. One thread adds, another moves."""
+
+    def __init__(self, max_gap: float, time_jump: float) -> None:
+        """Interpolate over gaps of up to ``max_gap`` seconds.
+
+        A time that goes back by more than ``time_jump`` seconds begins anew.
+        """
+        self.max_gap = max_gap
+        self._jump = round(time_jump * SECOND)
+        self._lock = threading.Lock()
+        self._times: list[int] = []
+        self._poses: list[tuple[float, ...]] = []  # x y z, quaternion x y z w
+        self._is_new = False  # began anew, and has moved nothing since
+
+    def __len__(self) -> int:
+        """Count the poses."""
+        return len(self._times)
+
+    @staticmethod
+    def compile() -> None:
+        """Run the kernel once, so that it is ready for the first points."""
+        none, nowhere = np.empty(0, np.int64), np.zeros(3)
+        pose = np.zeros((1, 7))
+        _move(
+            np.empty((0, 3)),
+            none,
+            np.empty(0, np.bool_),
+            np.zeros(1, np.int64),
+            pose[:, :3],
+            pose[:, 3:],
+            nowhere,
+            np.eye(3),
+        )
+
+    def add(self, t: int, pose: tuple[float, ...]) -> None:
+        """Add the next pose: t in nanoseconds; x, y, z in metres and a quaternion x, y, z, w.
+
+        Raises
+        ------
+        PoseError
+            If it is no pose, or not later than the one before.
+
+        """
+        if not np.isfinite(pose).all():
+            raise PoseError('a pose', 'finite', ', '.join(f'{value:g}' for value in pose))
+        if max(map(abs, pose[:3])) > FARTHEST:
+            got = ', '.join(f'{value:g}' for value in pose[:3])
+            raise PoseError('the position of a pose', f'within {FARTHEST:g} m', got)
+        norm = math.hypot(*pose[3:])
+        if abs(norm - 1) > ROUNDING:
+            raise PoseError('the norm of a quaternion', '1', f'{norm:g}')
+        with self._lock:
+            if self._times and t < self._times[-1] - self._jump:
+                self._times, self._poses = [], []
+                self._is_new = True
+            if self._times and t <= self._times[-1]:
+                late = (self._times[-1] - t) / SECOND
+                raise PoseError('the time of a pose', 'after the one before', f'{late:g} s before')
+            self._times.append(t)
+            self._poses.append((*pose[:3], *(value / norm for value in pose[3:])))
+            old = max(bisect_left(self._times, t - KEPT), len(self._times) - MOST_KEPT)
+            if 2 * old > len(self._times):  # not one by one
+                del self._times[:old], self._poses[:old]
+
+    def begin_anew(self) -> None:
+        """Forget the poses: the clock of the points was set back.
+
+        Not those that have begun anew by themselves, and are ahead of the points.
+        """
+        with self._lock:
+            if not self._is_new:
+                self._times, self._poses = [], []
+
+    def reaches(self, last: int) -> bool:
+        """Return whether there are poses up to a time; they come in order, so none is to come."""
+        with self._lock:
+            return bool(self._times) and self._times[-1] >= last
+
+    def move(self, points: Points, mounting: Mounting) -> tuple[Points, Bools]:
+        """Move points to the fixed frame, each from where the sensor was at its own time.
+
+        Positions are interpolated linearly, rotations along the shortest arc. Points before the
+        first pose, behind the last one and within a gap stay where they are, and invalid ones.
+        Whether a point is moved depends on its own time alone, in whatever message it comes.
+
+        Returns
+        -------
+        points : Points
+            They keep what they were in the sensor's own frame.
+        covered : (N,) bool
+            Which of them were moved.
+
+        """
+        known = points.t[points.valid]
+        if not len(known):
+            return points, points.valid
+        with self._lock:
+            times, poses = self._between(int(known.min()), int(known.max()))
+            covered = points.valid & _is_covered(points.t, times, round(self.max_gap * SECOND))
+            if not covered.any():
+                return points, covered
+            self._is_new = False  # the points have caught up
+        table = np.array(poses)
+        moved = _move(
+            points.xyz,
+            points.t,
+            covered,
+            np.array(times),
+            table[:, :3],
+            table[:, 3:],
+            mounting.position,
+            mounting.matrix,
+        )
+        return replace(points, xyz=moved, own=points.in_own_frame.xyz), covered
+
+    def _between(self, first: int, last: int) -> tuple[list[int], list[tuple[float, ...]]]:
+        """Return the poses from the last at or before, to the first at or after; under the lock."""
+        begin = max(bisect_right(self._times, first) - 1, 0)
+        end = bisect_left(self._times, last) + 1
+        return self._times[begin:end], self._poses[begin:end]
+
+
+def _is_covered(t: Ints, times: list[int], longest: int) -> Bools:
+    """Return which times are those of a pose, or between two without a longer gap."""
+    if not times:
+        return np.zeros(len(t), np.bool_)
+    at = np.array(times)
+    before = np.searchsorted(at, t, side='right') - 1
+    near, following = at[np.maximum(before, 0)], at[np.minimum(before + 1, len(at) - 1)]
+    is_between = (following > t) & (following - near <= longest)
+    covered: Bools = (before >= 0) & ((near == t) | is_between)
+    return covered
+
+
+@kernel
+def _move(
+    xyz: Floats,
+    t: Ints,
+    covered: Bools,
+    times: Ints,
+    positions: Floats,
+    quaternions: Floats,
+    mounted_at: Floats,
+    mounted: Floats,
+) -> Floats:
+    """Move every covered point by the pose at its own time; others stay where they are."""
+    result = xyz.copy()
+    q, v, last = np.empty(4), np.empty(3), len(times) - 1
+    for i in range(len(t)):
+        if not covered[i]:
+            continue
+        # At a pose itself the share is 0: whether there is another behind it makes no difference.
+        before = np.searchsorted(times, t[i], side='right') - 1
+        after = min(before + 1, last)
+        share = 0.0
+        if after > before:
+            share = (t[i] - times[before]) / (times[after] - times[before])
+        _slerp(quaternions[before], quaternions[after], share, q)
+        for j in range(3):
+            v[j] = mounted_at[j] + mounted[j, 0] * xyz[i, 0]
+            v[j] += mounted[j, 1] * xyz[i, 1]
+            v[j] += mounted[j, 2] * xyz[i, 2]
+        # v + 2 w (u × v) + 2 u × (u × v), with u the vector of the quaternion and w its scalar.
+        x = 2 * (q[1] * v[2] - q[2] * v[1])
+        y = 2 * (q[2] * v[0] - q[0] * v[2])
+        z = 2 * (q[0] * v[1] - q[1] * v[0])
+        result[i, 0] = v[0] + q[3] * x + q[1] * z - q[2] * y
+        result[i, 1] = v[1] + q[3] * y + q[2] * x - q[0] * z
+        result[i, 2] = v[2] + q[3] * z + q[0] * y - q[1] * x
+        for j in range(3):
+            p0, p1 = positions[before, j], positions[after, j]
+            result[i, j] += p0 + share * (p1 - p0)
+    return result
+
+
+@inner_kernel
+def _slerp(q0: Floats, q1: Floats, share: float, result: Floats) -> None:
+    """Interpolate between unit quaternions along the shorter arc (Shoemake 1985)."""
+    dot = 0.0
+    for j in range(4):
+        dot += q0[j] * q1[j]
+    sign = 1.0 if dot >= 0 else -1.0  # q and -q are one rotation
+    difference = total = 0.0
+    for j in range(4):
+        difference += (sign * q1[j] - q0[j]) ** 2
+        total += (sign * q1[j] + q0[j]) ** 2
+    angle = 2 * np.arctan2(np.sqrt(difference), np.sqrt(total))
+    weight0, weight1 = 1 - share, share
+    if share > 0 and angle > TINY:
+        weight0, weight1 = np.sin(weight0 * angle), np.sin(weight1 * angle)
+    norm = 0.0
+    for j in range(4):
+        result[j] = weight0 * q0[j] + sign * weight1 * q1[j]
+        norm += result[j] ** 2
+    if share > 0:
+        for j in range(4):
+            result[j] /= np.sqrt(norm)

@@ -1,0 +1,182 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``results``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.terminal import DONE, stoppable_bar
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_lab.simulation.presets import PRESETS
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable
+
+    from lidar_outlier_lab.results.contest import Progress
+
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
+    # Judgement where pictures go; returns the texts of its parts of the page, by name.
+    Section = Callable[[argparse.Namespace, Path, Progress], dict[str, str]]
+
+PAGE = Path('doc/results.md')
+DATA = Path('../shared/data')
+SEEDS = (101, 102, 103, 104, 105)
+LEARNT = 1  # the seed that the tuner may see
+PAPERS = ('leslar2010', 'sotoodeh2006', 'sotoodeh2007', 'kang2018', 'pirotti2018')
+QUICK_PRESETS = ('leslar-c', 'pirotti-fcd', 'sotoodeh-hod')
+
+
+def add_results(commands: Commands) -> None:
+    """Add the command ``results``."""
+    parser = commands.add_parser(
+        'results',
+        help='compare all detectors with the papers and with peers, and write it up',
+        description='Simulate all presets, judge them with every detector, some chains and the '
+        'peers that are installed, and put tables and pictures between markers into a page. What '
+        'else is on the page stays as it is. Takes half an hour on two cores, and the papers '
+        'another.',
+    )
+    parser.add_argument(
+        '--output', type=Path, default=PAGE, metavar='FILE', help=f'the page; default: {PAGE}'
+    )
+    parser.add_argument(
+        '--presets', nargs='+', metavar='P', choices=PRESETS, help='only these; default: all'
+    )
+    parser.add_argument(
+        '--seeds',
+        nargs='+',
+        type=int,
+        metavar='N',
+        help=f'from 0; default: {" ".join(map(str, SEEDS))}, which no default was chosen by',
+    )
+    parser.add_argument(
+        '--full',
+        type=int,
+        default=1,
+        metavar='N',
+        help='so many of the seeds are judged by all detectors; the others by the default chain '
+        'and the peers, on presets with a target; default: 1',
+    )
+    parser.add_argument(
+        '--quick',
+        action='store_true',
+        help='small presets, one seed, few neighbours, few points, one chain to tune; some minutes',
+    )
+    parser.add_argument(
+        '--sections',
+        nargs='+',
+        choices=tuple(SECTIONS),
+        metavar='S',
+        help=f'write these only, of {", ".join(SECTIONS)}; default: all, and under --quick all but '
+        'papers',
+    )
+    parser.add_argument(
+        '--papers',
+        nargs='+',
+        choices=PAPERS,
+        default=PAPERS,
+        metavar='P',
+        help=f'pages of the section papers, in papers/ beside FILE; of {", ".join(PAPERS)}',
+    )
+    parser.add_argument(
+        '--data',
+        type=Path,
+        default=DATA,
+        metavar='DIR',
+        help=f'folder of real recordings and clouds; default: {DATA}',
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from tempfile import TemporaryDirectory
+
+    from rich.console import Console
+
+    from lidar_outlier_lab.results import markdown
+
+    if options.full < 1:
+        raise FilterError('--full', 'at least 1', options.full)
+    options.presets = options.presets or (QUICK_PRESETS if options.quick else tuple(PRESETS))
+    options.seeds = options.seeds or (SEEDS[:1] if options.quick else SEEDS)
+    options.sections = options.sections or [
+        name for name in SECTIONS if not (options.quick and name == 'papers')
+    ]
+    console = Console()
+    with stoppable_bar('results', lines=True) as progress:
+        for number, name in enumerate(options.sections):
+            # Before the first step there are imports, simulations and compilation.
+            progress(number, len(options.sections), f'section {name}')
+            with TemporaryDirectory() as folder:
+                texts = SECTIONS[name](options, Path(folder), progress)
+                pictures = sorted(Path(folder).glob('*.png'))
+                page = options.output.parent / 'papers' if name == 'papers' else options.output
+                for place, (part, text) in enumerate(texts.items()):
+                    one = page / f'{part}.md' if name == 'papers' else page
+                    markdown.write(one, part, text, () if place else pictures)
+            console.print(f'{name} written to {page}', markup=False, highlight=False)
+    return DONE
+
+
+def _contest(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_lab.results.contest_section import section
+
+    return section(options.presets, options.seeds, options.full, progress)
+
+
+def _failures(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_lab.results.contest_tables import TARGETS
+    from lidar_outlier_lab.results.gallery import section
+
+    wanted = [preset for preset in options.presets if preset in TARGETS]
+    return {'failures': section(wanted, options.seeds, pictures, progress)}
+
+
+def _neighbours(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_lab.results.neighbour_curves import FEW, NEIGHBOURS, section
+
+    numbers = FEW if options.quick else NEIGHBOURS
+    text = section(options.seeds[0], numbers, options.presets, pictures, progress)
+    return {'neighbours': text}
+
+
+def _growth(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_lab.results.growth import section
+
+    preset = 'leslar-c' if options.quick else 'leslar-b'
+    return {'growth': section(preset, options.seeds[0], pictures, progress)}
+
+
+def _real(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_lab.results.real_clouds import section
+
+    return {'real': section(options.data, progress)}
+
+
+def _papers(options: argparse.Namespace, pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_lab.results.papers.pages import write_up
+
+    return write_up(options.papers, options.presets, options.seeds[0], pictures, progress)
+
+
+def _tuner(options: argparse.Namespace, _pictures: Path, progress: Progress) -> dict[str, str]:
+    from lidar_outlier_lab.results.tuner_proof import CHAINS, section
+
+    preset, chains = ('leslar-c', CHAINS[:1]) if options.quick else ('leslar-b', CHAINS)
+    return {'tuner': section(preset, (LEARNT, options.seeds[0]), progress, chains)}
+
+
+SECTIONS: dict[str, Section] = {
+    'contest': _contest,
+    'failures': _failures,
+    'neighbours': _neighbours,
+    'growth': _growth,
+    'real': _real,
+    'tuner': _tuner,
+    'papers': _papers,
+}

@@ -1,0 +1,190 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``simulate``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.cli.interrupts import stopping
+from lidar_outlier_filter.cli.terminal import (
+    DONE,
+    INCOMPLETE,
+    add_parameter_options,
+    beside,
+    progress_bar,
+    read_parameters,
+    say,
+    say_unread,
+    stoppable_bar,
+)
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_lab.simulation.presets import PRESETS
+from lidar_outlier_lab.simulation.weather.names import RETURN_NAMES, WEATHER_NAMES
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Mapping
+
+    from rich.table import Table
+
+    from lidar_outlier_filter.messages.truth import Cause
+    from lidar_outlier_lab.simulation.world.recording import Cloud
+
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
+
+STEPS = 1000  # of the bar
+
+
+def add_simulate(commands: Commands) -> None:
+    """Add the command ``simulate``."""
+    parser = commands.add_parser(
+        'simulate',
+        help='make a recording whose outliers are known',
+        description='Write a bag of simulated clouds, or put weather into a recording of a sensor\n'
+        'that spins (--onto). The field "label" says outliers by their cause (0: none). Of a\n'
+        'preset, the field "surface" says what a good point lies on.\n\n'
+        f'presets:\n{_listed({name: preset.sentence for name, preset in PRESETS.items()})}\n\n'
+        f'weathers:\n{_listed(WEATHER_NAMES)}',
+        formatter_class=_raw(),
+    )
+    parser.add_argument('preset', nargs='?', metavar='PRESET', help='one of those above')
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='DIR',
+        help='new folder; default: PRESET, here, or RECORDING_WEATHER, beside it',
+    )
+    parser.add_argument(
+        '--seed', type=int, default=1, metavar='N', help='of all chances, from 0; default: 1'
+    )
+    parser.add_argument(
+        '--share',
+        type=float,
+        metavar='S',
+        help="share of the points that are to be outliers, 0 to 1; default: the preset's own",
+    )
+    _add_onto(parser)
+    parser.set_defaults(run=_simulate)
+
+
+def _add_onto(parser: argparse.ArgumentParser) -> None:
+    """Add the options for weather in a recording."""
+    parser.add_argument(
+        '--onto',
+        type=Path,
+        metavar='RECORDING',
+        help='bag folder, .mcap, .db3 or ROS 1 .bag to put weather into, in place of PRESET',
+    )
+    parser.add_argument('--weather', metavar='WEATHER', help='one of those above')
+    parser.add_argument(
+        '--topic',
+        action='append',
+        default=[],
+        dest='topics',
+        metavar='T',
+        help='put weather into this topic only; may be repeated; default: all PointCloud2 topics',
+    )
+    parser.add_argument(
+        '--return',
+        dest='returns',
+        default='strongest',
+        metavar='R',
+        help=f'which echo is measured: {", ".join(RETURN_NAMES)}; default: strongest',
+    )
+    add_parameter_options(parser)
+
+
+def _listed(sentences: Mapping[str, str]) -> str:
+    width = max(map(len, sentences))
+    return '\n'.join(f'  {name:{width}}  {sentence}' for name, sentence in sentences.items())
+
+
+def _raw() -> type[argparse.HelpFormatter]:
+    """Keep the lines of a description."""
+    from argparse import RawDescriptionHelpFormatter
+
+    return RawDescriptionHelpFormatter
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    if (options.preset is None) == (options.onto is None):
+        given = 'both' if options.preset else 'neither'
+        raise FilterError('the arguments', 'a PRESET, or --onto RECORDING --weather WEATHER', given)
+    return _preset(options) if options.onto is None else _onto(options)
+
+
+def _preset(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from lidar_outlier_lab.simulation.presets import make
+    from lidar_outlier_lab.simulation.world.recording import write
+
+    if options.weather is not None:
+        raise FilterError('--weather', 'given with --onto', repr(options.weather))
+    output = options.output or Path(options.preset)
+    with stopping() as leave_if_asked, progress_bar(options.preset) as show:
+
+        def progress(done: float) -> None:
+            leave_if_asked()
+            show(round(STEPS * done), STEPS)
+
+        def written(_: Cloud) -> None:
+            leave_if_asked()
+
+        truth = write(make(options.preset, options.seed, options.share, progress), output, written)
+    console = Console()
+    console.print(_table(truth.points, truth.outliers, truth.causes))
+    console.print(f'written to {output}', markup=False, highlight=False, soft_wrap=True)
+    return DONE
+
+
+def _onto(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from lidar_outlier_lab.simulation.weather.onto import put_onto
+
+    if options.weather not in WEATHER_NAMES:
+        raise FilterError('--weather', f'one of {", ".join(WEATHER_NAMES)}', options.weather)
+    if options.share is not None:
+        raise FilterError('--share', 'given with a PRESET', options.share)
+    with stoppable_bar(options.onto.name) as progress:
+        report = put_onto(
+            options.onto,
+            options.output or beside(options.onto, f'_{options.weather}'),
+            options.weather,
+            options.topics,
+            options.seed,
+            options.returns,
+            read_parameters(options.params, options.settings),
+            progress=progress,
+            inform=say,
+        )
+    console = Console()
+    console.print(_table(report.points, report.outliers, report.causes))
+    console.print(f'surfaces that are hidden now: {report.hidden:,}', highlight=False)
+    console.print(f'written to {report.output}', markup=False, highlight=False, soft_wrap=True)
+    if report.untouched:
+        clouds = f'{report.untouched} of {report.messages} clouds'
+        say(f'{clouds} have too few points to show how their sensor turns: no weather in these')
+    say_unread(report.unread)
+    return INCOMPLETE if report.unread else DONE
+
+
+def _table(points: int, outliers: int, causes: Mapping[Cause, int]) -> Table:
+    """Lay out what a recording holds."""
+    from rich.table import Table
+
+    table = Table('', 'points', '')
+    for column in table.columns[1:]:
+        column.justify = 'right'
+    rows = {'all': points, 'outliers': outliers}
+    bad = {cause: count for cause, count in causes.items() if cause and count}
+    rows |= {f'  {cause.name.lower().replace("_", " ")}': count for cause, count in bad.items()}
+    for name, count in rows.items():
+        share = count / points if points else 0.0
+        table.add_row(name, f'{count:,}', f'{share:.3%}')
+    return table

@@ -1,0 +1,310 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``train``. It imports what is heavy when it runs, so that help is instant."""
+
+# ruff: noqa: PLC0415  as said above
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lidar_outlier_filter.cli.terminal import (
+    DONE,
+    add_parameter_options,
+    read_parameters,
+    stoppable_bar,
+)
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rich.table import Table
+
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
+
+    Progress = Callable[[int, int, str], object]
+    _Trained = tuple[str, float, list[Table]]  # the file, its threshold, and its figures
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
+
+DATA = Path('../shared/data')
+OUTPUT, PROFILE_OUTPUT = Path('pattern_model.json'), Path('profile_model.json')
+SURVEY_OUTPUT = Path('survey_model.json')
+BOTH = ('recordings', 'streets')
+
+
+def add_train(commands: Commands) -> None:
+    """Add the command ``train``."""
+    parser = commands.add_parser(
+        'train',
+        help="train the default's trees on weather in clean recordings of spinning sensors",
+        description='Put weather into clean recordings of spinning sensors, simulate streets, '
+        'train the trees of `evidence` on both, and write their file. Each sensor is left out '
+        'once; the figures printed are of the sensors left out. With --profile, train those for '
+        'profile scanners, on simulated streets alone. With --survey, train those for clouds '
+        'without scan lines. Each takes one to four minutes of processor time. '
+        'Needs the extra "train".',
+    )
+    parser.add_argument(
+        '--profile', action='store_true', help='for profile scanners, on simulated streets alone'
+    )
+    parser.add_argument(
+        '--survey',
+        action='store_true',
+        help='for clouds without scan lines, on simulated surveys alone',
+    )
+    parser.add_argument(
+        '--data',
+        type=Path,
+        metavar='DIR',
+        help=f'folder of the known clean recordings; default: {DATA}, none with --onto',
+    )
+    parser.add_argument(
+        '--onto',
+        type=Path,
+        nargs='+',
+        default=[],
+        metavar='RECORDING',
+        help='clean recordings of your own, each of another spinning sensor',
+    )
+    parser.add_argument(
+        '--train-on',
+        nargs='+',
+        choices=BOTH,
+        default=BOTH,
+        metavar='S',
+        help=f'{" and ".join(BOTH)}, or only one; the other is judged only; default: both',
+    )
+    parser.add_argument(
+        '--without', nargs='+', default=[], metavar='FEATURE', help='features to leave out'
+    )
+    parser.add_argument(
+        '--monotone',
+        action='store_true',
+        help='let log-odds only rise with distances and first results around, and only fall with '
+        'shares that are near',
+    )
+    add_parameter_options(parser)
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='FILE',
+        help=f'new; default: {OUTPUT}, {PROFILE_OUTPUT} with --profile, {SURVEY_OUTPUT} with '
+        '--survey',
+    )
+    parser.add_argument(
+        '--seed', type=int, default=1, metavar='N', help='of all chances, from 0; default: 1'
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from lidar_outlier_filter.disk.new_files import new_output
+    from lidar_outlier_filter.disk.publication import check_new
+    from lidar_outlier_lab.training.learner import check_learner
+
+    check_learner()
+    if options.profile and options.survey:
+        raise FilterError('--profile', 'without --survey', 'both')
+    train, usual = _train_spinning, OUTPUT
+    if options.profile:
+        train, usual = _train_profile, PROFILE_OUTPUT
+    if options.survey:
+        train, usual = _train_survey, SURVEY_OUTPUT
+    output = options.output or usual
+    if options.seed < 0:
+        raise FilterError('--seed', 'at least 0', options.seed)
+    check_new(output)
+    with stoppable_bar('training') as progress:
+        text, threshold, tables = train(options, progress)
+    with new_output(output) as built:
+        built.write_text(text, encoding='utf-8')
+    console = Console()
+    for table in tables:
+        console.print(table)
+        console.print()
+    for line in (f'threshold: log-odds of {threshold:g}', f'written to {output}'):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    return DONE
+
+
+def _train_spinning(options: argparse.Namespace, progress: Progress) -> _Trained:
+    from lidar_outlier_lab.training.scenes import make_sweeps
+    from lidar_outlier_lab.training.train import Recipe, train
+
+    progress(0, 1, 'reading')
+    recordings, scanners = _recordings(options), _scanners(options)
+    sweeps = make_sweeps(recordings, scanners, options.seed, options.train_on, progress)
+    about = _about([name for name, _ in recordings], [*scanners], options.train_on)
+    recipe = Recipe(options.seed, without=options.without, monotone=options.monotone)
+    result = train(sweeps, about, recipe, progress)
+    return result.text, result.threshold, _tables(result.held_out)
+
+
+def _train_profile(options: argparse.Namespace, progress: Progress) -> _Trained:
+    from lidar_outlier_filter import __version__
+    from lidar_outlier_lab.training.train_profile import STREETS, make_streets, train_profile
+
+    _check_alone(options, '--profile')
+    about = {
+        'about': 'Two ensembles of trees for profile scanners, by lidar-outlier-filter train',
+        'package': __version__,
+        'trained_on': {'streets': STREETS, 'street_seeds': [0, STREETS - 1]},
+    }
+    streets = make_streets(STREETS, progress)
+    result = train_profile(streets, about, options.seed, progress=progress)
+    return result.text, result.threshold, [_profile_table(result.held_out)]
+
+
+def _train_survey(options: argparse.Namespace, progress: Progress) -> _Trained:
+    from lidar_outlier_filter import __version__
+    from lidar_outlier_lab.training.train_survey import SCENES, make_scenes, train_survey
+
+    _check_alone(options, '--survey')
+    about = {
+        'about': 'Two ensembles of trees for clouds without scan lines, by lidar-outlier-filter',
+        'package': __version__,
+        'trained_on': {'scenes': SCENES, 'scene_seeds': [0, SCENES - 1]},
+    }
+    result = train_survey(make_scenes(SCENES, progress), about, options.seed, progress=progress)
+    return result.text, result.threshold, [_survey_table(result.held_out)]
+
+
+def _check_alone(options: argparse.Namespace, name: str) -> None:
+    """Refuse options that only training on spinning sensors has."""
+    given = {
+        '--data': options.data,
+        '--onto': options.onto,
+        '--train-on': options.train_on is not BOTH,
+        '--without': options.without,
+        '--monotone': options.monotone,
+        '--params': options.params,
+        '--set': options.settings,
+    }
+    for other, value in given.items():
+        if value:
+            raise FilterError(name, f'without {other}', f'{name} with {other}')
+
+
+def _survey_table(held_out: Mapping[str, Any]) -> Table:
+    """Lay out the figures of the scenes left out."""
+    from rich.table import Table
+
+    table = Table('kind of scene, left out', 'F1', 'good points lost', box=None)
+    for kind, one in held_out['kinds'].items():
+        table.add_row(kind, f'{one["f1"]:.3f}', f'{one["lost"]:.4%}')
+    table.add_row('all', f'{held_out["f1"]:.3f}', f'{held_out["lost"]:.4%}')
+    for column in table.columns[1:]:
+        column.justify = 'right'
+    return table
+
+
+def _profile_table(held_out: Mapping[str, Any]) -> Table:
+    """Lay out the figures of the streets left out."""
+    from rich.table import Table
+
+    table = Table('cause, street left out', 'found', box=None)
+    for cause, share in held_out['recall'].items():
+        table.add_row(cause, f'{share:.2%}')
+    table.add_row('good points', f'{held_out["lost"]:.4%}')
+    table.add_row('of the median street', f'{held_out["lost_of_median_street"]:.4%}')
+    table.columns[1].justify = 'right'
+    return table
+
+
+def _folder(options: argparse.Namespace) -> Path | None:
+    """Return the folder of real data; None: there is none."""
+    given: Path | None = options.data
+    return given or (None if options.onto else DATA)
+
+
+def _recordings(options: argparse.Namespace) -> list[tuple[str, Sequence[Points]]]:
+    """Read clean clouds of each sensor."""
+    from lidar_outlier_lab.training.scenes import (
+        CleanRecording,
+        has_pattern,
+        known_recordings,
+        read_sweeps,
+    )
+    from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
+
+    found: list[tuple[str, Sequence[Points]]] = []
+    folder = _folder(options)
+    if folder is not None:
+        known = known_recordings(folder / 'bags')
+        if not known:
+            raise FilterError('--data', 'a folder with bags/ of the known recordings', folder)
+        found = [(recording.sensor, read_sweeps(recording)) for recording in known]
+        found += read_single_sweeps(folder)
+    values = read_parameters(options.params, options.settings)
+    found += [
+        (path.stem, read_sweeps(CleanRecording(path.stem, path, values))) for path in options.onto
+    ]
+    for sensor, clouds in found:
+        if not all(map(has_pattern, clouds)):
+            raise FilterError('a recording to train on', 'one of a spinning sensor', sensor)
+    return found
+
+
+def _scanners(options: argparse.Namespace) -> dict[str, SpinningScanner]:
+    """Simulate the sensors whose tables of rings the folder of real data has."""
+    from lidar_outlier_lab.training.ring_tables import known_scanners
+
+    folder = _folder(options)
+    return {} if folder is None else known_scanners(folder / 'ring_tables')
+
+
+def _about(sensors: list[str], scanners: list[str], train_on: list[str]) -> dict[str, Any]:
+    from lidar_outlier_filter import __version__
+    from lidar_outlier_lab.simulation.weather.kinds import WEATHERS
+    from lidar_outlier_lab.training.scenes import (
+        OF_EACH,
+        STREET_SEED_HELD_OUT,
+        STREET_SEEDS,
+        STREETS,
+        TABLE_SEEDS,
+    )
+
+    return {
+        'about': 'Two ensembles of trees for spinning sensors, by lidar-outlier-filter train',
+        'package': __version__,
+        'trained_on': {
+            'recordings': sensors if 'recordings' in train_on else [],
+            'weather': list(WEATHERS),
+            'sweeps_of_each': OF_EACH,
+            'simulated': scanners if 'streets' in train_on else [],
+            'simulated_seeds': list(TABLE_SEEDS),
+            'streets': list(STREETS) if 'streets' in train_on else [],
+            'street_seeds': list(STREET_SEEDS),
+            'street_seed_held_out': STREET_SEED_HELD_OUT,
+        },
+    }
+
+
+def _tables(held_out: Mapping[str, Any]) -> list[Table]:
+    """Lay out the figures of the sensors left out."""
+    from rich.table import Table
+
+    dark, without = held_out['without_intensity'], 'without intensity'
+    weather = Table(
+        *('weather, sensor left out', 'F1', 'best F1', 'good points lost', without), box=None
+    )
+    for kind, one in held_out['weather'].items():
+        figures = f'{one["f1"]:.3f}', f'{one["best_f1"]:.3f}', f'{one["lost"]:.3%}'
+        weather.add_row(kind, *figures, f'{dark["weather"][kind]["f1"]:.3f}')
+    clean = Table('clean, sensor left out', 'rejected', without, box=None)
+    for sensor, share in held_out['clean_rejected'].items():
+        clean.add_row(sensor, f'{share:.4%}', f'{dark["clean_rejected"][sensor]:.4%}')
+    street = Table('street, sensor left out', 'F1', without, box=None)
+    for name, f1 in held_out['street_f1'].items():
+        street.add_row(name, f'{f1:.3f}', f'{dark["street_f1"][name]:.3f}')
+    tables = [weather, clean, street]
+    for table in tables:
+        for column in table.columns[1:]:
+            column.justify = 'right'
+    return tables

@@ -1,0 +1,255 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""How fast the filter is, and how fast a peer on the same cloud in the same run.
+
+Answers are compared first: what is fast and wrong has no speed.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
+from statistics import median
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+from scipy.spatial import cKDTree
+
+from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.points import scan_lines
+from lidar_outlier_filter.core.points.points import Points, is_return
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.detectors import Sor
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
+from lidar_outlier_lab.simulation.world.recording import clouds, to_message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+    from rich.console import Console
+
+LINES, SHOTS = 300, 1000
+BLOCK = 20  # lines that the stream hands over at once: 0.1 s at 200 lines/s
+NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peer's statistical outlier removal
+ROUNDS = 9
+SIDES = ('both', 'either')
+FORM = 'alpha_beta_gamma.sides'
+SPATIAL = ('quadric', 'lof', 'sor')
+CHAINS = (('evidence',), ('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
+SWEEPS = ((128, 1024), (64, 2048))  # rings and columns of spinning sensors, 10 Hz
+TURNS = 8
+SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
+
+
+@dataclass
+class Work:
+    """Something to time, on a number of points."""
+
+    name: str
+    points: int
+    call: Callable[[], object]
+    seconds: list[float] = field(default_factory=list)  # of each round
+
+    @property
+    def speed(self) -> float:
+        """Million points per second, in the median round."""
+        return self.points / median(self.seconds) / 1e6
+
+    def times(self, other: Work) -> float:
+        """Say how many times faster than another, in the median round.
+
+        Both ran in each round, so that what slows the machine down for a while slows both.
+        """
+        return median(
+            (self.points / mine) / (other.points / its)
+            for mine, its in zip(self.seconds, other.seconds, strict=True)
+        )
+
+
+def run(console: Console) -> int:
+    """Compare, measure and print tables; returns the exit status."""
+    compare_engines()
+    messages = [to_message(stamp, points) for stamp, points in clouds(demo_drive())]
+    xyz = _coordinates(messages)
+    compare_sor(xyz[: len(xyz) // 8])
+    peer = peer_work(xyz)
+    works = [
+        *(smoother_work(sides) for sides in SIDES),
+        neighbours_work(xyz),
+        *(spatial_work(xyz, name) for name in SPATIAL),
+        *(stream_work(messages, chain) for chain in CHAINS),
+        peer,
+    ]
+    measure(works)
+    console.print(_table(works, peer))
+    for rings, columns in SWEEPS:
+        turns = spinning_messages(rings, columns)
+        sweep = peer_work(_coordinates(turns[:1]))
+        works = [*(stream_work(turns, chain, {}) for chain in CHAINS[:2]), sweep]
+        measure(works)
+        console.print(_table(works, sweep, f'sweeps of {rings} × {columns}'))
+    growth = [spatial_work(xyz[: len(xyz) // share], name) for name in SPATIAL for share in SHARES]
+    measure(growth)
+    console.print(_growth_table(growth))
+    threads = f'{os.cpu_count()} cores; the smoother uses one of them, all others use all.'
+    console.print(f'{threads} Medians of {ROUNDS} rounds.', highlight=False)
+    return 0
+
+
+def measure(works: Sequence[Work]) -> None:
+    """Time all works in turn, in rounds, after one that does not count."""
+    for number in range(ROUNDS + 1):
+        for work in works:
+            begin = perf_counter()
+            work.call()
+            if number:
+                work.seconds.append(perf_counter() - begin)
+
+
+def _table(works: Sequence[Work], peer: Work, title: str = 'the demo') -> Table:
+    table = Table(title, 'points', 'million points/s', '× peer')
+    for column in table.columns[1:]:
+        column.justify = 'right'
+    for work in works:
+        ratio = f'{work.times(peer):.2f}'
+        table.add_row(work.name, f'{work.points:,}', f'{work.speed:.2f}', ratio)
+    return table
+
+
+def _growth_table(works: Sequence[Work]) -> Table:
+    """Show the time for each point, for clouds of several sizes."""
+    table = Table('µs/point, of', *(f'{work.points:,}' for work in works[: len(SHARES)]))
+    for i in range(0, len(works), len(SHARES)):
+        row = works[i : i + len(SHARES)]
+        table.add_row(row[0].name, *(f'{1 / work.speed:.2f}' for work in row))
+    return table
+
+
+def compare_engines() -> None:
+    """Refuse to time kernels whose answer is not that of the Kalman filter (if installed)."""
+    if find_spec('filterpy') is None:
+        return
+    points = profile_lines(2)
+    answers = []
+    for engine in ('kernel', 'filterpy'):
+        parameters = FilterParameters().changed({'alpha_beta_gamma.engine': engine})
+        answers.append(_smooth(points, parameters))
+    if not np.array_equal(answers[0], answers[1]):
+        differing = int(np.count_nonzero(answers[0] != answers[1]))
+        raise FilterError("the kernel's answer", "the Kalman filter's", f'{differing} others')
+
+
+def profile_lines(count: int, seed: int = 1) -> Points:
+    """Make scan lines of a profile scanner over a flat road: 8 mm noise, 1 % outliers above."""
+    rng = np.random.default_rng(seed)
+    across = np.tile(2.5 * np.tan(np.linspace(-1.2, 1.2, SHOTS)), count)
+    along = np.repeat(0.05 * np.arange(count), SHOTS)
+    xyz = np.stack([along, across, np.zeros(count * SHOTS)], axis=1)
+    xyz += rng.normal(0.0, 0.008, xyz.shape)
+    stray = rng.random(len(xyz)) < 0.01  # noqa: PLR2004  the share of outliers
+    xyz[stray, 2] += rng.uniform(0.2, 2.0, np.count_nonzero(stray))
+    t = 5000 * np.arange(count * SHOTS)
+    line = np.repeat(np.arange(count), SHOTS)
+    return Points(xyz, t, line, np.ones(len(xyz), np.bool_))
+
+
+def compare_sor(xyz: NDArray[np.float64]) -> None:
+    """Refuse to time a SOR whose selection is not that of the method, computed with scipy."""
+    score = sor.detect(Neighbourhood(xyz, NEIGHBOURS), Sor(k=NEIGHBOURS, multiplier=MULTIPLIER))
+    differing = int(np.count_nonzero((score > 1) != scipy_sor(xyz, NEIGHBOURS + 1)))
+    if differing:
+        raise FilterError('the selection of SOR', "that of scipy's neighbours", differing)
+
+
+def smoother_work(sides: str) -> Work:
+    """Smooth lines block by block: lines, segments, predictions, tests, all passes."""
+    points = profile_lines(LINES)
+    size = BLOCK * SHOTS
+    blocks = [points.take(slice(i, i + size)) for i in range(0, len(points), size)]
+    parameters = FilterParameters().changed({FORM: sides})
+    name = f'smoother on lines of {SHOTS} points, sides: {sides}'
+    return Work(name, len(points), lambda: [_smooth(block, parameters) for block in blocks])
+
+
+def _smooth(points: Points, parameters: FilterParameters) -> NDArray[np.bool_]:
+    lines = scan_lines.find_lines(points, parameters.gap_factor)
+    return alpha_beta_gamma.detect(points, lines, parameters.alpha_beta_gamma).rejected
+
+
+def neighbours_work(xyz: NDArray[np.float64]) -> Work:
+    """Search neighbours, the tree included."""
+    name = f'{NEIGHBOURS} nearest neighbours'
+    return Work(name, len(xyz), lambda: Neighbourhood(xyz, NEIGHBOURS).nearest(NEIGHBOURS))
+
+
+def spatial_work(xyz: NDArray[np.float64], detector: str) -> Work:
+    """Run one spatial detector on the whole cloud at once, its neighbourhood included."""
+    parameters = FilterParameters().changed({'chain': [detector]})
+    whole = np.zeros(len(xyz), np.int64)
+    points = Points(xyz, whole, whole, np.ones(len(xyz), np.bool_))
+    chain = Chain(parameters)
+    return Work(detector, len(xyz), lambda: chain.judge(points))
+
+
+def spinning_messages(rings: int, columns: int) -> list[Any]:
+    """Turn once in the demo's street in dry air, and take the sweep several times, at 10 Hz."""
+    drive = demo_sweeps(rings, columns)
+    ((stamp, points),) = clouds(drive, 1)
+    turn = drive.shots * drive.sensor.interval
+    return [to_message(stamp + number * turn, points) for number in range(TURNS)]
+
+
+def stream_work(
+    messages: list[Any], chain: Sequence[str], form: Mapping[str, object] = SENSOR
+) -> Work:
+    """Go the whole way of a drive: decode, verdict, split. ``form`` is how its clouds are read."""
+    parameters = FilterParameters().changed({**form, 'chain': chain})
+
+    def stream() -> None:
+        cloud_filter = CloudFilter(parameters)
+        answers = sum(len(cloud_filter.push(msg)) for msg in messages)
+        answers += len(cloud_filter.flush())
+        if answers != len(messages):
+            raise FilterError('the answers', f'{len(messages)}', answers)
+
+    points = sum(msg.width * msg.height for msg in messages)
+    return Work(f'decode → {", ".join(chain)} → split', points, stream)
+
+
+def peer_work(xyz: NDArray[np.float64]) -> Work:
+    """Run the peer's statistical outlier removal on the same points."""
+    if find_spec('open3d') is not None:
+        open3d = import_module('open3d')
+        cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz))
+        name = f'peer: Open3D remove_statistical_outlier({NEIGHBOURS}, {MULTIPLIER})'
+        return Work(
+            name, len(xyz), lambda: cloud.remove_statistical_outlier(NEIGHBOURS, MULTIPLIER)
+        )
+    name = f'peer: SOR({NEIGHBOURS}, {MULTIPLIER}) on scipy cKDTree (no Open3D installed)'
+    return Work(name, len(xyz), lambda: scipy_sor(xyz, NEIGHBOURS))
+
+
+def scipy_sor(xyz: NDArray[np.float64], count: int) -> NDArray[np.bool_]:
+    """Return what SOR rejects; ``count`` neighbours, the point itself among them, as in Open3D."""
+    distance, _ = cKDTree(xyz).query(xyz, count, workers=-1)
+    mean = distance[:, 1:].mean(axis=1)
+    rejected: NDArray[np.bool_] = mean > mean.mean() + MULTIPLIER * mean.std(ddof=1)
+    return rejected
+
+
+def _coordinates(messages: list[Any]) -> NDArray[np.float64]:
+    parts = [structured(msg).reshape(-1) for msg in messages]
+    xyz = np.concatenate([np.stack([part[axis] for axis in 'xyz'], axis=1) for part in parts])
+    exact = xyz.astype(np.float64)
+    return exact[is_return(exact)]

@@ -1,0 +1,210 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Who is compared: sets of parameters of this filter by name, and peers with their own code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_lab.results.samples import Sample
+
+    Floats = NDArray[np.floating]
+    Mask = NDArray[np.bool_]
+    Judge = Callable[[NDArray[np.float64]], 'Judgement']
+
+DEFAULT = 'default'
+NEIGHBOURS, FACTOR, DEVIATIONS = 20, 1.2, 2.0
+RADIUS, FEWEST = 0.5, 3  # the defaults of sor.statistic: radius
+MOST = 300_000  # points of one cloud that slow peers are given
+
+
+class Judgement(NamedTuple):
+    """What is said of N points: whether rejected, and the score behind it, where there is one."""
+
+    rejected: Mask
+    score: Floats | None
+
+
+class Contestant(Protocol):
+    """Somebody who judges samples."""
+
+    @property
+    def name(self) -> str:
+        """What the tables call it."""
+
+    def suits(self, sample: Sample) -> bool:
+        """Return whether it can judge a sample."""
+
+    def judge(self, sample: Sample) -> Judgement:
+        """Judge all points of a sample, in their order."""
+
+
+@dataclass(frozen=True)
+class Ours:
+    """A set of parameters of this filter: the defaults, some of them changed.
+
+    Attributes
+    ----------
+    name : str
+    values : parameters by their dotted names; all others are the defaults
+    needs_origin : whether it uses the distance from the sensor, which only sweeps in the sensor's
+        own frame show
+    only : beginnings of names of the samples that it is for; empty: all
+
+    """
+
+    name: str
+    values: Mapping[str, object] = field(default_factory=dict)
+    needs_origin: bool = False
+    only: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """All of its parameters."""
+        return FilterParameters().changed(self.values)
+
+    def suits(self, sample: Sample) -> bool:
+        """Return whether its detectors can look at a sample."""
+        meant = not self.only or sample.name.startswith(self.only)
+        placed = sample.in_own_frame or not self.needs_origin
+        return meant and placed and sample.suits(self.parameters.chain)
+
+    def judge(self, sample: Sample) -> Judgement:
+        """Judge a recording in blocks, as the node does, and one cloud as a whole, as ``clean``."""
+        verdict = sample.data.judge(self.parameters)
+        return Judgement(verdict.rejected, verdict.score)
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Somebody else's code, given whole clouds; too large ones are left out."""
+
+    name: str
+    cloud: Judge
+    most: int | None = None
+
+    def suits(self, sample: Sample) -> bool:
+        """Return whether no cloud is too large."""
+        return self.most is None or max(map(len, sample.clouds)) <= self.most
+
+    def judge(self, sample: Sample) -> Judgement:
+        """Judge cloud by cloud."""
+        result = [self.cloud(xyz) for xyz in sample.clouds]
+        scores = [one.score for one in result if one.score is not None]
+        rejected = np.concatenate([one.rejected for one in result])
+        return Judgement(rejected, np.concatenate(scores) if scores else None)
+
+
+# Near to Leslar et al. (2010), whose forms by the letter are on the pages of the papers.
+ONE_SURFACE = {
+    'quadric.surfaces': 1,
+    'quadric.start': 'all',
+    'quadric.significance': PAPER['alpha_beta_gamma.significance'],
+}
+PATCH = {**ONE_SURFACE, 'quadric.window': 'patch'}
+SMALL_ONES = ('leslar-b', 'leslar-c')  # a surface for each point takes minutes on larger ones
+ALL_THREE = ('alpha_beta_gamma', 'quadric', 'lof')
+# What others tune for a scene: distances to neighbours, and of them as parts of the range.
+RULES = ('`sor`', '`sor`, radius', '`sor` as DROR', '`sor` as DSOR')
+
+OURS: tuple[Ours, ...] = (
+    Ours(DEFAULT),
+    Ours('`alpha_beta_gamma`', {'chain': ('alpha_beta_gamma',)}),
+    Ours('smoother ±5, σ of each line', {**PAPER, 'chain': ('alpha_beta_gamma',)}),
+    Ours('`quadric`', {'chain': ('quadric',)}),
+    Ours('`quadric`, one surface, `patch`', {**PATCH, 'chain': ('quadric',)}, only=SMALL_ONES),
+    Ours('`quadric`, one surface', {**ONE_SURFACE, 'chain': ('quadric',)}),
+    Ours(
+        'smoother ±5, then one surface, `patch`',
+        {**PAPER, **PATCH, 'chain': ('alpha_beta_gamma', 'quadric')},
+        only=SMALL_ONES,
+    ),
+    Ours('`lof`', {'chain': ('lof',)}),
+    Ours('`sor`', {'chain': ('sor',)}),
+    Ours('`sor`, radius', {'chain': ('sor',), 'sor.statistic': 'radius'}),
+    Ours(
+        '`sor` as DROR',
+        {
+            'chain': ('sor',),
+            'sor.statistic': 'radius',
+            'sor.range_scaled': True,
+            'sor.radius': 0.05,
+            'sor.range_factor': 0.035,
+        },
+        needs_origin=True,
+    ),
+    Ours(
+        '`sor` as DSOR',
+        {
+            'chain': ('sor',),
+            'sor.k': 4,
+            'sor.multiplier': 0.01,
+            'sor.range_scaled': True,
+            'sor.range_factor': 0.05,
+        },
+        needs_origin=True,
+    ),
+    Ours('`hierarchical`', {'chain': ('hierarchical',)}),
+    Ours('`elevation`', {'chain': ('elevation',)}),
+    Ours('`elevation`, k = 60', {'chain': ('elevation',), 'elevation.k': 60}, only=('kang-',)),
+    Ours('`alpha_beta_gamma`, `quadric`, `lof`', {'chain': ALL_THREE}),
+    Ours('two of these three (`vote: 2`)', {'chain': ALL_THREE, 'vote': 2}),
+)
+
+
+def peers() -> tuple[Peer, ...]:
+    """List the peers that are installed."""
+    found: list[Peer] = []
+    if find_spec('open3d') is not None:
+        found += [
+            Peer(f'Open3D SOR({NEIGHBOURS}, {DEVIATIONS})', _open3d_sor),
+            Peer(f'Open3D radius({FEWEST}, {RADIUS})', _open3d_radius, MOST),
+        ]
+    if find_spec('sklearn') is not None:
+        name = f'scikit-learn LOF({NEIGHBOURS}) > {FACTOR}'
+        found.append(Peer(name, _sklearn_lof, MOST))
+    return tuple(found)
+
+
+def missing() -> list[str]:
+    """List the packages of peers that are not installed."""
+    packages = {'open3d': 'Open3D', 'sklearn': 'scikit-learn'}
+    return [name for module, name in packages.items() if find_spec(module) is None]
+
+
+def _open3d(xyz: NDArray[np.float64]) -> Any:
+    open3d = import_module('open3d')
+    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz))
+
+
+def _without(count: int, kept: Any) -> Judgement:
+    rejected = np.ones(count, np.bool_)
+    rejected[np.asarray(kept, np.intp)] = False
+    return Judgement(rejected, None)
+
+
+def _open3d_sor(xyz: NDArray[np.float64]) -> Judgement:
+    return _without(len(xyz), _open3d(xyz).remove_statistical_outlier(NEIGHBOURS, DEVIATIONS)[1])
+
+
+def _open3d_radius(xyz: NDArray[np.float64]) -> Judgement:
+    return _without(len(xyz), _open3d(xyz).remove_radius_outlier(FEWEST, RADIUS)[1])
+
+
+def _sklearn_lof(xyz: NDArray[np.float64]) -> Judgement:
+    lof = import_module('sklearn.neighbors').LocalOutlierFactor(NEIGHBOURS, n_jobs=-1)
+    lof.fit(xyz)
+    factor = -lof.negative_outlier_factor_
+    return Judgement(factor > FACTOR, factor)

@@ -1,0 +1,195 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Table 1 and figure 4 of Kang, Huang and Yang (2018), and ours beside them, reading by reading."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.elevation import body, detect, differences
+from lidar_outlier_filter.evaluation import plots
+from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.parameters.detectors import Elevation
+from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
+from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS
+from lidar_outlier_lab.results.papers.published import KANG
+from lidar_outlier_lab.results.papers.side_views import View, draw
+from lidar_outlier_lab.results.samples import simulated
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_lab.results.contest import Progress
+    from lidar_outlier_lab.results.samples import Sample
+
+    Floats = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+LETTER = 'by the letter: x and y, low points'
+OURS = '`elevation` by default: x and y, both sides, histogram'
+# The first step, the histogram, is left out where nothing is obvious by eye: gap 0.
+READINGS: Mapping[str, Elevation] = {
+    LETTER: Elevation(sides='low', gap=0.0, sigma_floor=1e-6),
+    'x and y, low points, histogram': Elevation(sides='low', sigma_floor=1e-6),
+    'x and y, both sides': Elevation(gap=0.0, sigma_floor=1e-6),
+    OURS: Elevation(sigma_floor=1e-6),
+    'x, y and z, low points': Elevation(sides='low', gap=0.0, sigma_floor=1e-6, neighbours='space'),
+    'x, y and z, low points, histogram': Elevation(
+        sides='low', sigma_floor=1e-6, neighbours='space'
+    ),
+    'x, y and z, both sides': Elevation(gap=0.0, sigma_floor=1e-6, neighbours='space'),
+}
+TABLE = (30, 60)  # neighbours
+CURVE = (5, 10, 20, 30, 45, 60, 90, 120)
+DRAWN = (LETTER, OURS, 'x, y and z, both sides')
+STRIP = 60.0  # metres of a side view, across
+
+
+class ReadingOutcome(NamedTuple):
+    """One reading of the method on one cloud."""
+
+    rejected: Mask
+    seconds: float
+
+
+def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress) -> str:
+    """Judge the two areas in all readings, write it up, and draw figure 4 and the curves over k."""
+    areas = [area for area in KANG if area in presets]
+    if not areas:
+        return NONE_OF_ITS_PRESETS
+    samples = []
+    for number, area in enumerate(areas):
+        progress(number, 2 * len(areas), f'simulating {area}')
+        samples += simulated(area, seed)
+    progress(len(areas), 2 * len(areas), 'gross errors')
+    rows, sigmas, views = [], [], []
+    for sample in samples:
+        rows += _rows(sample)
+        sigmas += _sigmas(sample)
+        views.append(_views(sample))
+    draw(views, folder / 'kang2018_figure_4.png', ('along, m', 'elevation, m'))
+    pictures = [_curves(sample, folder) for sample in samples]
+    head = (
+        'share eliminated',
+        *(f'k = {k}' for k in TABLE),
+        *(f'time, k = {k}' for k in TABLE),
+        'gross errors found, k = 30',
+        'good points lost, k = 30',
+    )
+    return paragraphs(
+        f'Seed {seed}. True share of gross errors: '
+        + ', '.join(f'{one.name} {percent(float(one.data.bad.mean()))}' for one in samples)
+        + '.',
+        '### Table 1',
+        table(head, rows),
+        'Times of the paper are of a machine of 2018 and of clouds whose size it does not print.',
+        '### What makes the standard deviation',
+        table(('', 'σ of all M, m', 'σ without the gross errors, m', '3 σ, m'), sigmas),
+        '### Choice of k',
+        *(
+            paragraphs(image(name, f'Share eliminated against k, {sample.name}'), text)
+            for (name, text), sample in zip(pictures, samples, strict=True)
+        ),
+        '### Figure 4',
+        image('kang2018_figure_4.png', 'Side views before and after'),
+        f'Side views of a strip of {STRIP:.0f} m: before, after the method by its letter, and '
+        'after `elevation` with its defaults.',
+    )
+
+
+def judge(xyz: Floats, parameters: Elevation) -> ReadingOutcome:
+    """Apply one reading."""
+    begin = perf_counter()
+    rejected = detect(xyz, parameters) > 1
+    return ReadingOutcome(rejected, perf_counter() - begin)
+
+
+def _with(parameters: Elevation, k: int) -> Elevation:
+    return Elevation(**{**vars(parameters), 'k': k})
+
+
+def _rows(sample: Sample) -> list[Sequence[str]]:
+    shares, seconds = KANG[sample.name]
+    rows: list[Sequence[str]] = [
+        (
+            f'**{sample.name}**: paper',
+            *map(percent, shares),
+            *(f'{one} s' for one in seconds),
+            NOTHING,
+            NOTHING,
+        )
+    ]
+    (xyz,) = sample.clouds
+    for name, parameters in READINGS.items():
+        found = [judge(xyz, _with(parameters, k)) for k in TABLE]
+        rejected, bad = found[0].rejected, sample.data.bad
+        rows.append(
+            (
+                name,
+                *(percent(float(one.rejected.mean())) for one in found),
+                *(f'{one.seconds:.1f} s' for one in found),
+                percent(float(rejected[bad].mean())),
+                percent(float(rejected[~bad].mean())),
+            )
+        )
+    return rows
+
+
+def _sigmas(sample: Sample) -> list[Sequence[str]]:
+    """Say how much of the standard deviation of M the gross errors make."""
+    (xyz,) = sample.clouds
+    rows: list[Sequence[str]] = []
+    for name in (LETTER, OURS, 'x, y and z, low points'):
+        parameters = READINGS[name]
+        low, high = body(xyz[:, 2], parameters.gap, parameters.share)
+        left = (xyz[:, 2] >= low) & (xyz[:, 2] <= high)
+        m = differences(xyz[left], parameters.k, on_map=parameters.neighbours == 'map')
+        good = ~sample.data.bad[left]
+        # Good points keep the neighbours that they have: gross errors may be among them.
+        sigma, clean = float(np.std(m, ddof=1)), float(np.std(m[good], ddof=1))
+        rows.append((f'{sample.name}: {name}', *(f'{v:.2f}' for v in (sigma, clean, 3 * sigma))))
+    return rows
+
+
+def _curves(sample: Sample, folder: Path) -> tuple[str, str]:
+    """Draw the shares eliminated against k; return the picture's name and a table of both."""
+    (xyz,) = sample.clouds
+    bad = sample.data.bad
+    series: dict[str, list[float]] = {}
+    rows = []
+    for name in DRAWN:
+        found = [judge(xyz, _with(READINGS[name], k)).rejected for k in CURVE]
+        series[name.replace('`', '')] = [float(100 * one.mean()) for one in found]
+        rows.append((f'{name}: eliminated', *(percent(float(one.mean())) for one in found)))
+        rows.append((f'{name}: found', *(percent(float(one[bad].mean())) for one in found)))
+    stem = f'kang2018_k_{sample.name.removeprefix("kang-")}'
+    plots.draw_lines(
+        series,
+        CURVE,
+        folder / stem,
+        x_label='k, neighbours',
+        y_label='share eliminated, %',
+        from_zero=True,
+    )
+    return f'{stem}.png', table((sample.name, *(f'k = {k}' for k in CURVE)), rows)
+
+
+def _views(sample: Sample) -> list[View]:
+    (xyz,) = sample.clouds
+    middle = float(np.median(xyz[:, 1]))
+    strip = np.abs(xyz[:, 1] - middle) < STRIP / 2
+    flat, bad = xyz[strip][:, [0, 2]], sample.data.bad[strip]
+    after = {name: judge(xyz, READINGS[name]).rejected[strip] for name in (LETTER, OURS)}
+    return [
+        View(f'{sample.name}: before', flat, bad, np.ones(len(bad), np.bool_)),
+        *(
+            View(name.partition(':')[0].replace('`', ''), flat, bad, ~rejected, marks=True)
+            for name, rejected in after.items()
+        ),
+    ]

@@ -1,0 +1,220 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables 1 to 5 and figure 3 of Leslar, Wang and Hu (2010), and ours beside them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.parameters.detectors import Quadric
+from lidar_outlier_filter.parameters.filter import PAPER
+from lidar_outlier_filter.parameters.papers import METHODS
+from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
+from lidar_outlier_lab.results.papers import leslar_picture
+from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, Counted, count
+from lidar_outlier_lab.results.papers.published import LESLAR, OUTLIERS, POINTS
+from lidar_outlier_lab.results.samples import simulated
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from lidar_outlier_lab.results.contest import Progress
+
+    Table = Mapping[str, Sequence[Counted | None]]  # by the name of a form; of A, B and C
+
+CLOUDS = ('leslar-a', 'leslar-b', 'leslar-c')
+TITLES = {
+    'a': 'Table 2: algorithm (a), the smoother',
+    'b': 'Table 3: algorithm (b), a quadric through the neighbours of each point',
+    'c': 'Table 4: algorithm (c), a quadric through each section',
+    'ab': 'Table 5: (a), then (b)',
+}
+SIGMAS = (0.03, 0.05, 0.1, 0.15, 0.17, 0.2, 0.25)  # metres
+PARTS = (25, 50, 100, 200)  # points
+FORMS: Mapping[str, Mapping[str, object]] = {
+    **{key: METHODS[f'leslar2010_{key}'] for key in TITLES},
+    **{f'(a), σ = {sigma} m': {**PAPER, 'alpha_beta_gamma.sigma': sigma} for sigma in SIGMAS},
+    '(a), σ of each line': PAPER,
+    **{f'(a), σ of each {n} points': {**PAPER, 'alpha_beta_gamma.sigma_part': n} for n in PARTS},
+    '(b), σ of a residual at least 5 mm': {
+        **METHODS['leslar2010_b'],
+        'quadric.sigma_floor': 0.005,
+    },
+    '(c), σ of a residual at least 5 mm': {
+        **METHODS['leslar2010_c'],
+        'quadric.sigma_floor': 0.005,
+    },
+    '(c), at most the model that is needed': {
+        'chain': ['quadric'],
+        'quadric.surfaces': 1,
+        'quadric.start': 'all',
+        'quadric.significance': 0.001,
+    },
+    '`quadric` as it is by default': {'chain': ['quadric']},
+    '`alpha_beta_gamma` as it is by default': {'chain': ['alpha_beta_gamma']},
+    '`alpha_beta_gamma`, `quadric`, `lof`': METHODS['all_three'],
+    'the default, `evidence`': {},
+}
+SMALL_ONES = {'(b), σ of a residual at least 5 mm': ('leslar-b', 'leslar-c')}  # slow
+SHOWN = ('a', 'b', 'c', 'ab', 'the default, `evidence`')  # in the figure
+MILLION = 1e6
+
+
+def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress) -> str:
+    """Judge those of the three clouds that are wanted in all forms; draw figure 3."""
+    clouds = [cloud for cloud in CLOUDS if cloud in presets]
+    if not clouds:
+        return NONE_OF_ITS_PRESETS
+    found: dict[str, list[Counted | None]] = {name: [] for name in FORMS}
+    strips = []
+    for number, cloud in enumerate(clouds):
+        (sample,) = simulated(cloud, seed)
+        for step, (name, values) in enumerate(FORMS.items()):
+            done = number * len(FORMS) + step
+            progress(done, len(clouds) * len(FORMS), f'{name} on {cloud}')
+            skipped = cloud not in SMALL_ONES.get(name, CLOUDS)
+            found[name].append(None if skipped else count(sample, values))
+        last = {name: found[name][-1] for name in SHOWN}
+        shown = {name: one.rejected for name, one in last.items() if one is not None}
+        strips.append((cloud, leslar_picture.strip(sample, shown)))
+    leslar_picture.draw(strips, folder / 'leslar2010_figure_3.png')
+    letters = [cloud[-1].upper() for cloud in clouds]
+    return paragraphs(
+        f'Seed {seed}. The clouds have as many points and outliers as those of table 1.',
+        *(
+            f'### {title}\n\n{_like_the_paper(found, key, letters)}'
+            for key, title in TITLES.items()
+        ),
+        '### Every form, and the road alone',
+        'Share of the outliers found, of all points that are rejected wrongly, and of the good '
+        'points of the road that are. The paper has a car park only: its wrong points are of '
+        'asphalt, ours of kerbs, houses and cars too.',
+        _every_form(found, letters),
+        '### Single outliers on clean asphalt',
+        _asphalt(),
+        '### Figure 3',
+        image('leslar2010_figure_3.png', 'Profiles of A, B and C before and after each method'),
+        'Seen from the side, along the street and up, metres: a stretch of each cloud, the road '
+        'and what is above it. Red: outliers that are still there. Orange: good points that went.',
+    )
+
+
+def _like_the_paper(found: Table, key: str, letters: Sequence[str]) -> str:
+    """Lay out one table with the rows of the paper, ours beside each column."""
+    head = [f'{letter}: {whose}' for letter in letters for whose in ('paper', 'ours')]
+    columns = []
+    for letter, ours in zip(letters, found[key], strict=True):
+        place = 'ABC'.index(letter)
+        paper, points, outliers = LESLAR[key][place], POINTS[place], OUTLIERS[place]
+        columns.append(_column(paper.found, paper.wrong, paper.missed, points, outliers))
+        if ours is None:
+            columns.append([NOTHING] * 6)
+            continue
+        whole = ours.whole
+        columns.append(_column(whole.found, whole.lost, whole.missed, whole.total, whole.outliers))
+    names = (
+        'No. of outliers identified',
+        'No. of non-outliers identified',
+        'No. of outliers missed',
+        '% of outliers identified',
+        '% of point cloud identified',
+        '% of point cloud identified incorrectly',
+    )
+    rows = [[name, *(column[row] for column in columns)] for row, name in enumerate(names)]
+    return table(['', *head], rows)
+
+
+def _column(found: int, wrong: int, missed: int, points: int, outliers: int) -> list[str]:
+    shares = (found / outliers, (found + wrong) / points, wrong / points)
+    return [f'{found:,}', f'{wrong:,}', f'{missed:,}', *(f'{100 * one:.2f}' for one in shares)]
+
+
+def _every_form(found: Table, letters: Sequence[str]) -> str:
+    what = ('found', 'wrong', 'road')
+    head = ['', *(f'{letter}: {one}' for letter in letters for one in what), 'million points/s']
+    rows = []
+    for name, counted in found.items():
+        label = f'**({name[0]})**' if name in TITLES else name
+        label = '**(a), then (b)**' if name == 'ab' else label
+        cells = [label]
+        for one in counted:
+            if one is None:
+                cells += [NOTHING] * 3
+                continue
+            whole = one.whole
+            cells += [percent(whole.recall.ratio), percent(whole.alpha_error.ratio)]
+            cells.append(percent(one.road))
+        judged = [one for one in counted if one is not None]
+        seconds = sum(one.seconds for one in judged)
+        cells.append(f'{sum(one.whole.total for one in judged) / seconds / MILLION:.3f}')
+        rows.append(cells)
+    for key in TITLES:
+        cells = [f'paper: {TITLES[key].partition(":")[0].lower()}']
+        for letter in letters:
+            place = 'ABC'.index(letter)
+            paper = LESLAR[key][place]
+            cells += [percent(paper.found / OUTLIERS[place]), percent(paper.wrong / POINTS[place])]
+            cells.append(NOTHING)
+        rows.append([*cells, NOTHING])
+    return table(head, rows)
+
+
+class Asphalt(NamedTuple):
+    """A flat strip with single outliers."""
+
+    xyz: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+    bad: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+
+SIDE, STEP, EVERY, HEIGHT = 150, 0.05, 14, 0.1  # points, metres, points, metres
+NOISES = (0.003, 0.005, 0.008)  # metres
+ASPHALT_FORMS: Mapping[str, Mapping[str, Any]] = {
+    '`model: always`, no floor': {'model': 'always', 'sigma_floor': 1e-6},
+    '`model: always`, floor 5 mm': {'model': 'always'},
+    '`model: lowest`': {'sigma_floor': 1e-6},
+    '`model: lowest`, floor 5 mm': {},
+}
+
+
+def asphalt(noise: float, side: int = SIDE) -> Asphalt:
+    """Scan a flat strip, with an outlier of ``HEIGHT`` in the middle of every ``EVERY`` points."""
+    rng = np.random.default_rng(1)
+    place = np.mgrid[:side, :side].reshape(2, -1)
+    xy = STEP * (place + rng.uniform(-0.2, 0.2, place.shape))
+    bad = (place % EVERY == EVERY // 2).all(axis=0)
+    z = rng.normal(0.0, noise, side * side) + HEIGHT * bad
+    return Asphalt(np.stack([*xy, z], axis=1), bad)
+
+
+def _asphalt() -> str:
+    """Say what single outliers do to a surface that may bend, patch by patch."""
+    rows = []
+    for noise in NOISES:
+        strip = asphalt(noise)
+        for name, changed in ASPHALT_FORMS.items():
+            cells = [f'{1000 * noise:.0f} mm', name]
+            for window in ('patch', 'section'):
+                parameters = replace(
+                    Quadric(window=window, start='all', surfaces=1, significance=0.001), **changed
+                )
+                near = Neighbourhood(strip.xyz, quadric.neighbours(parameters))
+                rejected = quadric.detect(near, parameters) > 1
+                cells += [
+                    percent(float(rejected[strip.bad].mean())),
+                    percent(float(rejected[~strip.bad].mean())),
+                ]
+            rows.append(cells)
+    return paragraphs(
+        f'A flat strip with a point every {100 * STEP:.0f} cm, and single outliers '
+        f'{100 * HEIGHT:.0f} cm above it, far from each other. A quadric has ten parameters and '
+        'bends towards the outlier. With a least standard deviation of 5 mm a point passes that '
+        'is within 18 mm of the surface; so near does the quadric come. A plane does not.',
+        table(('noise', '`quadric`', '(b): found', '(b): wrong', '(c): found', '(c): wrong'), rows),
+    )

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Statistics of the neighbourhood, judged as by Pirotti et al. (2018): by their ROC curves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.evaluation.curves import Curve, curve
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_lab.results.neighbour_curves import CLOSE, statistics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Codes = NDArray[np.uint8]
+    Measure = Callable[[Neighbourhood, int], Mapping[str, Floats]]
+
+NEIGHBOURS = (3, 5, 10, 20, 40, 60, 70, 100, 150, 200)
+SHOWN = (3, 10, 20, 60, 200)  # neighbours whose ROC curves are drawn
+
+
+@dataclass(frozen=True)
+class Found:
+    """What all statistics with all numbers of neighbours say of one cloud.
+
+    Attributes
+    ----------
+    auc, limit : of each statistic, for each k; area under the ROC curve, and the threshold where
+        recall less false rejections is largest
+    clustered, single : of each statistic, for each k; share of these outliers found where
+        ``CLOSE`` of the good points are rejected
+    median : of SOR and of LOF, for each k
+    curves : ROC curves by statistic and k, those of ``SHOWN``
+
+    """
+
+    auc: dict[str, list[float]]
+    limit: dict[str, list[float]]
+    clustered: dict[str, list[float]]
+    single: dict[str, list[float]]
+    median: dict[str, list[float]]
+    curves: dict[str, dict[int, Curve]]
+
+    def best(self, name: str) -> int:
+        """Return the place of the k with the largest area."""
+        return int(np.argmax(self.auc[name]))
+
+
+def explore(
+    xyz: Floats,
+    code: Codes,
+    clustered: Cause,
+    neighbours: Sequence[int] = NEIGHBOURS,
+    measure: Measure = statistics,
+) -> Found:
+    """Measure every point in all ways, and every way by its ROC curve."""
+    bad = code != Cause.GOOD
+    near = Neighbourhood(xyz, max(neighbours))
+    found = Found({}, {}, {}, {}, {}, {})
+    many, one = code == clustered, code == Cause.SINGLE
+    for k in neighbours:
+        values = measure(near, k)
+        for name in ('SOR', 'LOF'):
+            found.median.setdefault(name, []).append(float(np.median(values[name])))
+        for name, score in values.items():
+            roc = curve(bad, score)
+            best = int(np.argmax(roc.recall - roc.false_rejections))
+            close = float(np.quantile(score[~bad], 1 - CLOSE))
+            for into, value in (
+                (found.auc, roc.auc),
+                (found.limit, float(roc.threshold[best])),
+                (found.clustered, float(np.mean(score[many] > close))),
+                (found.single, float(np.mean(score[one] > close))),
+            ):
+                into.setdefault(name, []).append(value)
+            if k in SHOWN:
+                found.curves.setdefault(name, {})[k] = roc
+    return found

@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables 2 and 3 and figures 3 to 5 of Sotoodeh (2006), and ours beside them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors import lof
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.evaluation.confusion import confusion
+from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.parameters.detectors import Lof
+from lidar_outlier_lab.results.markdown import image, paragraphs, table
+from lidar_outlier_lab.results.papers import published
+from lidar_outlier_lab.results.papers.maps import Classes, Grey, draw_classes, draw_images
+from lidar_outlier_lab.simulation.papers import surface_truth, tripod
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.evaluation.confusion import Confusion
+    from lidar_outlier_lab.results.contest import Progress
+
+    Floats = NDArray[np.float64]
+
+FACTOR = 1.2
+MOST = (10, 20, 50)  # neighbours
+CITIES = 3  # seeds of the table
+FRONT = slice(520, 920)  # columns of the room that are shown
+MAP_HIGH = 1.5  # factor that is white
+STEPS = 4
+
+
+def section(_presets: Sequence[str], seed: int, folder: Path, progress: Progress) -> str:
+    """Judge cities with his truth, and draw the maps of a city, a room and a street."""
+    progress(0, STEPS, 'cities')
+    cities = [surface_truth.city(seed + i) for i in range(CITIES)]
+    factors = [_factors(city.xyz, MOST) for city in cities]
+    progress(1, STEPS, 'figure 3')
+    _figure_3(cities[0], factors[0][20], folder)
+    progress(2, STEPS, 'figure 4')
+    room = _figure_4(seed, folder)
+    progress(3, STEPS, 'figure 5')
+    _figure_5(seed, folder)
+    return paragraphs(
+        f'Cities of the seeds {seed} to {seed + CITIES - 1}; a room and a street of seed {seed}.',
+        '### Table 2: residuals against the surface model, m',
+        table(
+            ('', 'mean', 'standard deviation', 'maximum', 'limit'),
+            [
+                ('paper', *(f'{v:.3f}' for v in (*published.LOF_RESIDUALS, published.LOF_LIMIT))),
+                *(
+                    (f'ours, seed {seed + i}', *(f'{v:.3f}' for v in _residuals(city)))
+                    for i, city in enumerate(cities)
+                ),
+            ],
+        ),
+        f'### Table 3: LOF above {FACTOR}',
+        _table(cities, factors, seed),
+        '### Figure 3',
+        image('sotoodeh2006_figure_3.png', 'Residual map of a city, and what LOF says of it'),
+        '### Figure 4',
+        image('sotoodeh2006_figure_4.png', 'A room: intensity, and LOF maps'),
+        room,
+        '### Figure 5',
+        image('sotoodeh2006_figure_5.png', 'A street in snow: detected outliers in white'),
+    )
+
+
+def _factors(xyz: Floats, neighbours: Sequence[int]) -> dict[int, Floats]:
+    near = Neighbourhood(xyz, max(neighbours))
+    return {k: lof.measure(near, Lof(min_pts=k)) for k in neighbours}
+
+
+def _residuals(city: surface_truth.City) -> tuple[float, float, float, float]:
+    residual = city.residual
+    return float(residual.mean()), float(residual.std()), float(residual.max()), city.limit
+
+
+def _table(
+    cities: Sequence[surface_truth.City], factors: Sequence[dict[int, Floats]], seed: int
+) -> str:
+    head = ('', 'points', 'outliers', 'recall', 'α-error', 'β-error', 'precision')
+    rows = [('paper, MinPts 20', *_errors(published.LOF))]
+    for i, (city, found) in enumerate(zip(cities, factors, strict=True)):
+        for k, values in found.items():
+            name = f'ours, MinPts {k}, seed {seed + i}'
+            rows.append((name, *_errors(confusion(city.bad, values > FACTOR))))
+    return table(head, rows)
+
+
+def _errors(counts: Confusion) -> tuple[str, ...]:
+    shares = (counts.recall, counts.alpha_error, counts.beta_error, counts.precision)
+    return (
+        f'{counts.total:,}',
+        percent(counts.prevalence.ratio),
+        *(percent(share.ratio) for share in shares),
+    )
+
+
+def _figure_3(city: surface_truth.City, factor: Floats, folder: Path) -> None:
+    """Map the residuals in the classes of the paper, and beside them the verdict of LOF."""
+    steps = np.array([city.limit / 2.0, city.limit])
+    rejected = factor > FACTOR
+    verdict = np.where(rejected, np.where(city.bad, 2, 1), np.where(city.bad, 3, 0))
+    panels = [
+        Classes(
+            'residuals',
+            city.xyz[:, :2],
+            np.searchsorted(steps, city.residual),
+            ('#4b9b4b', '#e8c53a', '#d81b1b'),
+            ('below σ', 'below 2 σ', 'above 2 σ: outlier'),
+        ),
+        Classes(
+            f'LOF above {FACTOR}, MinPts 20',
+            city.xyz[:, :2],
+            verdict,
+            ('#d5d8dc', '#f0a30a', '#0072b2', '#d81b1b'),
+            ('inlier, kept', 'inlier, rejected', 'outlier, rejected', 'outlier, kept'),
+        ),
+    ]
+    draw_classes(panels, folder / 'sotoodeh2006_figure_3.png')
+
+
+def _figure_4(seed: int, folder: Path) -> str:
+    """Show a room by its intensity and by its factors; say what is above the threshold."""
+    scan = tripod.room(seed)
+    found = _factors(scan.xyz, (10, 20))
+    bright = np.log(scan.points['intensity'].astype(np.float64))
+    low, high = np.percentile(bright, [1, 99])
+    draw_images(
+        [
+            Grey('intensity', scan.image(bright)[:, FRONT], float(low), float(high)),
+            *(
+                Grey(
+                    f'LOF, MinPts {k}: 1 black, {MAP_HIGH} white',
+                    scan.image(values)[:, FRONT],
+                    1.0,
+                    MAP_HIGH,
+                )
+                for k, values in found.items()
+            ),
+        ],
+        folder / 'sotoodeh2006_figure_4.png',
+    )
+    mixed = scan.points['label'] == Cause.MIXED
+    rows = [
+        (
+            f'MinPts {k}',
+            percent(float(np.mean(values[mixed] > FACTOR))),
+            percent(float(np.mean(values[~mixed] > FACTOR))),
+        )
+        for k, values in found.items()
+    ]
+    head = (f'above {FACTOR} in the room', 'points between two surfaces', 'all others')
+    return table(head, rows)
+
+
+def _figure_5(seed: int, folder: Path) -> None:
+    """Show a street in snow by its range, and the detected points in white."""
+    scan = tripod.facades(seed)[0]
+    values = _factors(scan.xyz, (10,))[10]
+    distance = np.log(np.linalg.norm(scan.xyz - scan.xyz.mean(axis=0), axis=1))
+    low, high = np.percentile(distance, [1, 99])
+    shade = 0.15 + 0.5 * (1.0 - np.clip((distance - low) / (high - low), 0.0, 1.0))
+    shown = np.where(values > FACTOR, 1.0, shade)
+    draw_images(
+        [Grey('LOF above 1.2 in white, MinPts 10', scan.image(shown), 0.0, 1.0)],
+        folder / 'sotoodeh2006_figure_5.png',
+    )

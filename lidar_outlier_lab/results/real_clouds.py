@@ -1,0 +1,145 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Real clouds: labelled artefacts that are found, and clean recordings of which little may go."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.evaluation.labels import Codes
+from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.stream.topics import CLOUD
+from lidar_outlier_filter.tuning.training import Training, from_file
+from lidar_outlier_lab.results.contest import Standing, score
+from lidar_outlier_lab.results.contest_tables import details, worse
+from lidar_outlier_lab.results.contestants import DEFAULT, OURS, peers
+from lidar_outlier_lab.results.markdown import NOTHING, paragraphs, table
+from lidar_outlier_lab.results.samples import Sample
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from lidar_outlier_lab.results.contest import Progress
+    from lidar_outlier_lab.results.contestants import Contestant, Ours
+
+NOISE = Codes(frozenset({7, 18, 65}))  # LAS: low noise, high noise, IGN's artefacts
+RECORDINGS: Mapping[str, tuple[str, Mapping[str, object]]] = {
+    'Velodyne VLP-16': ('vlp16_mrpt_mcap', {}),
+    'Velodyne HDL-32E': ('hdl32_mrpt_mcap', {}),
+    'Velodyne VLP-32C': ('vlp32_nebula_db3', {}),
+    'Ouster OS1-128': ('os1_128_db3', {}),
+    'Hesai XT32': ('hesai_xt32_nebula_mcap', {'time_field': 'stamp'}),
+}
+CLEAN = (DEFAULT, '`quadric`', '`lof`', '`sor`', '`hierarchical`')
+MOST_REJECTED = 0.003  # of a clean recording
+LEAST_FOUND, MOST_LOST = 0.5, 0.0005  # of labelled artefacts, and of the good points
+
+
+def section(data: Path, progress: Progress) -> str:
+    """Write up what can be reached of the labelled clouds and of the clean recordings."""
+    title = '## Real clouds'
+    if not data.is_dir():
+        return paragraphs(title, f'There was no folder `{data}` with real clouds in this run.')
+    return paragraphs(title, _labelled(data / 'clouds', progress), _clean(data / 'bags', progress))
+
+
+def labelled(path: Path) -> Sample | None:
+    """Read a cloud with classes, with its scan lines if it says them; None: no class is noise."""
+    along = tuple(name for name, one in DETECTORS.items() if one.needs_lines or one.uses_lines)
+    for chain in (along, ('lof',)):
+        try:
+            found = from_file(path, FilterParameters().changed({'chain': chain}), NOISE)
+        except RecordingError:
+            continue
+        nothing = np.zeros(len(found), np.int64)
+        return Sample(path.name, 0, found, nothing, chain == along, in_own_frame=False)
+    return None
+
+
+def _labelled(folder: Path, progress: Progress) -> str:
+    found: dict[str, dict[str, Standing]] = {}
+    counts = []
+    everybody: list[Contestant] = [*OURS, *peers()]
+    for path in sorted([*folder.glob('*.las'), *folder.glob('*.laz')]):
+        sample = labelled(path)
+        if sample is None:
+            continue
+        for number, one in enumerate(everybody):
+            progress(number, len(everybody), f'{one.name} on {path.name}')
+            if one.suits(sample):
+                found.setdefault(path.name, {})[one.name] = Standing((score(one, sample),))
+        bad = np.count_nonzero(sample.data.bad)
+        counts.append(f'`{path.name}`: {bad} of {len(sample.data):,} points')
+    if not counts:
+        return f'No cloud in `{folder.name}` has points of the classes 7, 18 or 65.'
+    reached = [
+        f'`{name}`, {one}: {percent(standing.whole.recall.ratio)} found, '
+        f'{percent(standing.whole.false_rejections.ratio)} lost'
+        for name, rows in found.items()
+        for one, standing in rows.items()
+        if _reaches(standing)
+    ]
+    return paragraphs(
+        'Airborne clouds whose classes name noise (7, 18) or artefacts (65), judged as a whole, as '
+        f'by `clean`; all other classes count as good. {"; ".join(counts)}. Aimed at: at '
+        f'least {percent(LEAST_FOUND)} found and at most {percent(MOST_LOST)} lost. It is reached '
+        f'by: {"; ".join(reached) if reached else "none"}.',
+        'Where others have a higher F1 than the default:',
+        worse(found, DEFAULT, [one.name for one in everybody if one.name != DEFAULT]),
+        details(found, [one.name for one in everybody]),
+    )
+
+
+def _reaches(standing: Standing) -> bool:
+    whole = standing.whole
+    return whole.recall.ratio >= LEAST_FOUND and whole.false_rejections.ratio <= MOST_LOST
+
+
+def recorded(path: Path, values: Mapping[str, object]) -> Training:
+    """Read all clouds of a recording as good points."""
+    decoder = Decoder(FilterParameters().changed(values))
+    store = get_typestore(Stores.ROS2_JAZZY)
+    clouds = []
+    with Recording(path) as source:
+        for channel, _, data in source.messages():
+            if channel.msgtype == CLOUD:
+                points = decoder.decode(store.deserialize_cdr(data, channel.msgtype))
+                clouds.append(points.take(points.valid))
+    count = sum(map(len, clouds))
+    bad, stretch = np.zeros(count, np.bool_), np.zeros(count, np.int64)
+    return Training(tuple(clouds), bad, ~bad, stretch, 1)
+
+
+def _clean(folder: Path, progress: Progress) -> str:
+    ours = [one for one in OURS if one.name in CLEAN]
+    rows = []
+    for number, (sensor, (name, values)) in enumerate(RECORDINGS.items()):
+        progress(number, len(RECORDINGS), name)
+        if (folder / name).is_dir():
+            data = recorded(folder / name, values)
+            rows.append((sensor, f'{len(data):,}', *(_rejected(data, one) for one in ours)))
+    if not rows:
+        return 'None of the clean recordings could be reached.'
+    return paragraphs(
+        'Recordings of real sensors in dry air, through the stream; share of the points that is '
+        'rejected. Nothing is known of true outliers in them. Aimed at, for the default: at most '
+        f'{percent(MOST_REJECTED)}.',
+        table(('sensor', 'points', *(one.name for one in ours)), rows),
+    )
+
+
+def _rejected(data: Training, one: Ours) -> str:
+    try:
+        rejected = data.judge(one.parameters).rejected
+    except FilterError:
+        return NOTHING
+    return percent(float(rejected.mean()))

@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scans from a tripod, as in Sotoodeh 2006, section 5.2 (a room) and 2007, section 4.2 (a facade).
+
+A scan is a range image: a row for each elevation, a column for each azimuth. Points between two
+surfaces are where a beam meets both: at the boundaries of occlusions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_lab.simulation.scenes.random_streets import Town, birds, car, lay_out
+from lidar_outlier_lab.simulation.world.drive import Disturbances, Drive, simulate
+from lidar_outlier_lab.simulation.world.scene import Scene
+from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
+from lidar_outlier_lab.simulation.world.surfaces import Box, Ground, Tube
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_lab.simulation.world.scene import Air, Rays, Surface
+
+    Floats = NDArray[np.float64]
+
+NOTHING_ELSE = Disturbances(reflection=0.0, near_surface=0.0)
+DARK, BRIGHT = 0.08, 0.7  # reflectances
+
+
+class RangeImage(NamedTuple):
+    """A scan from one place.
+
+    Attributes
+    ----------
+    points : (N,) structured
+        x, y, z (metres), intensity, label and surface.
+    row, column : (N,) int64
+        Place of each point in the image; row 0 is the highest.
+    shape : (rows, columns)
+
+    """
+
+    points: NDArray[np.void]
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    shape: tuple[int, int]
+
+    @property
+    def xyz(self) -> Floats:
+        """Coordinates (N, 3), metres."""
+        return np.stack([self.points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
+
+    def image(self, values: Floats) -> Floats:
+        """Put a value of each point into its pixel; NaN where no echo came."""
+        pixels = np.full(self.shape, np.nan)
+        pixels[self.row, self.column] = values
+        return pixels
+
+
+@dataclass(frozen=True)
+class Tripod:
+    """A scanner that stands still, at x, y and z, metres."""
+
+    place: tuple[float, float, float]
+    mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def position(self, t: Floats) -> Floats:
+        """Place of the scanner (3, N), metres."""
+        return np.tile(np.array(self.place)[:, None], len(t))
+
+    def rotation(self, t: Floats) -> Floats:
+        """Rotation (3, 3, N): none."""
+        return np.tile(np.eye(3)[:, :, None], len(t))
+
+
+@dataclass(frozen=True)
+class Flakes:
+    """Something that falls, seen by chance: ``density / (1 + (range / fade)²)`` for each metre."""
+
+    density: float = 0.0005
+    fade: float = 15.0
+
+    @property
+    def cause(self) -> Cause:
+        """They are snow."""
+        return Cause.SNOW
+
+    def meet(self, rays: Rays, reach: Floats, bright: Floats, rng: Floats) -> Floats:  # noqa: ARG002
+        """Distance (N,) at which bundles are sent back before ``reach``; inf: never."""
+        depth = -np.log1p(-rng) / (self.density * self.fade)
+        falls = depth < np.pi / 2.0
+        far = np.where(falls, self.fade * np.tan(np.where(falls, depth, 0.0)), np.inf)
+        return np.where(far < reach, far, np.inf)
+
+
+def scan(
+    surfaces: Sequence[Surface],
+    place: tuple[float, float, float],
+    shape: tuple[int, int],
+    seed: int,
+    air: tuple[Air, ...] = (),
+) -> RangeImage:
+    """Scan a scene from a place, all around and 30° up and down."""
+    rows, columns = shape
+    sensor = SpinningScanner(
+        elevation=tuple(np.radians(np.linspace(30.0, -30.0, rows))),
+        columns=columns,
+        column_time=200 * rows,
+        noise=0.002,
+        resolution=0.0,
+        nearest=0.4,
+        divergence=0.0006,
+        # A phase scanner measures one mean of all that its beam meets.
+        pulse=8.0,
+        aperture=0.002,
+    )
+    drive = Drive(
+        Scene(tuple(surfaces), air),
+        lines=1,
+        sensor=sensor,
+        trajectory=Tripod(place),
+        disturbances=NOTHING_ELSE,
+        seed=seed,
+    )
+    parts = [returns for _, returns in simulate(drive)]
+    shot = np.concatenate([part.shot for part in parts])
+    points = np.concatenate([part.points for part in parts])
+    return RangeImage(points, shot % rows, shot // rows, shape)
+
+
+def room(seed: int, rows: int = 240, columns: int = 1440) -> RangeImage:
+    """Scan a room: a table with two screens, chairs with thin legs, a dark frame on the wall."""
+    rng = np.random.default_rng([seed, rows])
+    x, y, tall = 3.4, 2.8, 2.6
+    wall, wide = Kind.FACADE, 0.1
+    surfaces: list[Surface] = [
+        Ground(-x, x, y, kind=Kind.ROAD),
+        Box((-x, -y, tall), (x, y, tall + wide), wall, BRIGHT),
+        *(Box((s * x, -y, 0.0), (s * x + wide, y, tall), wall, BRIGHT) for s in (-1.03, 1)),
+        *(Box((-x, s * y, 0.0), (x, s * y + wide, tall), wall, BRIGHT) for s in (-1.03, 1)),
+        Box((1.3, -1.3, 0.70), (2.1, 1.3, 0.74), Kind.SIGN, 0.5),
+        Box((x - 0.05, -0.2, 1.4), (x, 0.9, 2.1), Kind.GLASS, DARK),
+    ]
+    for side in (-0.7, 0.5):
+        turn = rng.uniform(-0.1, 0.1)
+        surfaces.append(
+            Box((1.7 + turn, side, 0.85), (1.76 + turn, side + 0.5, 1.2), Kind.SIGN, 0.3)
+        )
+        surfaces.append(Tube((1.73, side + 0.25, 0.7), (1.73, side + 0.25, 0.9), 0.03, Kind.POLE))
+    legs = [(1.35, -1.2), (1.35, 1.2), (2.0, -1.2), (2.0, 1.2)]
+    for middle in (-1.9, 1.7):
+        seat = (0.9 + rng.uniform(-0.1, 0.1), middle)
+        surfaces.append(
+            Box((seat[0], middle, 0.44), (seat[0] + 0.42, middle + 0.42, 0.47), Kind.SIGN, 0.4)
+        )
+        surfaces.append(
+            Box((seat[0], middle, 0.55), (seat[0] + 0.03, middle + 0.42, 0.95), Kind.SIGN, 0.4)
+        )
+        legs += [(seat[0] + a, middle + b) for a in (0.03, 0.39) for b in (0.03, 0.39)]
+    surfaces += [Tube((a, b, 0.0), (a, b, 0.46), 0.015, Kind.POLE, BRIGHT) for a, b in legs]
+    return scan(surfaces, (-1.2, 0.0, 1.3), (rows, columns), seed)
+
+
+def facades(seed: int, rows: int = 200, columns: int = 1200) -> list[RangeImage]:
+    """Scan a street of houses from three places: birds and flakes in the air, cars in the way."""
+    rng = np.random.default_rng([seed, columns])
+    found = []
+    for number, x in enumerate((-14.0, 0.0, 17.0)):
+        things = (*birds((x + 4.0, 2.0), 8, rng), *car(x + 7.0, 2.5, rng, (0.0, 0.0, 0.0)))
+        surfaces = lay_out(Town(trees=False, things=things, start=-45.0, end=45.0), rng)
+        place = (x, rng.uniform(-1.0, 1.0), 1.7)
+        air = (Flakes(),)
+        found.append(scan(surfaces, place, (rows, columns), seed + number, air))
+    return found

@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The clouds that can be simulated by name. What makes them is imported when they are made."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from lidar_outlier_lab.simulation.world.recording import Cloud
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A simulation: where the function is that makes its clouds, and a sentence about them."""
+
+    maker: str  # module in simulation/ and function
+    sentence: str
+    is_named: bool = True  # the function makes several presets, and is given the name
+
+
+_SURVEY, _FLIGHT, _STREET = 'surveyed_streets.survey', 'aerial.flight', 'spinning_streets.street'
+
+PRESETS = {
+    'leslar-a': Preset(_SURVEY, 'street, wet and cold; 1 098 689 points, 1.00 % in dense clouds'),
+    'leslar-b': Preset(_SURVEY, 'street, wet; 295 147 points, 0.30 % scattered, a barrier arm'),
+    'leslar-c': Preset(_SURVEY, 'street, dry; 237 740 points, 0.01 % just above the road'),
+    'pirotti-sfm': Preset(
+        'aerial.photogrammetry', '1 002 596 points from images, 2596 moved off', is_named=False
+    ),
+    'pirotti-fcd': Preset(
+        'bus_tracks.lines', 'positions of two bus lines, 2-D and 3-D', is_named=False
+    ),
+    'sotoodeh-hod': Preset('sotoodeh_cloud.cloud', '656 points, 84 outliers', is_named=False),
+    'kang-urban': Preset(_FLIGHT, 'houses from the air; 500 000 points, 0.05 % gross errors'),
+    'kang-mountain': Preset(_FLIGHT, 'mountains from the air; 1 000 000 points, 0.024 %'),
+    'street-16': Preset(_STREET, '16 rings, rain and spray; 2 % outliers'),
+    'street-32': Preset(_STREET, '32 rings, snow; 3 % outliers'),
+    'street-64': Preset(_STREET, '64 rings, rain; 2.5 % outliers'),
+    'street-128': Preset(_STREET, '128 rings, rain and spray; 2.5 % outliers'),
+}
+
+
+def make(
+    name: str,
+    seed: int = 1,
+    share: float | None = None,
+    progress: Callable[[float], object] = lambda _: None,
+) -> Iterator[Cloud]:
+    """Simulate a preset: clouds in the order in which they are recorded.
+
+    Parameters
+    ----------
+    name : one of ``PRESETS``
+    seed : from 0; the same seed gives the same bytes
+    share : of the points that are outliers, 0 to 1; None: the preset's own
+    progress : is called with the share done
+
+    Raises
+    ------
+    FilterError
+        If there is no such preset, or it cannot have such a share.
+
+    """
+    if name not in PRESETS:
+        raise FilterError('the preset', f'one of {", ".join(PRESETS)}', name)
+    if seed < 0:
+        raise FilterError('the seed', 'at least 0', seed)
+    if share is not None and not (math.isfinite(share) and 0.0 <= share <= 1.0):
+        raise FilterError('the share', 'from 0 to 1', share)
+    preset = PRESETS[name]
+    module, function = preset.maker.split('.')
+    maker = getattr(import_module(f'{__package__}.{module}'), function)
+    arguments = (name,) if preset.is_named else ()
+    clouds: Iterator[Cloud] = maker(*arguments, seed, share, progress)
+    return clouds

@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Errors that are put into surveyed clouds: single points and groups, off every surface.
+
+Distances are multiples of the local spacing, so that the errors of dense and of sparse clouds are
+alike hard to find.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from lidar_outlier_filter.messages.truth import Cause
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Codes = NDArray[np.uint8]
+
+NEIGHBOUR = 8  # whose distance is the spacing
+OFF = (2.5, 1000.0)  # spacings that a point is moved off
+GROUP = (2, 40)  # points
+SPREAD = (0.1, 3.0)  # standard deviation of a group's coordinates, spacings
+APART = (4.0, 600.0)  # spacings that its centre is moved off
+STEP = (0.3, 1.5)  # spacings from one point of a row to the next
+LOW = (0.03, 20.0)  # spacings below the ground
+PLAIN, NOISES = 20, 4.0  # neighbours of a low point, and their standard deviations it is below
+NOISE_FREE = 2.0  # spacings from good points that errors keep, low ones aside
+TRIES = 20
+CLOUDED = 0.35  # share of the clouds with points at all heights
+HIGHEST = (30.0, 1500.0)  # spacings that these are moved up, or up and down, at most
+
+
+def add_errors(xyz: Floats, share: float, rng: np.random.Generator) -> tuple[Floats, Codes]:
+    """Return a cloud with errors behind its points, and the cause of each point, 0 for good ones.
+
+    Parameters
+    ----------
+    xyz : (N, 3) good points, z up, metres
+    share : of the points, that errors are
+    rng : draws everything
+
+    """
+    tree = cKDTree(xyz)
+    wanted = round(share * len(xyz))
+    kinds = rng.dirichlet([1.0, 2.0, 1.0, 1.0, 1.0])
+    parts, causes = [np.empty((0, 3))], [np.zeros(len(xyz), np.uint8)]
+    box, count = (xyz.min(axis=0), xyz.max(axis=0)), 0
+    if rng.random() < CLOUDED:
+        parts.append(_cloud(xyz, tree, wanted, rng))
+        count = len(parts[-1])
+        causes.append(np.full(count, Cause.SINGLE, np.uint8))
+    while count < wanted:
+        maker = MAKERS[int(rng.choice(len(MAKERS), p=kinds))]
+        start = xyz[int(rng.integers(len(xyz)))]
+        spacing = max(float(tree.query(start, NEIGHBOUR + 1)[0][-1]), 1e-6)
+        made = maker(start, spacing, box, rng)
+        low = maker is _low
+        if not _is_clear(xyz, tree, start, made, spacing, low=low):
+            # Where nothing fits, there are fewer errors.
+            count += rng.random() < 1.0 / TRIES
+            continue
+        parts.append(made)
+        cause = Cause.REFLECTION if low else Cause.SINGLE if len(made) == 1 else Cause.CLUSTER
+        causes.append(np.full(len(made), cause, np.uint8))
+        count += len(made)
+    return np.concatenate([xyz, *parts]), np.concatenate(causes)
+
+
+def _is_clear(  # noqa: PLR0913  what it stands between
+    xyz: Floats, tree: cKDTree, start: Floats, made: Floats, spacing: float, *, low: bool
+) -> bool:
+    """Return whether errors are off every surface, or low ones below theirs."""
+    if not low:
+        return bool(tree.query(made)[0].min() >= NOISE_FREE * spacing)
+    near = xyz[tree.query(start, PLAIN)[1]]
+    noise = np.linalg.svd(near - near.mean(axis=0))[1][2] / np.sqrt(PLAIN)
+    return bool(start[2] - made[0, 2] >= NOISES * noise)
+
+
+def _cloud(xyz: Floats, tree: cKDTree, wanted: int, rng: np.random.Generator) -> Floats:
+    """Put points at all heights above surfaces, or below them as well."""
+    start = xyz[rng.integers(len(xyz), size=int(rng.integers(wanted // 4, wanted + 1)))]
+    spacing = tree.query(start, NEIGHBOUR + 1)[0][:, -1]
+    most = np.median(spacing) * _log_uniform(HIGHEST, rng)
+    off = rng.uniform(0.0, most, len(start))
+    below = rng.random(len(start)) < rng.choice([0.0, 0.5])
+    made = start.copy()
+    made[:, 2] += np.where(below, -off, off)
+    clear: Floats = made[tree.query(made)[0] >= NOISE_FREE * spacing]
+    return clear
+
+
+def _away(rng: np.random.Generator) -> Floats:
+    """Draw a direction: up or down as often as any other."""
+    if rng.random() < 0.5:  # noqa: PLR2004  half of them
+        return np.array([0.0, 0.0, rng.choice([-1.0, 1.0])])
+    way = rng.standard_normal(3)
+    direction: Floats = way / np.linalg.norm(way)
+    return direction
+
+
+def _log_uniform(limits: tuple[float, float], rng: np.random.Generator) -> float:
+    return float(np.exp(rng.uniform(*np.log(limits))))
+
+
+def _scattered(
+    _start: Floats, spacing: float, box: tuple[Floats, Floats], rng: np.random.Generator
+) -> Floats:
+    """Put a point anywhere around the cloud."""
+    margin = 5.0 * spacing
+    return rng.uniform(box[0] - margin, box[1] + margin)[None]
+
+
+def _moved(
+    start: Floats, spacing: float, _box: tuple[Floats, Floats], rng: np.random.Generator
+) -> Floats:
+    """Move a point off, or a few that come together."""
+    far = rng.uniform(*OFF) if rng.random() < 0.3 else _log_uniform(OFF, rng)  # noqa: PLR2004
+    off = spacing * far * _away(rng)
+    few = int(rng.integers(1, 4)) if rng.random() < 0.3 else 1  # noqa: PLR2004  some of them
+    made: Floats = start + off + 0.3 * spacing * rng.standard_normal((few, 3))
+    return made
+
+
+def _group(
+    start: Floats, spacing: float, _box: tuple[Floats, Floats], rng: np.random.Generator
+) -> Floats:
+    """Put a round group of points somewhere."""
+    size, spread = int(rng.integers(*GROUP)), spacing * _log_uniform(SPREAD, rng)
+    off = (spacing * _log_uniform(APART, rng) + 2.0 * spread) * _away(rng)
+    made: Floats = start + off + spread * rng.standard_normal((size, 3))
+    return made
+
+
+def _row(
+    start: Floats, spacing: float, _box: tuple[Floats, Floats], rng: np.random.Generator
+) -> Floats:
+    """Put a row of points somewhere, which is not quite straight."""
+    size, step = int(rng.integers(*GROUP)), spacing * _log_uniform(STEP, rng)
+    off = spacing * _log_uniform(APART, rng) * _away(rng)
+    along = np.cumsum(step * rng.uniform(0.5, 1.5, size))
+    made: Floats = start + off + along[:, None] * _away(rng)
+    return made + 0.1 * step * rng.standard_normal((size, 3))
+
+
+def _low(
+    start: Floats, spacing: float, _box: tuple[Floats, Floats], rng: np.random.Generator
+) -> Floats:
+    """Put a point below a surface, as if its echo came late."""
+    made: Floats = start - np.array([[0.0, 0.0, spacing * _log_uniform(LOW, rng)]])
+    return made
+
+
+MAKERS = (_scattered, _moved, _group, _row, _low)

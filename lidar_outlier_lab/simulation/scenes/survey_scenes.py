@@ -1,0 +1,230 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Surveyed clouds of random measures, with errors: what the trees for them are trained on.
+
+No preset is among them: flights over towns and mountains, clouds from images, walls, tracks, scans
+from a tripod, and plain pieces of surfaces.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.messages.truth import Kind
+from lidar_outlier_lab.simulation.papers import tripod
+from lidar_outlier_lab.simulation.papers.aerial import Flight, fly
+from lidar_outlier_lab.simulation.papers.bus_tracks import Line, track
+from lidar_outlier_lab.simulation.scenes.survey_errors import add_errors
+from lidar_outlier_lab.simulation.world.landscape import Plants, build, hills
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Codes = NDArray[np.uint8]
+
+STREAM = 2309  # of random numbers, which no preset uses
+MOST = 80_000  # good points of a scene, about
+SHARE = (1e-4, 0.02)  # of errors; none in some scenes
+FEW, SHARE_OF_FEW = 10_000, 0.15  # small clouds may have more
+CLEAN = 0.15  # share of the scenes without errors
+ROUNDED = 0.3  # share of the scenes whose coordinates are rounded to millimetres or centimetres
+THINNED = 0.3  # share of those from the air that are thinned
+
+
+class SurveyScene(NamedTuple):
+    """A cloud with its truth.
+
+    Attributes
+    ----------
+    name : str
+    xyz : (N, 3) float64
+        Metres, z up.
+    cause : (N,) uint8
+        A :class:`Cause`; 0 of good points.
+
+    """
+
+    name: str
+    xyz: Floats
+    cause: Codes
+
+
+def training_scene(seed: int) -> SurveyScene:
+    """Draw a scene; seeds from 0. The kinds take turns."""
+    name, maker = KINDS[seed % len(KINDS)]
+    rng = np.random.default_rng([seed, STREAM])
+    xyz, cause = maker(seed, rng)
+    if len(xyz) > 2 * MOST:
+        xyz, cause = _window(xyz, cause, rng)
+    if rng.random() >= CLEAN:
+        most = SHARE[1] if len(xyz) > FEW else SHARE_OF_FEW
+        share = np.exp(rng.uniform(*np.log((SHARE[0], most))))
+        known = cause
+        xyz, cause = add_errors(xyz, max(share, 10 / len(xyz)), rng)
+        cause[: len(known)] = known
+    if rng.random() < ROUNDED:
+        step = float(rng.choice([0.001, 0.01]))
+        xyz = np.round(xyz / step) * step
+    order = rng.permutation(len(xyz))
+    return SurveyScene(f'{name} {seed}', xyz[order], cause[order])
+
+
+def _good(xyz: Floats) -> tuple[Floats, Codes]:
+    return xyz, np.zeros(len(xyz), np.uint8)
+
+
+def _window(xyz: Floats, cause: Codes, rng: np.random.Generator) -> tuple[Floats, Codes]:
+    """Cut a stretch out of a large cloud, along its longer side on the map."""
+    axis = int(np.argmax(np.ptp(xyz[:, :2], axis=0)))
+    rank = np.argsort(xyz[:, axis], kind='stable')
+    begin = int(rng.integers(len(xyz) - MOST))
+    some = rank[begin : begin + MOST]
+    return xyz[some], cause[some]
+
+
+def _thin(xyz: Floats, rng: np.random.Generator) -> Floats:
+    if rng.random() >= THINNED:
+        return xyz
+    kept: Floats = xyz[rng.random(len(xyz)) < rng.uniform(0.1, 0.8)]
+    return kept
+
+
+def _flight(houses: bool, rng: np.random.Generator) -> tuple[Floats, Codes]:  # noqa: FBT001  a kind
+    """Scan a town or mountains from the air."""
+    lines = int(rng.integers(120, 300))
+    how = Flight(
+        lines,
+        MOST // lines,
+        spacing=rng.uniform(0.3, 1.6),
+        height=rng.uniform(250.0, 900.0),
+        steep=rng.uniform(0.0, 0.05) if houses else rng.uniform(0.05, 0.5),
+        plants=Plants(
+            int(rng.integers(50, 400)) if houses else int(rng.integers(0, 10)),
+            int(rng.integers(100, 1500)) if houses else int(rng.integers(500, 4000)),
+            tall=(rng.uniform(3.0, 6.0), rng.uniform(8.0, 28.0)),
+            wide=(rng.uniform(1.0, 1.8), rng.uniform(2.5, 5.0)),
+            pointed=rng.uniform(0.0, 1.0),
+        ),
+        outliers=0,
+    )
+    leaves = (rng.uniform(0.1, 0.9), rng.uniform(0.5, 4.0))
+    flown = fly(how, rng, leaves)
+    distance = flown.distance + rng.uniform(0.005, 0.06) * rng.standard_normal(len(flown.distance))
+    xyz = (flown.origin + distance * flown.direction).T
+    return _good(_thin(np.ascontiguousarray(xyz), rng))
+
+
+def _town(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+    return _flight(True, rng)  # noqa: FBT003  a kind
+
+
+def _mountains(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+    return _flight(False, rng)  # noqa: FBT003  a kind
+
+
+def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+    """Match images of a country: a grid that is not quite even, rough where plants are."""
+    density = np.exp(rng.uniform(*np.log((4.0, 200.0))))
+    step, rows = 1.0 / np.sqrt(density), int(np.sqrt(MOST))
+    size = (rows * step + 1.0, rows * step + 1.0)
+    cell = max(step, 0.1)
+    area = size[0] * size[1] / 1e4
+    plants = Plants(
+        int(rng.integers(0, 6)),
+        int(rng.uniform(10.0, 300.0) * max(area, 0.2)),
+        tall=(rng.uniform(3.0, 8.0), rng.uniform(9.0, 26.0)),
+        wide=(1.2, rng.uniform(2.0, 4.0)),
+        pointed=rng.uniform(0.0, 1.0),
+    )
+    land = build(hills(size, cell, rng.uniform(0.0, 0.3), rng), cell, plants, rng)
+    place = np.divmod(np.arange(rows**2), rows)
+    x, y = (step * (part + rng.uniform(0.0, 1.0, rows**2)) for part in place)
+    look = land.look(x, y)
+    smooth, rough = rng.uniform(0.005, 0.06), rng.uniform(0.03, 0.25)
+    noise = np.where(look.kind == Kind.FOLIAGE, rough, smooth)
+    return _good(np.stack([x, y, look.height + noise * rng.standard_normal(len(x))], axis=1))
+
+
+def _walls(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+    """Scan one to four bent surfaces one behind the other, in steps of their own."""
+    parts = []
+    for _ in range(int(rng.integers(1, 5))):
+        step, across = np.exp(rng.uniform(*np.log((0.02, 0.4)))), rng.uniform(0.4, 1.0)
+        count = int(np.exp(rng.uniform(*np.log((10, 90)))))
+        u, v = (g.ravel() * step for g in np.meshgrid(np.arange(count), np.arange(count) * across))
+        u, v = (g + rng.uniform(-0.3, 0.3, len(g)) * step for g in (u, v))
+        length = count * step
+        w = rng.uniform(0.0, 0.15) * length * np.sin(rng.uniform(1.0, 8.0) * u / length)
+        w = w * np.cos(rng.uniform(1.0, 8.0) * v / length)
+        xyz = np.stack([u, w + rng.uniform(-1.5, 1.5) * length, v], axis=1)
+        xyz = xyz[rng.random(len(xyz)) < rng.uniform(0.8, 1.0)]
+        parts.append(xyz + rng.uniform(0.0, 0.08) * step * rng.standard_normal(xyz.shape))
+    return _good(np.concatenate(parts))
+
+
+def _track(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+    """Note the places of a bus, one a second, or the speed as well."""
+    count = int(rng.integers(4000, 20_000))
+    line = Line(
+        count,
+        int(rng.integers(20, 160)),
+        int(rng.integers(6, 20)),
+        rng.uniform(5.0, 15.0),
+        rng.uniform(2.0, 7.0),
+        rng.uniform(30.0, 600.0),
+    )
+    points = track(line, line.outliers, rng)
+    xyz = np.stack([points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
+    if rng.random() < 0.5:  # noqa: PLR2004  half of them
+        xyz[:, 2] = 0.0
+    return xyz, points['label'].astype(np.uint8)
+
+
+def _inside(seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+    """Scan a room or a street from a tripod."""
+    shape = (int(rng.integers(90, 200)), int(rng.integers(400, 900)))
+    scan = tripod.room(seed, *shape) if rng.random() < 0.5 else tripod.facades(seed, *shape)[0]  # noqa: PLR2004  half of them
+    return scan.xyz, scan.points['label'].astype(np.uint8)
+
+
+def _pieces(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+    """Measure plain things: planes, balls and tubes, evenly, in lines, or denser on one side."""
+    count = int(np.exp(rng.uniform(*np.log((2000, MOST)))))
+    u, v = rng.random((2, count))
+    if rng.random() < 0.4:  # noqa: PLR2004  some of them
+        lines = int(np.sqrt(count) * rng.uniform(0.2, 1.0))
+        u = (np.floor(u * lines) + rng.uniform(0.0, 0.3, count)) / lines
+    if rng.random() < 0.4:  # noqa: PLR2004  some of them
+        v = v ** rng.uniform(1.0, 1.8)
+    form, size = int(rng.integers(3)), np.exp(rng.uniform(-1.0, 4.0))
+    if form == 0:
+        xyz = np.stack([u, v, rng.uniform(-0.5, 0.5) * u], axis=1)
+    elif form == 1:
+        turn, z = 2.0 * np.pi * u, 2.0 * v - 1.0
+        flat = np.sqrt(1.0 - z * z)
+        xyz = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+    else:
+        turn = np.pi * u
+        xyz = np.stack([np.cos(turn), np.sin(turn), 3.0 * v], axis=1)
+    spacing = size / np.sqrt(count)
+    noise = np.exp(rng.uniform(-5.0, -1.2)) * spacing
+    return _good(size * xyz + noise * rng.standard_normal(xyz.shape))
+
+
+KINDS: tuple[tuple[str, Callable[[int, np.random.Generator], tuple[Floats, Codes]]], ...] = (
+    ('town', _town),
+    ('mountains', _mountains),
+    ('images', _images),
+    ('walls', _walls),
+    ('track', _track),
+    ('tripod', _inside),
+    ('images', _images),
+    ('pieces', _pieces),
+    ('mountains', _mountains),
+    ('walls', _walls),
+)

@@ -1,0 +1,318 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Weather, put into a sensor's own cloud: what falls, hangs or drifts, and what it hides.
+
+Every beam is asked, those without a return too. Its surface loses light to what is in the way; and
+what sends back more than is left of that is measured instead, if it is above the noise. Of the
+same cloud, the same weather and the same seed, the same is made.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_lab.simulation.weather import drops, echoes, mirrors, plumes
+from lidar_outlier_lab.simulation.weather.beams import Optics
+from lidar_outlier_lab.simulation.weather.echoes import BothEchoes, WeatherEchoes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_lab.simulation.weather.beams import Beams
+
+    Floats = NDArray[np.float64]
+    Weather = Callable[['_Sweep'], BothEchoes]
+    Place = tuple[float, float]  # level, metres
+    Trail = Callable[[Place, float], Sequence[plumes.PlumePuff]]
+
+ONE_RETURN = ('strongest', 'first', 'last')
+BESIDE_EDGES = 0.35  # share of the beams at edges that are mixed
+MIRRORED = (0.15, 0.6)  # share of the beams at a pane that are, at least and most
+LEFT = 0.3  # share of the light that is left after two mirrors
+
+
+class WeatherSite(NamedTuple):
+    """Where vehicles may be: the height of the ground, and how far 80 % of the surfaces are, m."""
+
+    ground: float
+    room: float
+
+
+class _Sweep(NamedTuple):
+    """What a weather is made for, and all chances.
+
+    ``fixed`` draws what stays the same from sweep to sweep, ``rng`` all else.
+    """
+
+    beams: Beams
+    optics: Optics
+    fixed: np.random.Generator
+    rng: np.random.Generator
+    returns: str
+    around: WeatherSite
+
+
+def make(  # noqa: PLR0913  what a weather depends on
+    weather: str,
+    beams: Beams,
+    seed: int,
+    optics: Optics | None = None,
+    returns: str = 'strongest',
+    sweep: Sequence[int] = (),
+    around: WeatherSite | None = None,
+) -> WeatherEchoes:
+    """Let beams go through a weather.
+
+    Parameters
+    ----------
+    weather : one of ``WEATHERS``
+    beams : of one sweep, sorted by ring and time
+    seed : from 0
+    optics : of the sensor; None: the usual
+    returns : which echo is measured: strongest, first or last
+    sweep : its numbers in its recording: the particles of each are others, the weather is the same
+    around : the site of the first sweep; None: those of this one
+
+    Raises
+    ------
+    FilterError
+        If there is no such weather or return, or the seed is negative.
+
+    """
+    if returns not in ONE_RETURN:
+        raise FilterError('the return', f'one of {", ".join(ONE_RETURN)}', returns)
+    both = make_both(weather, beams, seed, optics, returns, sweep, around)
+    return echoes.choose(both, returns)
+
+
+def make_both(  # noqa: PLR0913  what a weather depends on
+    weather: str,
+    beams: Beams,
+    seed: int,
+    optics: Optics | None = None,
+    returns: str = 'dual',
+    sweep: Sequence[int] = (),
+    around: WeatherSite | None = None,
+) -> BothEchoes:
+    """Let beams go through a weather, and give what surfaces and particles send back, both.
+
+    Of several particles in a beam it is the nearest for the first return, the farthest for the
+    last, and the strongest otherwise. With ``strongest`` drops that the surface outshines are not
+    made. For the rest see :func:`make`.
+    """
+    check(weather, seed)
+    optics, number = optics or Optics(), list(WEATHERS).index(weather)
+    fixed = np.random.default_rng([seed, number])
+    rng = np.random.default_rng([seed, number, 1, *sweep])
+    around = around or survey(beams)
+    return WEATHERS[weather](_Sweep(beams, optics, fixed, rng, returns, around))
+
+
+def check(weather: str, seed: int) -> None:
+    """Refuse a weather that there is not, and a negative seed.
+
+    Raises
+    ------
+    FilterError
+        If one of them is wrong.
+
+    """
+    if weather not in WEATHERS:
+        raise FilterError('the weather', f'one of {", ".join(WEATHERS)}', weather)
+    if seed < 0:
+        raise FilterError('the seed', 'at least 0', seed)
+
+
+def survey(beams: Beams) -> WeatherSite:
+    """Find the ground, and how much room there is."""
+    known = np.isfinite(beams.range)
+    up, far = beams.direction[known, 2], beams.range[known]
+    ground = float(np.percentile(up * far, 2.0))
+    return WeatherSite(ground, float(np.percentile(far * np.sqrt(1.0 - up**2), 80.0)))
+
+
+def _falling(fall: drops.Precipitation, cause: Cause, sweep: _Sweep) -> BothEchoes:
+    beams, optics = sweep.beams, sweep.optics
+    surface = echoes.surfaces(beams, fall.extinction)
+    least = surface.power if sweep.returns == 'strongest' else np.zeros(len(beams))
+    where, far, echo = drops.strike(fall, optics, beams.range, least, sweep.rng)
+    # Of several drops, that which is measured.
+    wanted = {'first': far, 'last': -far}.get(sweep.returns, -echo)
+    rank = np.lexsort((wanted, where))
+    chosen = rank[np.flatnonzero(np.diff(where[rank], prepend=-1))]
+    before = echoes.nothing(len(beams))
+    before.distance[where[chosen]], before.power[where[chosen]] = far[chosen], echo[chosen]
+    before.cause[where[chosen]] = cause
+    return BothEchoes(surface.above(optics.floor), before.above(optics.floor))
+
+
+def _hanging(cloud: plumes.Plume, cause: Cause, sweep: _Sweep) -> BothEchoes:
+    beams, noise = sweep.beams, sweep.optics.floor
+    distance, power, left = plumes.strike(cloud, sweep.optics, beams, beams.range, sweep.rng)
+    surface = echoes.surfaces(beams)
+    surface = WeatherEchoes(surface.distance, surface.power * left, surface.cause)
+    before = WeatherEchoes(distance, power, np.full(len(beams), cause, np.uint8))
+    return BothEchoes(surface.above(noise), before.above(noise))
+
+
+def _rain(sweep: _Sweep) -> BothEchoes:
+    rng = sweep.fixed
+    fall = drops.rain(_log_uniform(rng, 5.0, 80.0))
+    return _falling(fall, Cause.RAIN, sweep)
+
+
+def _light_snow(sweep: _Sweep) -> BothEchoes:
+    rng = sweep.fixed
+    fall = drops.snow(_log_uniform(rng, 0.05, 0.4))
+    return _falling(fall, Cause.SNOW, sweep)
+
+
+def _heavy_snow(sweep: _Sweep) -> BothEchoes:
+    rng = sweep.fixed
+    fall = drops.snow(_log_uniform(rng, 0.6, 5.0))
+    return _falling(fall, Cause.SNOW, sweep)
+
+
+def _fog(sweep: _Sweep) -> BothEchoes:
+    """Hang fog: meteorological optical range MOR = ln 20 ÷ α (Hahner et al. 2021, eq. 4)."""
+    rng = sweep.fixed
+    sight = _log_uniform(rng, 25.0, 150.0)
+    cloud = plumes.Plume(
+        density=np.log(20.0) / sight,
+        ratio=65.0,
+        lump=rng.uniform(2.0, 8.0),
+        uneven=rng.uniform(0.3, 0.9),
+        grains=rng.uniform(1.0, 4.0),
+        cell=0.25,
+    )
+    return _hanging(cloud, Cause.FOG, sweep)
+
+
+class _PlumeRanges(NamedTuple):
+    """Least and most of what a :class:`.plumes.Plume` is drawn from, in this order."""
+
+    ratio: tuple[float, float]
+    lump: tuple[float, float]
+    uneven: tuple[float, float]
+    grains: tuple[float, float]
+    cell: float = 0.15
+
+
+def _behind_vehicles(sweep: _Sweep, trail: Trail, ranges: _PlumeRanges, cause: Cause) -> BothEchoes:
+    """Let vehicles leave plumes behind; ``trail`` makes those of one."""
+    around, rng = sweep.around, sweep.fixed
+    puffs = [puff for start, heading in _vehicles(around, rng) for puff in trail(start, heading)]
+    ratio, lump, uneven, grains = (
+        low if low == high else rng.uniform(low, high) for low, high in ranges[:4]
+    )
+    cloud = plumes.Plume(
+        tuple(puffs),
+        ratio=ratio,
+        lump=lump,
+        uneven=uneven,
+        grains=grains,
+        cell=ranges.cell,
+        bottom=around.ground,
+    )
+    return _hanging(cloud, cause, sweep)
+
+
+def _spray(sweep: _Sweep) -> BothEchoes:
+    """Whirl water up behind the wheels of vehicles."""
+    ground, rng = sweep.around.ground, sweep.fixed
+
+    def trail(start: Place, heading: float) -> list[plumes.PlumePuff]:
+        puffs: list[plumes.PlumePuff] = []
+        for side in (-0.8, 0.8):
+            x, y = start[0] - side * np.sin(heading), start[1] + side * np.cos(heading)
+            length, density = rng.uniform(2.0, 14.0), _log_uniform(rng, 0.1, 3.0)
+            puffs += plumes.trail((x, y, ground + 0.1), heading, length, density, rng)
+        return puffs
+
+    ranges = _PlumeRanges((12.0, 50.0), (0.25, 1.5), (0.5, 1.8), (0.4, 4.0))
+    return _behind_vehicles(sweep, trail, ranges, Cause.SPRAY)
+
+
+def _dust(sweep: _Sweep) -> BothEchoes:
+    """Whirl dust up: broad plumes behind vehicles."""
+    ground, rng = sweep.around.ground, sweep.fixed
+    density = _log_uniform(rng, 0.1, 2.5)
+
+    def trail(start: Place, heading: float) -> Sequence[plumes.PlumePuff]:
+        length, width = rng.uniform(4.0, 14.0), rng.uniform(0.5, 1.0)
+        growth = rng.uniform(0.1, 0.25)
+        return plumes.trail((*start, ground), heading, length, density, rng, width, growth)
+
+    ranges = _PlumeRanges((15.0, 60.0), (0.4, 2.5), (0.4, 1.6), (0.6, 6.0))
+    return _behind_vehicles(sweep, trail, ranges, Cause.DUST)
+
+
+def _exhaust(sweep: _Sweep) -> BothEchoes:
+    """Let pipes smoke: small, dense clouds near the ground."""
+    ground, rng = sweep.around.ground, sweep.fixed
+
+    def trail(start: Place, heading: float) -> Sequence[plumes.PlumePuff]:
+        length, density = rng.uniform(0.8, 3.0), rng.uniform(0.8, 3.0)
+        place = (*start, ground + 0.25)
+        return plumes.trail(place, heading, length, density, rng, width=0.15, growth=0.2)
+
+    ranges = _PlumeRanges((20.0, 45.0), (0.3, 0.8), (0.6, 1.2), (1.0, 4.0), cell=0.1)
+    return _behind_vehicles(sweep, trail, ranges, Cause.EXHAUST)
+
+
+def _mixed(sweep: _Sweep) -> BothEchoes:
+    far, mixed = mirrors.mix(sweep.beams, BESIDE_EDGES, sweep.rng)
+    return _moved(sweep.beams, far, mixed, Cause.MIXED, 1.0)
+
+
+def _ghosts(sweep: _Sweep) -> BothEchoes:
+    share = sweep.fixed.uniform(*MIRRORED)
+    far, mirrored = mirrors.mirror(sweep.beams, sweep.optics, share, sweep.rng)
+    return _moved(sweep.beams, far, mirrored, Cause.GHOST, LEFT)
+
+
+def _moved(
+    beams: Beams, far: Floats, moved: NDArray[np.bool_], cause: Cause, share: float
+) -> BothEchoes:
+    """Put surfaces elsewhere, with a share of their light."""
+    echo = drops.power(far, beams.reflectance * np.where(moved, share, 1.0), 0.0)
+    causes = np.where(moved, cause, 0).astype(np.uint8)
+    return BothEchoes(WeatherEchoes(far, echo, causes), echoes.nothing(len(beams)))
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _vehicles(
+    around: WeatherSite, rng: np.random.Generator
+) -> list[tuple[tuple[float, float], float]]:
+    """Place vehicles where there is room: the point that a plume begins at, and where it goes."""
+    found = []
+    for number in range(int(rng.integers(1, 5))):
+        # The first is the vehicle that carries the sensor.
+        far = rng.uniform(3.0, max(min(around.room, 25.0), 5.0))
+        far = max(2.0, -1.5 * around.ground) if number == 0 else far
+        place, turn = rng.uniform(-np.pi, np.pi, 2)
+        heading = place + 0.2 * turn if number == 0 else turn
+        found.append(((float(far * np.cos(place)), float(far * np.sin(place))), float(heading)))
+    return found
+
+
+WEATHERS: dict[str, Weather] = {
+    'light_snow': _light_snow,
+    'heavy_snow': _heavy_snow,
+    'rain': _rain,
+    'fog': _fog,
+    'spray': _spray,
+    'dust': _dust,
+    'exhaust': _exhaust,
+    'mixed': _mixed,
+    'ghosts': _ghosts,
+}

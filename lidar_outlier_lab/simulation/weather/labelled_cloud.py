@@ -1,0 +1,210 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A cloud that gains the field ``label``: points are moved, hidden and added, the others kept."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.messages.cloud import (
+    AXES,
+    is_empty,
+    more_fields,
+    plain_rows,
+    structured,
+    with_rows,
+)
+from lidar_outlier_filter.messages.decoder import INTENSITY_NAMES, NANOSECONDS
+from lidar_outlier_lab.simulation.weather.brightness import TYPICAL, Brightness
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.messages.decoder import Convention
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+
+LABEL = 'label'
+RANGES = ('range', 'distance')
+ALIKE = 0.05  # share of a range by which its field may be off, and of the points where it is more
+
+
+class FoundPoints(NamedTuple):
+    """What weather makes of M shots.
+
+    Attributes
+    ----------
+    direction : (M, 3) float64
+    distance : (M,) float64, metres
+    reflectance : (M,) float64, of a surface that were as bright
+    cause : (M,) uint8
+
+    """
+
+    direction: Floats
+    distance: Floats
+    reflectance: Floats
+    cause: NDArray[np.uint8]
+
+
+class LabelledCloud:
+    """A cloud whose points all have the label 0, to be changed; ``count`` are its own."""
+
+    def __init__(self, msg: Any) -> None:
+        """Copy the points.
+
+        Raises
+        ------
+        CloudError
+            If it has labels.
+
+        """
+        if any(item.name == LABEL for item in msg.fields):
+            raise CloudError('the fields', f'without {LABEL!r}', 'a cloud with labels')
+        self._msg, plain = msg, plain_rows(msg)
+        self.count = len(plain)
+        wider = np.zeros(len(plain), [('point', plain.dtype), (LABEL, 'u1')])
+        wider['point'] = plain
+        # As plain bytes: a copy of a structured array would lose its padding.
+        self._rows = wider.view(np.dtype((np.void, wider.dtype.itemsize)))
+        self._layout = wider.dtype if is_empty(msg) else _layout(structured(msg).dtype)
+        self._place = np.arange(len(plain), dtype=np.float64)
+        self._kept = np.ones(len(plain), np.bool_)
+        self._curves: dict[str, Brightness] = {}
+        self._ranges: dict[str, float] = {}
+
+    def column(self, name: str) -> NDArray[Any]:
+        """View a field of all points."""
+        return np.asarray(self._rows.view(self._layout)[name])
+
+    def learn(self, points: Points) -> Floats:
+        """Learn what its intensities and ranges mean; return reflectances (N,), of all points."""
+        there, distance = points.valid, points.range
+        result = np.full(self.count, TYPICAL)
+        for name in self._numbers(INTENSITY_NAMES):
+            values = self.column(name).astype(np.float64)
+            fine = there & np.isfinite(values)
+            self._curves[name] = Brightness(distance[fine], values[fine])
+            if len(self._curves) == 1:
+                result[fine] = self._curves[name].reflectance(distance[fine], values[fine])
+        for name in self._numbers(RANGES):
+            ratio = self.column(name)[there] / distance[there]
+            usual = float(np.median(ratio))
+            if np.mean(np.abs(ratio - usual) <= ALIKE * usual) >= 1.0 - ALIKE:
+                self._ranges[name] = usual
+        return result
+
+    def _numbers(self, wanted: tuple[str, ...]) -> list[str]:
+        """List those fields that are there and hold one number."""
+        names = self._layout.names or ()
+        return [n for n in wanted if n in names and self._layout[n].kind in 'iuf']
+
+    def dim(self, rows: Ints, share: Floats) -> None:
+        """Let points keep a share of their light."""
+        darker = share < 1.0
+        for name in self._curves:
+            values = self.column(name)[rows[darker]].astype(np.float64)
+            self._store(name, rows[darker], values * share[darker])
+
+    def move(self, rows: Ints, found: FoundPoints) -> None:
+        """Put points elsewhere, and label them."""
+        for axis, name in enumerate(AXES):
+            self._store(name, rows, found.direction[:, axis] * found.distance)
+        for name, curve in self._curves.items():
+            self._store(name, rows, curve.intensity(found.distance, found.reflectance))
+        for name, ratio in self._ranges.items():
+            self._store(name, rows, ratio * found.distance)
+        self.column(LABEL)[rows] = found.cause
+
+    def hide(self, rows: Ints) -> None:
+        """Let points be missing: as 0 or NaN in an organised cloud, otherwise they go.
+
+        All axes alike, as in the rows that are missing already; whole numbers know no NaN.
+        """
+        if self._msg.height == 1:
+            self._kept[rows] = False
+            return
+        xyz = np.stack([self.column(name)[: self.count] for name in AXES])
+        whole = any(self._layout[name].kind != 'f' for name in AXES)
+        missing = 0 if whole or (xyz == 0).all(axis=0).any() else np.nan
+        for name in AXES:
+            self.column(name)[rows] = missing
+        for name in self._ranges:
+            self.column(name)[rows] = 0
+
+    def add(self, like: Ints, found: FoundPoints) -> Ints:
+        """Add points behind others and like these; return their rows."""
+        first = len(self._rows)
+        self._rows = np.concatenate([self._rows, self._rows[like]])
+        self._place = np.concatenate([self._place, like + 0.5])
+        self._kept = np.concatenate([self._kept, np.ones(len(like), np.bool_)])
+        rows = np.arange(first, len(self._rows))
+        self.move(rows, found)
+        return rows
+
+    def set_time(self, rows: Ints, t: Ints, convention: Convention) -> None:
+        """Give points the time at which they were measured, nanoseconds."""
+        name = convention.time_field
+        if name is None:
+            return
+        seconds, stamp = divmod(t, NANOSECONDS['s']), self._msg.header.stamp
+        whole, part = seconds
+        if not convention.time_is_absolute:
+            whole, part = whole - stamp.sec, part - stamp.nanosec
+        unit = NANOSECONDS[convention.time_unit]
+        each = NANOSECONDS['s'] // unit
+        if self._layout[name].kind == 'f':
+            # Whole seconds apart, so that a float64 of absolute times keeps what it can hold.
+            self._store(name, rows, whole * float(each) + part / unit)
+        else:
+            self._store(name, rows, whole * each + part // unit)
+
+    def _store(self, name: str, rows: Ints, values: NDArray[Any]) -> None:
+        """Store numbers as their field can hold them; what is too bright is as bright as can be."""
+        kind = self._layout[name]
+        if kind.kind in 'iu':
+            limits = np.iinfo(kind)
+            values = np.clip(np.rint(values), limits.min, limits.max)
+        self.column(name)[rows] = values
+
+    @property
+    def labels(self) -> NDArray[np.uint8]:
+        """The labels of the points that are there, missing ones left out."""
+        here = self._kept.copy()
+        if not is_empty(self._msg):
+            xyz = np.stack([self.column(name) for name in AXES]).astype(np.float64)
+            here &= np.isfinite(xyz).all(axis=0) & (xyz != 0).any(axis=0)
+        return np.asarray(self.column(LABEL)[here])
+
+    def message(self) -> Any:
+        """Make the message, its points in order."""
+        order = np.argsort(self._place, kind='stable')
+        rows = self._rows[order[self._kept[order]]]
+        msg, step = self._msg, self._rows.dtype.itemsize
+        if not msg.fields:
+            return msg
+        fields = more_fields(msg, {LABEL: 'u1'})
+        result = with_rows(msg, rows, fields, step, msg.height if len(rows) else 1)
+        if msg.height > 1:
+            result.is_dense = bool(msg.is_dense) and not np.isnan(self.column('x')).any()
+        return result
+
+
+def _layout(dtype: np.dtype[np.void]) -> np.dtype[np.void]:
+    """Put the label behind the other fields."""
+    fields: Any = dtype.fields
+    names = [*(dtype.names or ()), LABEL]
+    formats = [*(fields[name][0] for name in names[:-1]), np.dtype('u1')]
+    offsets = [*(fields[name][1] for name in names[:-1]), dtype.itemsize]
+    layout: Any = {
+        'names': names,
+        'formats': formats,
+        'offsets': offsets,
+        'itemsize': dtype.itemsize + 1,
+    }
+    return np.dtype(layout)  # type: ignore[no-any-return]

@@ -1,0 +1,290 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A drive through a scene: what its shots measure, and what goes wrong with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.messages.truth import Cause, Kind
+from lidar_outlier_lab.simulation.world.caster import PANE, ROUND
+from lidar_outlier_lab.simulation.world.scene import Rays, Scene
+from lidar_outlier_lab.simulation.world.sensors import ProfileScanner, SpinningScanner
+from lidar_outlier_lab.simulation.world.trajectory import Path, Trajectory
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+IN_THE_AIR = 0.05  # share of the light that a cloud of droplets sends back
+LEVEL = 2  # the axis that is normal to a road
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """What goes wrong with shots at surfaces.
+
+    Attributes
+    ----------
+    reflection, near_surface : float
+        Shares of the shots at the road that are measured above it.
+    reflection_height, near_surface_height : (low, high)
+        How far above, metres.
+    reflection_scale : float
+        Heights of reflections fall off exponentially, by e in so many metres.
+    glass : float
+        Share of the shots at glass that are mirrored, so that what is in front of it appears
+        behind it.
+    wet : float
+        Share of the grazing shots at a road that are mirrored likewise; of steeper ones it falls as
+        (1 - cosine of incidence)^5 does (Schlick).
+    mirrored : float
+        Share of the light that is left after two mirrors.
+
+    """
+
+    reflection: float = 0.004
+    reflection_height: tuple[float, float] = (0.10, 1.4)
+    reflection_scale: float = 0.5
+    near_surface: float = 0.001
+    near_surface_height: tuple[float, float] = (0.03, 0.08)
+    glass: float = 0.0
+    wet: float = 0.0
+    mirrored: float = 0.3
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Everything that makes a recording: the same drive gives the same bytes.
+
+    ``lines`` are revolutions of the scanner. Points are in the frame of the scene, or with
+    ``in_own_frame`` in that of the scanner at the moment of each.
+    """
+
+    scene: Scene
+    lines: int
+    sensor: ProfileScanner | SpinningScanner = field(default_factory=ProfileScanner)
+    trajectory: Path = field(default_factory=Trajectory)
+    disturbances: Disturbances = field(default_factory=Disturbances)
+    seed: int = 1
+    in_own_frame: bool = False
+
+    @property
+    def shots(self) -> int:
+        """Number of shots, with and without echo."""
+        return self.lines * self.sensor.shots_per_line
+
+    def rays(self, shot: NDArray[np.int64]) -> Rays:
+        """Footprints of shots, in the scene."""
+        t = self.sensor.seconds(shot)
+        offset, direction = self.sensor.bundle(shot)
+        rotation = self.trajectory.rotation(t)
+        lever = offset + np.reshape(self.trajectory.mount, (3, 1, 1))
+        origin = np.einsum('ijn,jnk->ink', rotation, lever)
+        origin += self.trajectory.position(t)[:, :, None]
+        return Rays(origin, np.einsum('ijn,jnk->ink', rotation, direction), t, self.sensor.reach)
+
+
+class Returns(NamedTuple):
+    """Points with the numbers of their shots; their ``t`` is not yet set."""
+
+    shot: NDArray[np.int64]
+    points: NDArray[np.void]
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Returns:
+        """Choose points by index, mask or slice, in that order."""
+        return Returns(self.shot[index], self.points[index])
+
+
+class Block(NamedTuple):
+    """What some consecutive shots measured.
+
+    Attributes
+    ----------
+    clean : Returns
+        What the surfaces alone give, with all that their shapes, mirrors and motion do.
+    spoilt : Returns
+        What shots gave instead that were disturbed on their way; in order.
+    lot : (len(spoilt.shot),) float64
+        Of each disturbed shot, uniform in 0 to 1, to choose some of them by.
+
+    """
+
+    clean: Returns
+    spoilt: Returns
+    lot: Floats
+
+
+@dataclass
+class _Shots:
+    """What N shots measure, in the making."""
+
+    distance: Floats
+    cosine: Floats
+    bright: Floats
+    kind: NDArray[np.uint8]
+    cause: NDArray[np.uint8]
+
+    def copy(self) -> _Shots:
+        """Copy all."""
+        return replace(self, **{name: value.copy() for name, value in vars(self).items()})
+
+
+def simulate(drive: Drive) -> Iterator[tuple[int, Returns]]:
+    """Cast a drive, and yield it in blocks: the number of shots so far, and the block's returns."""
+    for end, block in cast(drive):
+        yield end, merge(block.clean, block.spoilt)
+
+
+def cast(drive: Drive) -> Iterator[tuple[int, Block]]:
+    """Cast a drive, and yield it in blocks: the number of shots so far, and what they measured."""
+    step = drive.sensor.block
+    for first in range(0, drive.shots, step):
+        end = min(first + step, drive.shots)
+        rng = np.random.default_rng([drive.seed, first // step])
+        yield end, _cast(drive, np.arange(first, end, dtype=np.int64), rng)
+
+
+def merge(clean: Returns, spoilt: Returns) -> Returns:
+    """Put what disturbed shots gave into the place of what they had given, in order of shots."""
+    left = clean.take(~np.isin(clean.shot, spoilt.shot, assume_unique=True))
+    shot = np.concatenate([left.shot, spoilt.shot])
+    order = np.argsort(shot, kind='stable')
+    return Returns(shot[order], np.concatenate([left.points, spoilt.points])[order])
+
+
+def _cast(drive: Drive, shot: NDArray[np.int64], rng: np.random.Generator) -> Block:
+    """Cast some shots: what they meet, what goes wrong on the way, noise."""
+    rays = drive.rays(shot)
+    clean = _meet(drive, rays, rng)
+    spoilt = clean.copy()
+    _fly(drive.scene, rays, spoilt, rng)
+    _lift(drive.disturbances, rays.direction[2, :, 0], spoilt, rng)
+    noise, glitter = rng.standard_normal((2, len(shot)))
+    lot = rng.random(len(shot))
+    changed = spoilt.cause != clean.cause
+    seen = changed & _is_inside(drive, spoilt.distance)
+    every = np.flatnonzero(_is_inside(drive, clean.distance))
+    other = np.flatnonzero(seen)
+    return Block(
+        Returns(shot[every], _points(drive, shot, rays, clean, noise, glitter, every)),
+        Returns(shot[other], _points(drive, shot, rays, spoilt, noise, glitter, other)),
+        lot[other],
+    )
+
+
+def _meet(drive: Drive, rays: Rays, rng: np.random.Generator) -> _Shots:
+    """Find what each shot measures of the surfaces alone."""
+    scene, sensor = drive.scene, drive.sensor
+    hits = scene.cast(rays)
+    echoes = sensor.receive(hits, scene.reflectance[hits.surface])
+    pane = (echoes.part >= PANE).astype(np.intp)
+    kind, cause = scene.kinds[echoes.surface, pane], scene.causes[echoes.surface]
+    # Between leaves everything is mixed, and nobody would call it wrong.
+    cause[echoes.mixed & (cause == Cause.GOOD) & (kind != Kind.FOLIAGE)] = Cause.MIXED
+    bright = scene.reflectance[echoes.surface] * echoes.cosine
+    shots = _Shots(echoes.distance, echoes.cosine, bright, kind, cause)
+    how = drive.disturbances
+    if how.glass or how.wet:
+        part = np.where(np.isfinite(shots.distance), echoes.part, ROUND)
+        good = (cause == Cause.GOOD) & (part % PANE != ROUND)
+        fresnel = how.wet * (1.0 - echoes.cosine) ** 5
+        chance = np.where(kind == Kind.GLASS, how.glass, np.where(kind == Kind.ROAD, fresnel, 0.0))
+        _mirror(drive, rays, shots, part % PANE, good & (rng.random(len(chance)) < chance))
+    return shots
+
+
+def _mirror(
+    drive: Drive,
+    rays: Rays,
+    shots: _Shots,
+    axis: NDArray[np.int64],
+    mirrored: NDArray[np.bool_],
+) -> None:
+    """Let some shots go on from a face normal to ``axis``: they measure the whole way.
+
+    What is met in the mirror lies behind it, on the straight line. Nothing met: nothing measured.
+    """
+    index = np.flatnonzero(mirrored)
+    some = rays.take(index)
+    origin, direction = some.origin[:, :, :1], some.direction[:, :, :1].copy()
+    before = shots.distance[index]
+    origin = origin + before[:, None] * direction
+    direction[axis[index], np.arange(len(index)), 0] *= -1.0
+    scene, sensor = drive.scene, drive.sensor
+    # A little off the face, which would be met again.
+    hits = scene.cast(Rays(origin + 1e-6 * direction, direction, some.t, sensor.reach))
+    whole, met = before + hits.distance[:, 0], hits.surface[:, 0]
+    bright = drive.disturbances.mirrored * scene.reflectance[met] * hits.cosine[:, 0]
+    seen = sensor.is_seen(whole, bright)
+    road = shots.kind[index] == Kind.ROAD
+    shots.distance[index] = np.where(seen, whole, np.inf)
+    shots.cosine[index], shots.bright[index] = hits.cosine[:, 0], bright
+    shots.cause[index] = np.where(seen, np.where(road, Cause.REFLECTION, Cause.GHOST), Cause.GOOD)
+    shots.kind[index] = Kind.AIR
+
+
+def _fly(scene: Scene, rays: Rays, shots: _Shots, rng: np.random.Generator) -> None:
+    """Send some shots back from what hangs in the air."""
+    for thing in scene.air:
+        far = thing.meet(rays, shots.distance, shots.bright, rng.random(len(shots.distance)))
+        back = far < shots.distance
+        shots.distance[back], shots.bright[back] = far[back], IN_THE_AIR
+        shots.cause[back], shots.kind[back] = thing.cause, Kind.AIR
+
+
+def _lift(how: Disturbances, fall: Floats, shots: _Shots, rng: np.random.Generator) -> None:
+    """Lift some points off the road, along their rays."""
+    lot, place = rng.random((2, len(fall)))
+    road = (shots.kind == Kind.ROAD) & (shots.cause == Cause.GOOD)
+    twice = road & (lot < how.reflection)
+    close = road & ~twice & (lot < how.reflection + how.near_surface)
+    low, high = how.reflection_height
+    span = -np.expm1(-(high - low) / how.reflection_scale)
+    lift = np.where(twice, low - how.reflection_scale * np.log1p(-place * span), 0.0)
+    low, high = how.near_surface_height
+    lift = np.where(close, low + place * (high - low), lift)
+    shots.cause[twice], shots.cause[close] = Cause.REFLECTION, Cause.NEAR_SURFACE
+    shots.kind[twice | close] = Kind.AIR
+    lifted = lift > 0.0
+    shots.distance += np.where(lifted, lift / np.where(lifted, fall, 1.0), 0.0)
+
+
+def _is_inside(drive: Drive, distance: Floats) -> NDArray[np.bool_]:
+    """Return which distances are within the scanner's limits, both exclusive."""
+    return (distance < drive.sensor.farthest) & (distance > drive.sensor.nearest)
+
+
+def _points(  # noqa: PLR0913  one shot's whole state
+    drive: Drive,
+    shot: NDArray[np.int64],
+    rays: Rays,
+    shots: _Shots,
+    noise: Floats,
+    glitter: Floats,
+    seen: NDArray[np.intp],
+) -> NDArray[np.void]:
+    """Make the points of the shots that are seen."""
+    sensor = drive.sensor
+    kind, distance = shots.kind[seen], shots.distance[seen]
+    # A droplet and a doubly reflected shot have no face that leans.
+    cosine = np.where(kind == Kind.AIR, 1.0, shots.cosine[seen])
+    measured = sensor.measure(distance + noise[seen] * sensor.range_sigma(distance, cosine))
+    points = np.zeros(len(seen), sensor.point)
+    if drive.in_own_frame:
+        _, direction = sensor.bundle(shot[seen])
+        xyz = measured * direction[:, :, 0]
+    else:
+        xyz = rays.origin[:, seen, 0] + measured * rays.direction[:, seen, 0]
+    for axis, name in enumerate('xyz'):
+        points[name] = xyz[axis]
+    points['intensity'] = 100.0 * shots.bright[seen] * np.exp(0.1 * glitter[seen])
+    sensor.note(points, shot[seen])
+    points['label'], points['surface'] = shots.cause[seen], kind
+    return points

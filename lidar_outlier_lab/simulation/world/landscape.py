@@ -1,0 +1,323 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Country seen from the air: hills, houses and trees as heights on a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
+from lidar_outlier_filter.messages.truth import Kind
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Codes = NDArray[np.uint8]
+    Fields = tuple[Floats, Floats, NDArray[np.int64], Floats]  # ground, top, owner, highest
+
+MARCH = 0.4  # metres that a ray is followed at a time before it is below something
+BLOCK = 16  # corners to a side, of the squares that a ray is led over at once
+HALVINGS = 30  # of the last step, to find where it was met
+WAVES = 24  # that hills are made of
+EAVES = 0.3  # metres that the foot of a tree's cone is above the ground
+
+
+class Look(NamedTuple):
+    """What is seen at N places from above: height of the top (metres), and kind."""
+
+    height: Floats
+    kind: Codes
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """Heights at the corners of squares of ``cell`` metres; corner (0, 0) is at x = y = 0.
+
+    Attributes
+    ----------
+    ground, top : (columns, rows) float64
+        Heights of the bare ground and of what stands on it, metres; x is the first index.
+    owner : (columns, rows) int64
+        What a corner belongs to: 0 the ground, more a house, less a tree. Between corners of
+        several owners the height jumps.
+
+    """
+
+    ground: Floats
+    top: Floats
+    owner: NDArray[np.int64]
+    cell: float
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Length along x and y, metres."""
+        columns, rows = self.top.shape
+        return (columns - 1) * self.cell, (rows - 1) * self.cell
+
+    def look(self, x: Floats, y: Floats) -> Look:
+        """Look at places (N,) from straight above."""
+        owner = np.zeros(len(x), np.int64)
+        height = _look(self.top, self.owner, self.cell, x, y, owner)
+        return Look(height, _kinds(owner))
+
+    def cast(self, origin: Floats, direction: Floats, depth: Floats) -> tuple[Floats, Codes]:
+        """Follow rays down: the distance (N,) at which each meets something, and its kind.
+
+        Parameters
+        ----------
+        origin, direction : (3, N) float64
+            From above everything, downwards.
+        depth : (N,) float64
+            Metres of leaves that a ray goes through; then it is sent back. Below a tree is ground.
+
+        """
+        owner = np.zeros(len(depth), np.int64)
+        fields = (self.ground, self.top, self.owner, _highest(self.top))
+        bottom = float(self.ground.min()) - 1.0
+        distance = _descend(fields, self.cell, origin, direction, depth, bottom, owner)
+        return distance, _kinds(owner)
+
+
+def _kinds(owner: NDArray[np.int64]) -> Codes:
+    kinds = np.where(owner > 0, Kind.ROOF, np.where(owner < 0, Kind.FOLIAGE, Kind.TERRAIN))
+    return kinds.astype(np.uint8)
+
+
+@inner_kernel
+def _height(field: Floats, owner: NDArray[np.int64], cell: float, x: float, y: float) -> float:
+    """Height at a place: between the four corners, or that of the nearest where owners differ."""
+    u = min(max(x / cell, 0.0), field.shape[0] - 1.000001)
+    v = min(max(y / cell, 0.0), field.shape[1] - 1.000001)
+    i, j = int(u), int(v)
+    a, b = u - i, v - j
+    mine = owner[i, j]
+    if mine == owner[i + 1, j] and mine == owner[i, j + 1] and mine == owner[i + 1, j + 1]:
+        near = field[i, j] * (1.0 - b) + field[i, j + 1] * b
+        far = field[i + 1, j] * (1.0 - b) + field[i + 1, j + 1] * b
+        return float(near * (1.0 - a) + far * a)
+    return float(field[i + (a >= 0.5), j + (b >= 0.5)])  # noqa: PLR2004  half a cell
+
+
+@inner_kernel
+def _owner(owner: NDArray[np.int64], cell: float, x: float, y: float) -> int:
+    """Owner of the nearest corner."""
+    i = int(min(max(x / cell + 0.5, 0.0), owner.shape[0] - 1.0))
+    j = int(min(max(y / cell + 0.5, 0.0), owner.shape[1] - 1.0))
+    return int(owner[i, j])
+
+
+@kernel
+def _look(  # noqa: PLR0913  a kernel takes arrays
+    top: Floats,
+    owner: NDArray[np.int64],
+    cell: float,
+    x: Floats,
+    y: Floats,
+    found: NDArray[np.int64],
+) -> Floats:
+    height = np.empty(len(x))
+    for n in range(len(x)):
+        height[n] = _height(top, owner, cell, x[n], y[n])
+        found[n] = _owner(owner, cell, x[n], y[n])
+    return height
+
+
+def _highest(top: Floats) -> Floats:
+    """Height above which nothing is in each square of ``BLOCK`` corners, or half a cell around."""
+    padded = np.pad(top, [(1, BLOCK + 1 - side % BLOCK) for side in top.shape], mode='edge')
+    inner = [slice(0, (side - 2) // BLOCK * BLOCK) for side in padded.shape]
+    highest = np.full([part.stop // BLOCK for part in inner], -np.inf)
+    for i in range(3):
+        for j in range(3):
+            moved = padded[i:, j:][inner[0], inner[1]]
+            squares = moved.reshape(highest.shape[0], BLOCK, highest.shape[1], BLOCK)
+            highest = np.maximum(highest, squares.max(axis=(1, 3)))
+    return highest
+
+
+@inner_kernel
+def _free(highest: Floats, side: float, o: Floats, d: Floats, far: float) -> float:
+    """Metres that a ray may go on without meeting anything: down to what is highest, or aside."""
+    x, y = o[0] + far * d[0], o[1] + far * d[1]
+    i = int(min(max(x / side, 0.0), highest.shape[0] - 1.0))
+    j = int(min(max(y / side, 0.0), highest.shape[1] - 1.0))
+    step = (highest[i, j] - o[2] - far * d[2]) / d[2]
+    for place, number, pace in ((x, i, d[0]), (y, j, d[1])):
+        border = (number + (pace > 0.0)) * side
+        step = min(step, (border - place) / pace) if pace != 0.0 else step
+    return float(step)
+
+
+@kernel
+def _descend(  # noqa: PLR0913  a kernel takes arrays
+    fields: Fields,
+    cell: float,
+    origin: Floats,
+    direction: Floats,
+    depth: Floats,
+    bottom: float,
+    found: NDArray[np.int64],
+) -> Floats:
+    """Follow rays down in steps, and halve the step in which something is met."""
+    ground, top, owner, highest = fields
+    distance = np.empty(len(depth))
+    for n in range(len(depth)):
+        o, d, left = origin[:, n], direction[:, n], depth[n]
+        far, end = 0.0, (bottom - o[2]) / d[2]
+        found[n] = 0
+        while far < end:
+            far += max(_free(highest, cell * BLOCK, o, d, far), MARCH)
+            x, y, z = o[0] + far * d[0], o[1] + far * d[1], o[2] + far * d[2]
+            mine = _owner(owner, cell, x, y)
+            if z <= _height(ground if mine < 0 else top, owner, cell, x, y):
+                far = _halve(fields, cell, o, d, far, through=True)
+                mine = _owner(owner, cell, o[0] + far * d[0], o[1] + far * d[1])
+                found[n] = max(mine, 0)
+                break
+            if mine < 0 and z <= _height(top, owner, cell, x, y):
+                if left <= 0.0:
+                    far = _halve(fields, cell, o, d, far, through=False) if depth[n] == 0.0 else far
+                    found[n] = mine
+                    break
+                left -= MARCH
+        distance[n] = far
+    return distance
+
+
+@inner_kernel
+def _halve(  # noqa: PLR0913  a kernel takes arrays
+    fields: Fields,
+    cell: float,
+    o: Floats,
+    d: Floats,
+    far: float,
+    through: bool,  # noqa: FBT001  a kernel's
+) -> float:
+    """Find where in its last step a ray came below the top, or ``through`` leaves to the ground."""
+    ground, top, owner, _ = fields
+    low, high = far - MARCH, far
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        x, y, z = o[0] + middle * d[0], o[1] + middle * d[1], o[2] + middle * d[2]
+        field = ground if through and _owner(owner, cell, x, y) < 0 else top
+        if z <= _height(field, owner, cell, x, y):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def hills(size: tuple[float, float], cell: float, steep: float, rng: np.random.Generator) -> Floats:
+    """Add waves up: from as long as the land to a few metres, the shorter the lower.
+
+    ``steep`` is about the standard deviation of the slope of the longest ones.
+    """
+    columns, rows = (int(np.ceil(length / cell)) + 1 for length in size)
+    x, y = cell * np.arange(columns)[:, None], cell * np.arange(rows)[None, :]
+    height = np.zeros((columns, rows))
+    for i in range(WAVES):
+        length = max(size) * 0.85**i
+        way, phase = rng.uniform(0.0, 2.0 * np.pi, 2)
+        number = 2.0 * np.pi / length
+        # cos(a + b) from two short rows of cosines: many times as fast as on the whole grid.
+        a, b = number * np.cos(way) * x + phase, number * np.sin(way) * y
+        wave = np.cos(a) * np.cos(b) - np.sin(a) * np.sin(b)
+        height += steep / number * 0.9**i * rng.uniform(0.3, 1.0) * wave
+    return height
+
+
+@dataclass(frozen=True)
+class Plants:
+    """How many houses and trees, and how large: (low, high) in metres; of trees, the share pointed.
+
+    ``clearing`` metres around a third of the middle stay free of trees; 0: none do.
+    """
+
+    houses: int
+    trees: int
+    eaves: tuple[float, float] = (3.0, 7.0)
+    tall: tuple[float, float] = (4.0, 14.0)
+    wide: tuple[float, float] = (1.5, 3.5)
+    pointed: float = 0.3
+    clearing: float = 0.0
+
+
+def build(ground: Floats, cell: float, plants: Plants, rng: np.random.Generator) -> Landscape:
+    """Put houses with gables, and trees round or pointed, on the ground; none hides another."""
+    top, owner = ground.copy(), np.zeros(ground.shape, np.int64)
+    land = Landscape(ground, top, owner, cell)
+    long, broad = land.size
+    for number in range(plants.houses):
+        place = (rng.uniform(0.0, long), rng.uniform(0.0, broad))
+        half = (rng.uniform(4.0, 9.0), rng.uniform(3.5, 6.0))
+        _house(land, number + 1, place, half, rng.uniform(*plants.eaves))
+    middle = np.array([long / 2.0, broad / 2.0])
+    for number in range(plants.trees):
+        place = (rng.uniform(0.0, long), rng.uniform(0.0, broad))
+        tall, wide, lot = rng.uniform(*plants.tall), rng.uniform(*plants.wide), rng.random()
+        if np.hypot(*(np.array(place) - middle)) >= plants.clearing:
+            _tree(land, -1 - number, place, (wide, tall), is_pointed=lot < plants.pointed)
+    return land
+
+
+def _house(
+    land: Landscape,
+    number: int,
+    place: tuple[float, float],
+    half: tuple[float, float],
+    eaves: float,
+) -> None:
+    """Put a house with a ridge along x, unless something is there."""
+    box = _box(land, place, half)
+    if land.owner[box].any():
+        return
+    _, y = _around(land, box, place)
+    base = land.ground[box].max()
+    roof = base + eaves + 0.7 * (half[1] - np.minimum(np.abs(y), half[1]))
+    land.top[box] = roof
+    land.owner[box] = number
+
+
+def _tree(
+    land: Landscape,
+    number: int,
+    place: tuple[float, float],
+    size: tuple[float, float],
+    *,
+    is_pointed: bool,
+) -> None:
+    """Put a cone or half an ellipsoid of (radius, height) where it stands out above the others."""
+    wide, tall = size
+    box = _box(land, place, (wide, wide))
+    x, y = _around(land, box, place)
+    off = np.sqrt(x * x + y * y) / wide
+    form = 1.0 - off if is_pointed else np.sqrt(np.maximum(1.0 - off * off, 0.0))
+    height = land.ground[box] + EAVES + (tall - EAVES) * form
+    higher = (off < 1.0) & (land.owner[box] <= 0) & (height > land.top[box])
+    land.top[box] = np.where(higher, height, land.top[box])
+    land.owner[box] = np.where(higher, number, land.owner[box])
+
+
+def _box(
+    land: Landscape, place: tuple[float, float], half: tuple[float, float]
+) -> tuple[slice, slice]:
+    """Corners within a rectangle around a place."""
+    low, high = (
+        [int((at + sign * reach) / land.cell) for at, reach in zip(place, half, strict=True)]
+        for sign in (-1.0, 1.0)
+    )
+    return (slice(max(low[0], 0), high[0] + 1), slice(max(low[1], 0), high[1] + 1))
+
+
+def _around(
+    land: Landscape, box: tuple[slice, slice], place: tuple[float, float]
+) -> tuple[Floats, Floats]:
+    """Coordinates of the corners in a box, from a place."""
+    columns, rows = land.owner[box].shape
+    x = (box[0].start + np.arange(columns)) * land.cell - place[0]
+    y = (box[1].start + np.arange(rows)) * land.cell - place[1]
+    return x[:, None], y[None, :]

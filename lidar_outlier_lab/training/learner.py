@@ -1,0 +1,184 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""One ensemble of trees: learnt by scikit-learn's histogram boosting, written for our kernel.
+
+And what both kinds of sensor share in training one: features of a pass, and what it judges.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, measure
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
+    COUNT_AGAIN,
+    count_scores,
+    measure_again,
+)
+from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees, add_up
+from lidar_outlier_filter.errors import FilterError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
+
+    Singles = NDArray[np.float32]
+    Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
+
+DEPTH = 3  # questions from the root of a tree to a value
+RATE = 0.2
+EDGES = 128  # of a feature's histogram
+FEWEST = 40  # points behind a value
+NEVER = 3.0e38  # a limit that no feature exceeds
+
+
+class Drawn(NamedTuple):
+    """Points that train: features (F, N), whether outliers, and how much each counts."""
+
+    values: Singles
+    outlier: NDArray[np.bool_]
+    weight: NDArray[np.float64]
+
+
+class Trained(NamedTuple):
+    """The text of a model's file, and the threshold and the held-out figures that it says."""
+
+    text: str
+    threshold: float
+    held_out: Mapping[str, Any]
+
+
+def check_learner() -> None:
+    """Refuse to begin where scikit-learn is not installed."""
+    if find_spec('sklearn') is None:
+        raise FilterError('scikit-learn', 'installed: the extra "train"', 'none')
+
+
+def window_features(prepared: Prepared, odds: Singles | None) -> Singles:
+    """Return the features (F, N) of a pass over the N points of a pattern, in its order.
+
+    ``odds`` (N,) is what the first pass gave them; None: this is the first.
+    """
+    pattern = prepared.pattern
+    there, lines = pattern.order >= 0, len(pattern.first)
+    if odds is None:
+        out = np.zeros((COUNT, len(there)), np.float32)
+        measure(prepared, 0, lines, out)
+        return out[:, there]
+    score = np.zeros(len(there), np.float32)
+    score[there] = odds
+    out = np.zeros((COUNT_AGAIN, len(there)), np.float32)
+    measure_again(prepared, count_scores(pattern, score), 0, lines, out)
+    return out[:, there]
+
+
+def judge_pass(
+    trees: Trees, values: Singles, odds: Singles | None, doubtful: float = 0.0
+) -> Singles:
+    """Return the log-odds (N,) that a pass gives to points with these features (F, N).
+
+    The first pass (``odds`` is None) judges all; the second only those to which the first gave more
+    than ``doubtful``, and leaves the others as they were.
+    """
+    judged = np.ones(values.shape[1], np.bool_) if odds is None else odds > doubtful
+    result = np.empty(len(judged), np.float32) if odds is None else odds.copy()
+    total = np.empty(int(judged.sum()), np.float32)
+    add_up(trees, np.ascontiguousarray(values[:, judged]), total)
+    result[judged] = total
+    return result
+
+
+def learn(
+    drawn: Sequence[Drawn],
+    names: Sequence[str],
+    rounds: int,
+    signs: Sequence[int] | None = None,
+) -> dict[str, Any]:
+    """Learn an ensemble of so many trees from all drawn points, and write it; see :func:`fit`."""
+    learner = fit(
+        np.concatenate([one.values for one in drawn], axis=1),
+        np.concatenate([one.outlier for one in drawn]),
+        np.concatenate([one.weight for one in drawn]),
+        rounds,
+        signs,
+    )
+    return export(learner, names)
+
+
+def fit(
+    values: Singles,
+    outlier: NDArray[np.bool_],
+    weight: NDArray[np.float64],
+    rounds: int,
+    signs: Sequence[int] | None = None,
+) -> Learner:
+    """Learn so many trees from points with these features (F, N).
+
+    ``signs`` (F,): 1 where the log-odds may only rise with a feature, -1 where they may only fall,
+    0 for either; None: either for all.
+    """
+    learner: Learner = import_module('sklearn.ensemble').HistGradientBoostingClassifier(
+        max_iter=rounds,
+        max_leaf_nodes=2**DEPTH,
+        max_depth=DEPTH,
+        learning_rate=RATE,
+        max_bins=EDGES,
+        early_stopping=False,
+        min_samples_leaf=FEWEST,
+        l2_regularization=1.0,
+        random_state=0,
+        monotonic_cst=signs,
+    )
+    # On a busy machine its threads wait for each other much longer than one works alone.
+    with import_module('threadpoolctl').threadpool_limits(1):
+        learner.fit(values.T, outlier, sample_weight=weight / weight.mean())
+    return learner
+
+
+def export(learner: Learner, names: Sequence[str]) -> dict[str, Any]:
+    """Write an ensemble as full trees of three questions, in single precision."""
+    start = float(np.float32(learner._baseline_prediction.ravel()[0]))  # noqa: SLF001
+    trees = [_tree(stage[0].nodes, names) for stage in learner._predictors]  # noqa: SLF001
+    return {
+        'start': start,
+        'features': [feature for feature, _, _ in trees],
+        'limits': [limit for _, limit, _ in trees],
+        'values': [value for _, _, value in trees],
+    }
+
+
+def _tree(nodes: Any, names: Sequence[str]) -> tuple[list[str], list[float], list[float]]:
+    """Fill a tree up: below an early leaf all values are the leaf's."""
+    feature = [names[0]] * QUESTIONS
+    limit = [float(np.float32(NEVER))] * QUESTIONS
+    value = [0.0] * VALUES
+    pending = [(0, 0)]  # nodes, and their places in the full tree
+    while pending:
+        number, place = pending.pop()
+        node = nodes[number]
+        if node['is_leaf']:
+            low = high = place
+            while low < QUESTIONS:
+                low, high = 2 * low + 1, 2 * high + 2
+            for k in range(low, high + 1):
+                value[k - QUESTIONS] = float(np.float32(node['value']))
+        else:
+            feature[place] = names[node['feature_idx']]
+            limit[place] = _not_above(float(node['num_threshold']))
+            pending += [(node['left'], 2 * place + 1), (node['right'], 2 * place + 2)]
+    return feature, limit, value
+
+
+def _not_above(limit: float) -> float:
+    """Return the greatest number of single precision up to a limit: it parts the same numbers."""
+    single = np.float32(limit)
+    if float(single) > limit:
+        single = np.nextafter(single, np.float32(-np.inf))
+    return float(single)

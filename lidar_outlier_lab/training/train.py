@@ -1,0 +1,309 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Train the trees on the scan pattern from labelled sweeps, and write their file.
+
+Two ensembles are trained: one on each point's window, and one on the points that the first does not
+call clearly good, with the first's results around them. Sensors are left out in folds, each once:
+what the second ensemble sees of a sweep is what a first one says that never saw the sweep's sensor.
+The thresholds and the figures of the file are of ensembles, too, that never saw it.
+
+Recordings hold mixed points, which nobody has labelled: what lies between two surfaces of its ring
+does not train as a good point.
+
+So the trees that judge a sensor never saw it. But first results of other sensors, which their
+second ensemble learns from, are of ensembles that did; and the thresholds are chosen on the sweeps
+that the figures are of. Both can make the figures better than those of a sensor of one's own.
+
+Every second sweep trains without its intensities, so that trees can do without. All are judged both
+ways, and there is a threshold for either.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.model import VERSION, read_trees
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
+from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN
+from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_lab.training.held_out import (
+    CLEAN,
+    STREET,
+    choose_threshold,
+    figures,
+    judge_at_all,
+)
+from lidar_outlier_lab.training.learner import (
+    Drawn,
+    Trained,
+    judge_pass,
+    learn,
+    window_features,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
+    from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
+    from lidar_outlier_filter.core.points.points import Points
+
+    Singles = NDArray[np.float32]
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Mask = NDArray[np.bool_]
+    Progress = Callable[[int, int, str], object]
+
+# Known to the second pass, and not used: trees would learn how many outliers the streets have.
+UNUSED = ('share',)
+ROUNDS = (100, 120)  # trees of both ensembles
+LEARN_FROM = -3.0  # log-odds of the first from which on points train the second
+DOUBTFUL = -1.0  # from which on a point is looked at again
+BAD, GOOD = 400, 900  # points of a sweep that are drawn
+GOOD_OF_CLEAN = (4000, 5000)  # of a clean sweep, in both passes
+ENOUGH = 500  # outliers of a sweep from which on all sweeps count the same
+# How much a sweep's outliers, and its good points, count; 1 for every other kind. Ghosts and mixed
+# points of recordings look like thin things far away.
+BAD_COUNTS = {'ghosts': 0.15, 'mixed': 0.3, 'street': 1.5}
+GOOD_COUNTS = {CLEAN: 5.0, 'street': 1.5}
+GOOD_COUNT = (2.0, 8.0)  # how much good points count, in both passes
+# The log-odds may only rise with these features, whatever else is known of a point: far from all
+# others, off all predictions, amidst points that are outliers.
+RISE = (
+    *('step', 'leap', 'along', 'along_m', 'between', 'beside', 'across'),
+    *('near3', 'near5', 'near5_m', 'first', 'first_own', 'first_other', 'first_close'),
+    *('first_level', 'wide_own', 'wide_other', 'share', 'share_range'),
+)
+FOLDS = 8  # parts of the sensors, each of which is left out once
+BETWEEN = 0.3  # m, at least, from a mixed point to either surface, beside what rings are apart
+OFF = 0.1  # m, at least, from what its neighbours predict
+NEXT = 3.0  # steps, at most, to the returns before and after
+FALL = ('level_own', 'level_other', 'dense', 'sparse')  # and only fall with these
+
+
+class Sweep(NamedTuple):
+    """Points of one sweep in the sensor's own frame, and which of them are outliers.
+
+    ``kind`` is a weather, ``clean`` or ``street``. It trains, or is judged, or both.
+    """
+
+    name: str
+    sensor: str
+    kind: str
+    points: Points
+    outlier: Mask
+    trains: bool = True
+    judged: bool = True
+
+
+class Recipe(NamedTuple):
+    """How the ensembles are trained.
+
+    Attributes
+    ----------
+    seed : of the points drawn, from 0
+    rounds : trees of both ensembles
+    without : features that are left out
+    monotone : whether log-odds may only rise with ``RISE``, and only fall with ``FALL``
+
+    """
+
+    seed: int = 1
+    rounds: tuple[int, int] = ROUNDS
+    without: Collection[str] = ()
+    monotone: bool = False
+
+
+class _Seen(NamedTuple):
+    """A sweep with its scan pattern; outliers in the order of that; whether it trains so."""
+
+    sweep: Sweep
+    prepared: Prepared
+    outlier: Mask
+    trains: bool
+
+
+def train(
+    sweeps: Sequence[Sweep],
+    about: Mapping[str, Any],
+    recipe: Recipe = Recipe(),  # noqa: B008  it is immutable
+    progress: Progress = lambda _done, _total, _what: None,
+) -> Trained:
+    """Train both ensembles.
+
+    Parameters
+    ----------
+    sweeps : of spinning sensors, with and without outliers
+    about : what the file says of its training
+    recipe : how
+    progress : is called before every step: how many of how many are done, and of what; it may leave
+
+    Returns
+    -------
+    Trained
+        The same for the same arguments.
+
+    Raises
+    ------
+    FilterError
+        If a sweep has no scan pattern, no point is an outlier, there is one sensor only, or a
+        feature is not known.
+
+    """
+    if not any(sweep.outlier.any() for sweep in sweeps if sweep.trains):
+        raise FilterError('the training sweeps', 'ones with outliers', 'none')
+    seen = [one for number, sweep in enumerate(sweeps) for one in _look(sweep, number)]
+    first, odds = _pass(seen, None, recipe, progress)
+    again, results = _pass(seen, odds, recipe, progress)
+    threshold_bright, held_out = _held_out(seen[::2], results[::2])
+    threshold, held_out['without_intensity'] = _held_out(seen[1::2], results[1::2])
+    _, one_pass = _held_out(seen[::2], odds[::2])
+    data = {
+        'version': VERSION,
+        **about,
+        'seed': recipe.seed,
+        'uses': _used(_names(again=True), recipe),
+        'sweeps': [sweep.name for sweep in sweeps if sweep.trains],
+        'held_out': held_out,
+        'held_out_one_pass': one_pass,
+        'doubtful': DOUBTFUL,
+        'threshold': threshold,
+        'threshold_bright': threshold_bright,
+        'first': first,
+        'again': again,
+    }
+    return Trained(json.dumps(data, separators=(',', ':')), threshold, held_out)
+
+
+def _pass(
+    seen: Sequence[_Seen], odds: Sequence[Singles] | None, recipe: Recipe, progress: Progress
+) -> tuple[dict[str, Any], list[Singles]]:
+    """Train one ensemble on all sensors, and say what others say of the sensor they leave out.
+
+    ``odds`` is what the first pass says of each sweep; None: this is the first.
+    """
+    again = odds is not None
+    before = [None] * len(seen) if odds is None else odds
+    drawn = {
+        number: _draw(one, recipe.seed, number, before[number])
+        for number, one in enumerate(seen)
+        if one.trains
+    }
+    sensors = list(dict.fromkeys(one.sweep.sensor for one in seen))
+    if len(sensors) == 1:
+        raise FilterError('the sensors to train on', 'at least 2: each is left out once', 1)
+    folds = [sensors[k::FOLDS] for k in range(min(FOLDS, len(sensors)))]
+    results = [np.empty(0, np.float32)] * len(seen)
+    done, steps = again * (len(folds) + 1), 2 * (len(folds) + 1)
+    for k, fold in enumerate(folds):
+        progress(done + k, steps, f'without {", ".join(fold)}')
+        some = [table for number, table in drawn.items() if seen[number].sweep.sensor not in fold]
+        trees = read_trees(_learn(some, recipe, again=again), _names(again=again))
+        for number, one in enumerate(seen):
+            wanted = one.sweep.judged or (one.trains and not again)
+            if one.sweep.sensor in fold and wanted:
+                values = window_features(one.prepared, before[number])
+                results[number] = judge_pass(trees, values, before[number], DOUBTFUL)
+    progress(done + len(folds), steps, 'with every sensor')
+    return _learn(list(drawn.values()), recipe, again=again), results
+
+
+def _held_out(seen: Sequence[_Seen], odds: Sequence[Singles]) -> tuple[float, dict[str, Any]]:
+    """Choose a threshold on the sensors left out, and say what it gives."""
+    held = [
+        judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
+        for one, result in zip(seen, odds, strict=True)
+        if one.sweep.judged
+    ]
+    threshold = choose_threshold(held)
+    return threshold, figures(held, threshold)
+
+
+def _look(sweep: Sweep, number: int) -> tuple[_Seen, _Seen]:
+    """Look at a sweep with its intensities, and without; by turns, either trains."""
+    pattern = find_pattern(sweep.points, spins=True)
+    if pattern is None:
+        raise FilterError('a training sweep', 'one with a scan pattern', sweep.name)
+    outlier = sweep.outlier[pattern.order[pattern.order >= 0]]
+    prepared, unknown = prepare(pattern), np.full_like(pattern.bright, UNKNOWN)
+    dark = prepared._replace(pattern=pattern._replace(bright=unknown))
+    even = number % 2 == 0
+    return (
+        _Seen(sweep, prepared, outlier, sweep.trains and even),
+        _Seen(sweep, dark, outlier, sweep.trains and not even),
+    )
+
+
+def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
+    """Draw points: in the second pass, only those that the first does not call clearly good."""
+    again = odds is not None
+    drawable = np.ones(len(seen.outlier), np.bool_) if odds is None else odds > LEARN_FROM
+    rng = np.random.default_rng([seed, number, again])
+    bad = np.flatnonzero(seen.outlier & drawable)
+    values = window_features(seen.prepared, odds)
+    known = seen.sweep.kind == STREET or ~lie_between(seen.prepared.pattern, values)
+    good = np.flatnonzero(~seen.outlier & drawable & known)
+    all_bad = int(seen.outlier.sum())
+    all_good = len(seen.outlier) - all_bad
+    kind = seen.sweep.kind
+    most = GOOD_OF_CLEAN[again] if kind == CLEAN else GOOD
+    some_bad = rng.choice(bad, min(BAD, len(bad)), replace=False)
+    some_good = rng.choice(good, min(most, len(good)), replace=False)
+    counts = BAD_COUNTS.get(kind, 1.0) * min(1.0, all_bad / ENOUGH)
+    of_bad = counts * len(bad) / max(all_bad, 1) / max(len(some_bad), 1)
+    counts = GOOD_COUNT[again] * GOOD_COUNTS.get(kind, 1.0)
+    of_good = counts * len(good) / max(all_good, 1) / max(len(some_good), 1)
+    rows = np.concatenate([some_bad, some_good])
+    return Drawn(
+        values[:, rows],
+        seen.outlier[rows],
+        np.repeat([of_bad, of_good], [len(some_bad), len(some_good)]),
+    )
+
+
+def lie_between(pattern: Pattern, values: Singles) -> Mask:
+    """Return which points of a pattern (N,), in its order, may be mixed: they lie between surfaces.
+
+    The returns before and after in the ring are well nearer and well farther, and no straight line
+    through neighbours predicts the range. ``values`` (F, N) are the features.
+    """
+    place = np.flatnonzero(pattern.order >= 0)
+    line = np.repeat(np.arange(len(pattern.first)), pattern.last - pattern.first)
+    reach, phase = pattern.range, pattern.phase
+    before, after = reach[place] - reach[place - 1], reach[place + 1] - reach[place]
+    most = NEXT * pattern.step[line] * pattern.turn[line]
+    beside = (phase[place] - phase[place - 1] <= most) & (phase[place + 1] - phase[place] <= most)
+    least = BETWEEN + pattern.gap[line] * reach[place]
+    apart = (before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
+    between: Mask = beside & apart & (values[FEATURES.index('along_m')] > OFF)
+    return between
+
+
+def _learn(drawn: Sequence[Drawn], recipe: Recipe, *, again: bool) -> dict[str, Any]:
+    """Train an ensemble; leave out the features that the recipe leaves out."""
+    names = _names(again=again)
+    used = _used(names, recipe)
+    rows = [names.index(name) for name in used]
+    signs = [(name in RISE) - (name in FALL) for name in used] if recipe.monotone else None
+    some = [one._replace(values=one.values[rows]) for one in drawn]
+    return learn(some, used, recipe.rounds[again], signs)
+
+
+def _names(*, again: bool) -> tuple[str, ...]:
+    return (*FEATURES, *(AGAIN if again else ()))
+
+
+def _used(names: Sequence[str], recipe: Recipe) -> list[str]:
+    unknown = sorted({*recipe.without} - {*_names(again=True)})
+    if unknown:
+        known = ', '.join(_names(again=True))
+        raise FilterError('a feature to leave out', f'one of {known}', ', '.join(unknown))
+    return [name for name in names if name not in {*recipe.without, *UNUSED}]
