@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from clusters import COMMAND, cluster, program, worker_processes
-from drives import hashes
+from helpers.clusters import COMMAND, cluster, program, worker_processes
+from helpers.drives import hashes
 from repeated_drives import sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive.engine import Engine

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING
 
-from drives import hashes
+from helpers.drives import hashes
 from repeated_drives import Sweeps, sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive import pieces

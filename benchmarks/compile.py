@@ -68,7 +68,7 @@ def compile_one(chain: str) -> None:
 
 def main() -> None:
     """Compile each chain from an empty and from a full cache."""
-    from watching import fresh_copy  # noqa: PLC0415
+    from helpers.watching import fresh_copy  # noqa: PLC0415
 
     from lidar_outlier_filter.parameters.filter import detector_names  # noqa: PLC0415
 

@@ -6,11 +6,12 @@
     scripts/environment python benchmarks/fuzz.py --coverage 600 [--target las] [--found FOLDER]
 
 The second way is guided by coverage: so many seconds on the processor for each reader, by
-``test/covering.py``.
+``test/helpers/covering.py``.
 What has been reached is kept in the folder, and the next run goes on from there.
 
-The strategies are those of the tests, in ``test/hostile.py`` and ``test/damaged.py``. What breaks a
-promise is printed with the number that draws it again. At the end a table counts what was tried, as
+The strategies are those of the tests, in ``test/helpers/hostile.py`` and
+``test/helpers/damaged.py``. What breaks a promise is printed
+with the number that draws it again. At the end a table counts what was tried, as
 ``doc/reliability.md`` quotes it. The exit status is 1 if anything broke.
 """
 
@@ -36,7 +37,7 @@ TESTS = Path(__file__).resolve().parents[1] / 'test'
 sys.path.insert(0, str(TESTS))
 
 import numpy as np  # noqa: E402
-from damaged import (  # noqa: E402  after the path is known
+from helpers.damaged import (  # noqa: E402  after the path is known
     FAST,
     KINDS,
     WAYS,
@@ -47,7 +48,7 @@ from damaged import (  # noqa: E402  after the path is known
     write_large,
     write_recording,
 )
-from hostile import (  # noqa: E402  after the path is known
+from helpers.hostile import (  # noqa: E402  after the path is known
     FORMATS,
     broken,
     broken_clouds,

@@ -4,8 +4,9 @@
 
     scripts/environment python benchmarks/geometry.py [--points 300000] [DETECTOR ...]
 
-The shapes are those of the tests, in ``test/shapes.py``. Times are those of one thread on the
-processor, the least of two runs. The exit status is 1 if one is more than five times the street's.
+The shapes are those of the tests, in ``test/helpers/shapes.py``. Times are those of one thread on
+the processor, the least of two runs.
+The exit status is 1 if one is more than five times the street's.
 """
 
 # ruff: noqa: INP001, T201  a script, no package
@@ -22,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
-from shapes import CHAINS, SHAPES, scanned, street
+from helpers.shapes import CHAINS, SHAPES, scanned, street
 
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -69,8 +69,8 @@ def sweep(rings: int, columns: int, period: float, seed: int) -> np.ndarray:
 def publish(rings: int, columns: int, rate: float, seconds: float, then: float) -> None:
     """Publish at a steady rate; the process of the sensor."""
     import rclpy  # noqa: PLC0415
-    from clouds import cloud  # noqa: PLC0415
-    from live import BEST_EFFORT  # noqa: PLC0415
+    from helpers.clouds import cloud  # noqa: PLC0415
+    from helpers.live import BEST_EFFORT  # noqa: PLC0415
     from rclpy.time import Time  # noqa: PLC0415
     from sensor_msgs.msg import PointCloud2  # noqa: PLC0415
 
@@ -157,7 +157,7 @@ def _busy(process: psutil.Process) -> float:
 
 def measure(options: argparse.Namespace) -> int:
     """Run the processes, and print what becomes of the clouds."""
-    from live import Program, counter, diagnoser, environment, next_status  # noqa: PLC0415
+    from helpers.live import Program, counter, diagnoser, environment, next_status  # noqa: PLC0415
 
     env = environment() | {'PYTHONPATH': os.pathsep.join(sys.path[:2])}
     # As the node does: what the others need is taken from the filter's two cores.

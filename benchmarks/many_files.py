@@ -28,8 +28,8 @@ sys.path.insert(0, str(TESTS))
 
 import laspy  # noqa: E402
 import numpy as np  # noqa: E402
-from clusters import worker_processes  # noqa: E402  after the path is known
-from many_clouds import broken_off, entries, hidden  # noqa: E402  after the path is known
+from helpers.clusters import worker_processes  # noqa: E402  after the path is known
+from helpers.many_clouds import broken_off, entries, hidden  # noqa: E402  after the path is known
 
 from lidar_outlier_filter.archive.workers import local_workers  # noqa: E402
 from lidar_outlier_filter.cli.main import main as command  # noqa: E402

@@ -15,7 +15,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
-from drives import SECOND, STORE, pose_bytes, topic_of
+from helpers.drives import SECOND, STORE, pose_bytes, topic_of
 
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY

@@ -29,8 +29,8 @@ from sensor_msgs.msg import PointCloud2
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
-from live import clouds  # noqa: E402
-from nodes import process  # noqa: E402
+from helpers.live import clouds  # noqa: E402
+from helpers.nodes import process  # noqa: E402
 
 from lidar_outlier_filter.parameters.yaml_files import parse  # noqa: E402
 from lidar_outlier_filter.ros.node import OutlierFilterNode  # noqa: E402

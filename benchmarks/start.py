@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
-from live import environment  # noqa: E402
+from helpers.live import environment  # noqa: E402
+from helpers.watching import Watch, fresh_copy  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
-from watching import Watch, fresh_copy  # noqa: E402
 
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME  # noqa: E402
 

@@ -15,13 +15,13 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from nodes import Ros
+    from helpers.nodes import Ros
     from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.report.gather import Gathered
 
 # A program of its own, which turns compilation off where it is imported.
-collect_ignore = ['covering.py']
+collect_ignore = ['helpers/covering.py']
 
 # No example is late: the machine may be busy.
 hypothesis.settings.register_profile('house', hypothesis.settings(), deadline=None)
@@ -53,7 +53,7 @@ def recordings() -> Path:
 @pytest.fixture
 def ros(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ros]:
     """Give a domain of this machine alone."""
-    from nodes import Ros  # noqa: PLC0415
+    from helpers.nodes import Ros  # noqa: PLC0415
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     ros = Ros()
@@ -70,7 +70,7 @@ def few_edges(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def sweeps(recordings: Path) -> list[PointCloud2]:
     """Read four sweeps of a VLP-16, 0.1 s each."""
-    from live import clouds  # noqa: PLC0415
+    from helpers.live import clouds  # noqa: PLC0415
     from rclpy.serialization import deserialize_message  # noqa: PLC0415
     from sensor_msgs.msg import PointCloud2  # noqa: PLC0415
 

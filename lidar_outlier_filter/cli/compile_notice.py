@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+from importlib.metadata import entry_points
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -13,7 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 PACKAGE = 'lidar_outlier_filter'
-SIMULATION_SECONDS = 10  # of the processor, about, as those of `stream.compiling`
+# Of entry points: others that have kernels.
+GROUPS = (f'{PACKAGE}.commands', f'{PACKAGE}.detectors')
 
 
 def say_what_is_compiled() -> None:
@@ -44,12 +47,17 @@ def _sentence(module: str) -> str:
     """Name the part of the package that a kernel belongs to; nothing for kernels of others."""
     from lidar_outlier_filter.stream.compiling import SECONDS, SHARED_SECONDS  # noqa: PLC0415
 
-    package, room, *rest = [*module.split('.'), '']
+    package, _, *rest = [*module.split('.'), '']
     if package != PACKAGE:
-        return ''
+        return f'the kernels of {package} are compiled, this once' if package in _others() else ''
     whose, seconds = 'that all share', SHARED_SECONDS
-    if room == 'simulation':
-        whose, seconds = 'of the simulation', SIMULATION_SECONDS
-    elif rest[0] == 'detectors' and rest[1] in SECONDS:
+    if rest[0] == 'detectors' and rest[1] in SECONDS:
         whose, seconds = f'of {rest[1]}', SECONDS[rest[1]]
     return f'the kernels {whose} are compiled, this once: about {seconds} s'
+
+
+@cache
+def _others() -> frozenset[str]:
+    """Name the packages that add commands or detectors."""
+    found = (one for group in GROUPS for one in entry_points(group=group))
+    return frozenset(one.module.partition('.')[0] for one in found)

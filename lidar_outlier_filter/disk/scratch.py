@@ -16,12 +16,12 @@ from lidar_outlier_filter.disk.hidden_folder import hidden_folder
 from lidar_outlier_filter.errors import CloudError, ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.judging.tiles import Allocate
+    Allocate = Callable[[tuple[int, ...]], NDArray[np.float64]]
 
 
 @contextmanager

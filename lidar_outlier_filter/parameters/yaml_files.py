@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
 NODE_NAME = 'outlier_filter_node'
 LARGEST_FILE = 1_000_000  # bytes
 DEEPEST = 20  # levels
@@ -124,8 +126,10 @@ def _flatten(tree: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, object
             yield f'{prefix}{key}', value
 
 
-def _scalar(value: object) -> str:
-    text: str = yaml.safe_dump(value, default_flow_style=True, width=1000)
+def as_yaml(value: Any) -> str:
+    """Write a value so that ROS reads it back: to its YAML, 1e-06 would be a text."""
+    plain = list(value) if isinstance(value, tuple) else value
+    text: str = yaml.safe_dump(plain, default_flow_style=True, width=1000)
     return text.removesuffix('...\n').strip()
 
 
@@ -142,14 +146,35 @@ def write_yaml(values: Mapping[str, object] | None = None) -> str:
         value = (
             parameter.default if values is None else values.get(parameter.name, parameter.default)
         )
-        plain = list(value) if isinstance(value, tuple) else value
         lines += [
             f'{indent}# {parameter.text}',
             f'{indent}# {parameter.range_text}'
             + (' (set at the start only)' if parameter.fixed else ''),
-            f'{indent}{leaf}: {_scalar(plain)}',
+            f'{indent}{leaf}: {as_yaml(value)}',
         ]
     return '\n'.join(lines) + '\n'
+
+
+def ros_lines(start: FilterParameters, values: Mapping[str, object]) -> list[str]:
+    """Write commands that change a running node, one parameter at a time.
+
+    Their order is such that the node, if it runs with the parameters of the start, accepts each.
+    """
+    left = {name: value for name, value in values.items() if start.flat()[name] != value}
+    lines, now = [], start
+    while left:
+        for name, value in left.items():
+            try:
+                now = now.changed({name: value})
+            except ParameterError:
+                continue
+            break
+        else:
+            # No single step leads there: on the way one is refused, and must be set once more.
+            name, value = next(iter(left.items()))
+        lines.append(f'ros2 param set /{NODE_NAME} {name} {as_yaml(value)}')
+        del left[name]
+    return lines
 
 
 def table(section: str | None = None) -> str:
@@ -162,7 +187,7 @@ def table(section: str | None = None) -> str:
         if section not in {None, parameter.name.rpartition('.')[0]}:
             continue
         value = parameter.default
-        shown = ', '.join(value) if isinstance(value, tuple) else _scalar(value)
+        shown = ', '.join(value) if isinstance(value, tuple) else as_yaml(value)
         mark = ' (start)' if parameter.fixed else ''
         lines.append(
             f'| `{parameter.name}`{mark} | `{shown}` | {parameter.range_text} | {parameter.text} |'

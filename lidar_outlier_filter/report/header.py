@@ -15,11 +15,11 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
+from lidar_outlier_filter.parameters.yaml_files import as_yaml, ros_lines
 from lidar_outlier_filter.report.feature_texts import REST, TEXTS, reason_text
 from lidar_outlier_filter.report.pack import REASONS
 from lidar_outlier_filter.report.reasons import OF_SUM, OF_WAY
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES
-from lidar_outlier_filter.tuning.output import as_yaml, ros_lines
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.report.frames import Frames

@@ -20,13 +20,13 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.declaration import shown
+from lidar_outlier_filter.parameters.yaml_files import as_yaml
 from lidar_outlier_filter.report.header import detectors
 from lidar_outlier_filter.report.live_clouds import KEPT_SECONDS, MOST_IN_FRAME, LiveClouds
 from lidar_outlier_filter.report.pack import REASONS
 from lidar_outlier_filter.report.page import colour_maps, live_page
 from lidar_outlier_filter.report.sliders import fits
 from lidar_outlier_filter.report.sources import intensity_of
-from lidar_outlier_filter.tuning.output import as_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -5,19 +5,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import yaml
 from rich.table import Table
 
 from lidar_outlier_filter.disk.new_files import new_output
-from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, f1_interval
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
+from lidar_outlier_filter.parameters.yaml_files import as_yaml, write_yaml
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     import numpy as np
@@ -83,35 +80,6 @@ def _alone(found: Tuned) -> Table:
     for name, (outliers, good) in found.alone.items():
         answer.add_row(name, f'{outliers:,}', f'{good:,}')
     return answer
-
-
-def as_yaml(value: Any) -> str:
-    """Write a value so that ROS reads it back: to its YAML, 1e-06 would be a text."""
-    plain = list(value) if isinstance(value, tuple) else value
-    text: str = yaml.safe_dump(plain, default_flow_style=True, width=1000)
-    return text.removesuffix('...\n').strip()
-
-
-def ros_lines(start: FilterParameters, values: Mapping[str, object]) -> list[str]:
-    """Write commands that change a running node, one parameter at a time.
-
-    Their order is such that the node, if it runs with the parameters of the start, accepts each.
-    """
-    left = {name: value for name, value in values.items() if start.flat()[name] != value}
-    lines, now = [], start
-    while left:
-        for name, value in left.items():
-            try:
-                now = now.changed({name: value})
-            except ParameterError:
-                continue
-            break
-        else:
-            # No single step leads there: on the way one is refused, and must be set once more.
-            name, value = next(iter(left.items()))
-        lines.append(f'ros2 param set /{NODE_NAME} {name} {as_yaml(value)}')
-        del left[name]
-    return lines
 
 
 def write(path: Path, parameters: FilterParameters, about: str) -> None:

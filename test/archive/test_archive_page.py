@@ -1,0 +1,219 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page of an archive: what is odd is named, nothing is lost, and it opens anywhere."""
+
+from __future__ import annotations
+
+import re
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.archives import archive, entry, failed
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from playwright.sync_api import sync_playwright
+
+from lidar_outlier_filter.archive.oddness import drives, robust_z
+from lidar_outlier_filter.archive.page import BARS, length, page, size, write_page
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import Browser
+
+CHROMIUM = '/usr/bin/chromium'
+ARGUMENTS = (
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-quic',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+)
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Browser]:
+    """Run Chromium without a window."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+def test_files_are_clouds_without_a_length() -> None:
+    """Their page speaks of files, and has no column or sum that only recordings have."""
+    text = page(archive(40), 'file')
+    heads = re.findall(r'<th scope="col"[^>]*>([^<]*)', text)
+    assert heads == ['file', 'odd', 'points', 'rejected', 'by detector', 'untested']
+    cells = [row.count('<td') for row in text.split('<tr id=')[1:]]
+    assert cells == [len(heads) - 1] * 40
+    assert [
+        word for word in ('recording', 'clouds', 'real time', 'length') if f'>{word}' in text
+    ] == []
+
+
+@settings(deadline=None)  # the machine may be busy
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=30), st.floats(1e-4, 0.1))
+def test_robust_z(values: list[float], least: float) -> None:
+    """It is the distance from the median in median absolute deviations, as loops compute them."""
+    middle = median(values)
+    deviation = max(1.4826 * median(abs(value - middle) for value in values), least)
+    found = robust_z(np.array(values), least)
+    np.testing.assert_allclose(found, [(v - middle) / deviation for v in values], atol=1e-12)
+
+
+def test_odd_recordings_come_first_with_their_sentences() -> None:
+    """Each oddness is named, and nothing else is odd."""
+    found = drives(archive(60))
+    assert {
+        drive.source[-9:-5]: [drive.error] if drive.failed else drive.odd for drive in found[:8]
+    } == {
+        '0005': [
+            'the recording <b>.mcap must be readable, got "an end at byte 7 without a footer"'
+        ],
+        '0023': [
+            'no point of /lidar could be tested: lof needs more points',
+            '0 % of the points rejected, median 0.2 % (z −20)',
+            '100 % of the points untested, median 0.01 % (z +9,999)',
+        ],
+        '0008': ['3 of 200 clouds refused'],
+        '0018': ['17 messages not found in the recording'],
+        '0028': ['2 losses, the first: a chunk at byte 7 is cut off'],
+        '0003': [
+            '2.1 % of the points rejected, median 0.2 % (z +190)',
+            '2 % of the points rejected by sor, median 0.07 % (z +193)',
+        ],
+        '0013': ['2.5 % of the clouds after a gap, median 0 % (z +25)'],
+        '0033': [
+            '0 % of the points rejected, median 0.2 % (z −20)',
+            '0 % of the points rejected by evidence, median 0.15 % (z −15)',
+            '0 % of the points rejected by sor, median 0.07 % (z −7)',
+        ],
+    }
+    assert not any(drive.odd for drive in found[8:])
+    assert [abs(drive.z) for drive in found[5:]] == sorted(
+        (abs(drive.z) for drive in found[5:]), reverse=True
+    )
+
+
+def test_few_recordings_are_not_compared() -> None:
+    """Four recordings have no median worth the name; the page says so."""
+    lines = [entry(name, rejected=10**i) for i, name in enumerate('abcd')]
+    assert not any(drive.odd or drive.z for drive in drives(lines))
+    assert 'Fewer than 5 recordings are done' in page(lines)
+    assert 'Fewer than' not in page([*lines, entry('e')])
+
+
+def test_several_topics_are_summed() -> None:
+    """A recording of two sensors counts the points of both."""
+    line = entry('two')
+    line['topics']['/rear'] = {**line['topics']['/lidar'], 'rejected_by': {'sor': 9}}
+    (drive,) = drives([line])
+    assert (drive.points, drive.messages, drive.rejected) == (2_000_000, 400, 4000)
+    assert drive.rejected_by == {'evidence': 1500, 'sor': 709}
+
+
+@pytest.mark.parametrize('lines', [[], [failed('one', 'it failed')], [entry('x', points=0)]])
+def test_small_archives(lines: list[dict[str, Any]]) -> None:
+    """None, one that failed and one without points make a page, too."""
+    text = page(lines)
+    assert text.count('<tr id=') == len(lines)
+    assert 'nan' not in text
+    assert 'inf %' not in text
+
+
+def test_nothing_is_fetched_and_nothing_is_markup() -> None:
+    """The page names no other address, and a name of a file stays text."""
+    text = page([entry('<script>alert(1)</script>&"\'.mcap'), failed('b', '<img src=x>')])
+    assert '<script>alert' not in text
+    assert '<img' not in text
+    assert not re.search(r'(src|href)="(?!#)|@import|url\(', text)
+
+
+def test_many_recordings_share_bars(tmp_path: Path) -> None:
+    """The picture has a bar for several recordings where they are many, and says so."""
+    lines = archive(3 * BARS)
+    write_page(lines, tmp_path / 'archive.html')
+    text = (tmp_path / 'archive.html').read_text()
+    assert text.count('<rect') == BARS
+    assert 'the largest of 3 recordings each' in text
+    assert text.count('<tr id=') == 3 * BARS
+    assert [path.name for path in tmp_path.iterdir()] == ['archive.html']
+    before = (tmp_path / 'archive.html').stat().st_ino
+    write_page(lines, tmp_path / 'archive.html')
+    assert (tmp_path / 'archive.html').stat().st_ino == before
+    write_page(lines[1:], tmp_path / 'archive.html')
+    assert (tmp_path / 'archive.html').read_text() != text
+
+
+def test_units() -> None:
+    """Times and sizes are written as people do."""
+    seconds = (0.25, 59.4, 61, 3661)
+    assert [length(s) for s in seconds] == ['0.25 s', '59.4 s', '1 min 01 s', '1 h 01 min']
+    assert [size(b) for b in (999, 1.5e6, 1e14)] == ['999 B', '1.5 MB', '100 TB']
+
+
+def test_it_sorts_in_a_browser(browser: Browser, tmp_path: Path) -> None:
+    """Every head sorts by its numbers, by key too; there is no error, and no request."""
+    write_page(archive(40), tmp_path / 'archive.html')
+    tab = browser.new_page()
+    wrong: list[str] = []
+    asked: list[str] = []
+    tab.on('console', lambda line: wrong.append(line.text))
+    tab.on('pageerror', lambda error: wrong.append(str(error)))
+    tab.on('request', lambda request: asked.append(request.url))
+    tab.goto((tmp_path / 'archive.html').as_uri())
+    heads = tab.locator('thead button')
+    for column in range(heads.count()):
+        for click in range(2):
+            heads.nth(column).press('Enter')
+            values = tab.eval_on_selector_all(
+                'tbody tr', f'rows => rows.map(row => row.cells[{column}].dataset.sort)'
+            )
+            if column:
+                numbers = [-1.0 if value is None else float(value) for value in values]
+                assert numbers == sorted(numbers, reverse=click == 0)
+            else:
+                assert values == sorted(values, reverse=click == 1)
+            assert len(values) == 40
+    assert wrong == []
+    assert len(asked) == 1
+    tab.close()
+
+
+@pytest.mark.parametrize('scheme', ['light', 'dark'])
+@pytest.mark.parametrize('scripts', [True, False])
+def test_it_is_readable(browser: Browser, tmp_path: Path, scheme: Any, *, scripts: bool) -> None:
+    """On a phone nothing sticks out; the text stands out from its ground; without JS, too."""
+    write_page(archive(40), tmp_path / 'archive.html')
+    context = browser.new_context(
+        viewport={'width': 390, 'height': 844}, color_scheme=scheme, java_script_enabled=scripts
+    )
+    tab = context.new_page()
+    tab.goto((tmp_path / 'archive.html').as_uri())
+    assert tab.locator('tbody tr').count() == 40
+    if scripts:
+        assert tab.evaluate('document.documentElement.scrollWidth') == 390
+        for kind in ('b', 'small.odd', 'small.failed', 'td.odd'):
+            ink, ground = (
+                luminance(tab.evaluate(f'getComputedStyle({node}).{name}'))
+                for node, name in (
+                    (f"document.querySelector('tbody {kind}')", 'color'),
+                    ('document.body', 'backgroundColor'),
+                )
+            )
+            low, high = sorted((ink, ground))
+            assert (high + 0.05) / (low + 0.05) > 4.5  # the least contrast of WCAG, level AA
+    context.close()
+
+
+def luminance(colour: str) -> float:
+    """Compute the relative luminance of ``rgb(…)``, as WCAG defines it."""
+    parts = [int(part) / 255 for part in re.findall(r'\d+', colour)[:3]]
+    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+    return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))

@@ -1,0 +1,306 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Workers: real processes of Dask, killed, poisoned and interrupted, never cost a byte."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import psutil
+import pytest
+from dask import config
+from helpers.clusters import COMMAND, cluster, program, worker_processes
+from helpers.drives import FAST, die_of, faults_of_a_cloud, hashes, replayed, write_drive
+
+from lidar_outlier_filter.archive import worker_start
+from lidar_outlier_filter.archive import workers as module
+from lidar_outlier_filter.archive.engine import Engine
+from lidar_outlier_filter.archive.manifest import opened_manifest
+from lidar_outlier_filter.archive.order import Order
+from lidar_outlier_filter.archive.places import Place, path_at, place_of
+from lidar_outlier_filter.archive.run import pending, replay_all
+from lidar_outlier_filter.archive.task import Task
+from lidar_outlier_filter.archive.whole_recordings import choose
+from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import SchedulerError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from lidar_outlier_filter.archive.manifest import Entry
+    from lidar_outlier_filter.archive.step import Step
+    from lidar_outlier_filter.archive.workers import Workers
+
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings('ignore:.*:ResourceWarning')]
+SET = f'--set=chain={json.dumps(FAST["chain"])}'
+LENGTH = 0.5  # seconds of a piece
+NICEST = 19  # of what the system has; who is that already, as beside other work, stays so
+
+
+@pytest.fixture(scope='module')
+def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write three recordings of 4 s."""
+    folder = tmp_path_factory.mktemp('archive') / 'drives'
+    folder.mkdir()
+    for number in range(3):
+        write_drive(folder / f'drive{number}', 40, seed=100 * number)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def expected(drives: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, str]]:
+    """Replay them in this process, each by itself."""
+    made = {}
+    for path in sorted(drives.iterdir()):
+        output = tmp_path_factory.mktemp('alone') / path.name
+        assert main(['replay', str(path), '--output', str(output), '--jobs', '1', SET]) == 0
+        made[path.name] = hashes(output)
+    return made
+
+
+@pytest.fixture(scope='module')
+def three() -> Iterator[Workers]:
+    """Start three workers."""
+    with local_workers(3) as workers:
+        yield workers
+
+
+def ignore(_step: Step) -> None:
+    """Show nothing."""
+
+
+def run(
+    drives: Path,
+    output: Path,
+    workers: Workers,
+    show: Callable[[Step], object] = ignore,
+    folder: Path | None = None,
+) -> list[Entry]:
+    """Replay what is pending of an archive; with a folder, whole recordings if there are enough."""
+    order = Order(parameters=FAST, length=LENGTH)
+    tasks = [Task(place_of(path), output / path.name) for path in sorted(drives.iterdir())]
+    with opened_manifest(output) as manifest:
+        todo = pending(tasks, order, manifest)
+        engine = Engine(todo, order, workers, folder=folder)
+        entries = replay_all(todo, engine, order, manifest, show)
+        assert engine.judged_here == 0
+    return entries
+
+
+def made(output: Path) -> dict[str, dict[str, str]]:
+    """Hash all outputs."""
+    return {path.name: hashes(path) for path in sorted(output.iterdir()) if path.is_dir()}
+
+
+def test_three_workers_give_the_same_bytes(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
+) -> None:
+    """All judge, nothing is judged by who writes, and a second run has nothing to do."""
+    entries = run(drives, tmp_path, three)
+    assert made(tmp_path) == expected
+    judges = {name for entry in entries for name in entry.worker.split(', ')}
+    assert len(judges) == 3
+    assert run(drives, tmp_path, three) == []
+
+
+def test_whole_recordings(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
+) -> None:
+    """Each worker replays one: the bytes and the manifest are those of replays in pieces."""
+    folder = tmp_path / 'scratch'
+    folder.mkdir()
+    steps: list[tuple[str, int, int]] = []
+    pieces = run(drives, tmp_path / 'pieces', three)
+    whole = run(
+        drives,
+        tmp_path / 'whole',
+        three,
+        lambda step: steps.append((step.recording, step.done, step.messages)),
+        folder,
+    )
+    assert made(tmp_path / 'whole') == expected
+    assert not any(folder.iterdir())
+    assert len({entry.worker for entry in whole}) == 3
+    apart = {'output', 'output_state', 'worker', 'seconds', 'finished'}
+    for one, other in zip(whole, pieces, strict=True):
+        left, right = asdict(one), asdict(other)
+        assert {k: v for k, v in left.items() if k not in apart} == {
+            k: v for k, v in right.items() if k not in apart
+        }
+
+
+def test_workers_that_are_killed_cost_their_recordings(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
+) -> None:
+    """SIGKILL while they replay whole ones: every recording is there once, byte for byte."""
+    folder = tmp_path / 'scratch'
+    folder.mkdir()
+    killed: list[int] = []
+
+    def kill(step: Step) -> None:
+        if step.number > len(killed):
+            process = worker_processes()[0]
+            killed.append(process.pid)
+            process.kill()
+
+    entries = run(drives, tmp_path / 'out', three, kill, folder)
+    assert len(killed) == 3
+    assert [entry.state for entry in entries] == ['done'] * 3
+    assert made(tmp_path / 'out') == expected
+
+
+def test_a_damaged_recording_fails_alone(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
+) -> None:
+    """With the sentence of the worker that was to replay it as a whole."""
+    copied = tmp_path / 'drives'
+    shutil.copytree(drives, copied)
+    file = copied / 'drive1' / 'drive1.mcap'
+    file.write_bytes(file.read_bytes()[:-1000])
+    (tmp_path / 'scratch').mkdir()
+    entries = run(copied, tmp_path / 'out', three, folder=tmp_path / 'scratch')
+    assert [entry.state for entry in entries] == ['done', 'failed', 'done']
+    assert 'drive1 must be readable, got' in str(entries[1].error)
+    assert made(tmp_path / 'out') == {name: expected[name] for name in ('drive0', 'drive2')}
+
+
+@pytest.mark.parametrize(
+    ('sizes', 'workers', 'count'),
+    [
+        ((5, 5, 5), 3, 3),
+        ((5, 5, 5), 2, 2),  # the last by both workers
+        ((1, 10), 2, 0),  # one would be idle for most of the time
+        ((10, 5, 5), 2, 3),
+        ((5,), 1, 1),
+        ((), 2, 0),
+    ],
+)
+def test_choice_of_whole_recordings(sizes: tuple[int, ...], workers: int, count: int) -> None:
+    """Those of which every worker has its share; on a store, none."""
+    places = [Place(Path(f'/{n}'), size, '', by_ranges=True) for n, size in enumerate(sizes)]
+    tasks = [Task(place, Path('/out') / place.path.name) for place in places]
+    assert len(choose(tasks, workers)) == count
+    store = path_at('memory://out')
+    assert not choose([Task(task.place, store) for task in tasks], workers)
+
+
+def test_workers_keep_memory_and_leave_the_writer_first(three: Workers) -> None:
+    """A cloud's memory is there for the next; who writes has the processor when it can go on."""
+    faults = three.client.submit(faults_of_a_cloud, pure=False).result()
+    assert faults < 1000  # of 10 000 pages
+    nice = min(psutil.Process().nice() + worker_start.NICER, NICEST)
+    assert [one.nice() for one in worker_processes()] == [nice] * 3
+
+
+def test_workers_of_other_code_are_refused(
+    drives: Path, tmp_path: Path, three: Workers, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever they judge; in one sentence that says both versions."""
+    monkeypatch.setattr(module, 'judging_code', lambda: '0.0.1+abc')
+    with pytest.raises(SchedulerError, match=r'the worker .* must be of version 0\.0\.1\+abc'):
+        run(drives, tmp_path, three)
+
+
+def test_killed_workers_cost_their_pieces(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
+) -> None:
+    """SIGKILL, again and again: every recording is there once, byte for byte."""
+    killed = []
+
+    def kill(step: Step) -> None:
+        if step.done % 80 == 25:
+            process = worker_processes()[step.done % 3]
+            killed.append(process.pid)
+            process.kill()
+
+    entries = run(drives, tmp_path, three, kill)
+    assert len(set(killed)) >= 4
+    assert [entry.state for entry in entries] == ['done'] * 3
+    assert made(tmp_path) == expected
+
+
+def test_one_worker_that_never_comes_back(drives: Path, tmp_path: Path) -> None:
+    """Another one is started where Dask has given up on one that died; its bytes are the same."""
+    patience = config.set({'distributed.deploy.lost-worker-timeout': '1ms'})
+    with patience, local_workers(1) as workers:
+        check_moving(drives / 'drive2', tmp_path, workers, worker_processes()[0].kill)
+
+
+def test_a_piece_that_kills_its_workers(
+    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers, monkeypatch: Any
+) -> None:
+    """Its recording fails alone, with a sentence."""
+    monkeypatch.setattr(module, 'judge_piece', die_of)
+    entries = run(drives, tmp_path, three)
+    assert [entry.state for entry in entries] == ['done', 'failed', 'done']
+    assert 'must be judged without a worker that dies, got 4 that died' in str(entries[1].error)
+    assert made(tmp_path) == {name: expected[name] for name in ('drive0', 'drive2')}
+
+
+def check_moving(
+    drive: Path, folder: Path, workers: Workers, first: Callable[[], object] = lambda: None
+) -> None:
+    """Compare the bytes by message and moving with those of this process; do something first."""
+    given = {**FAST, 'motion.source': 'odometry', 'blocks': 'auto'}
+    order = Order(parameters=given, length=1.0)
+    task = Task(place_of(drive), folder / 'bag')
+    first()
+    Engine([task], order, workers).replay(task, folder / 'bag', lambda _done, _all: None)
+    assert hashes(folder / 'bag') == replayed(drive, folder / 'alone', given)[0]
+
+
+def test_moving(drives: Path, tmp_path: Path, three: Workers) -> None:
+    """Three give the same bytes, too, by message and moving."""
+    check_moving(drives / 'drive2', tmp_path, three)
+
+
+def test_a_cluster_that_runs(drives: Path, expected: dict[str, Any], tmp_path: Path) -> None:
+    """Its workers give the same bytes; when its scheduler goes, what is done stays done."""
+    words = (COMMAND, 'replay', str(drives), '--output', str(tmp_path / 'out'), SET)
+    alone = ('replay', str(drives / 'drive2'), '--output', str(tmp_path / 'drive2'), SET)
+    with cluster() as (address, scheduler):
+        assert main([*alone, '--scheduler', address]) == 0
+        with program(*words, '--scheduler', address) as one:
+            one.until(': 3 of 3')
+            scheduler.kill()
+            status, said = one.rest()
+    assert hashes(tmp_path / 'drive2') == expected['drive2']
+    assert status == 1
+    assert f'the scheduler {address} must be there until the end, got no answer any more' in said
+    assert 'Traceback' not in said
+    done = made(tmp_path / 'out')
+    assert {name: done[name] for name in ('drive0', 'drive1')} == {
+        name: expected[name] for name in ('drive0', 'drive1')
+    }
+    assert main([*words[1:], '--jobs', '1']) == 0
+    assert made(tmp_path / 'out') == expected
+
+
+def test_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An address where nobody answers is refused."""
+    monkeypatch.setattr(module, 'PATIENCE', 0.5)
+    with pytest.raises(SchedulerError, match='--scheduler must be that of a Dask scheduler'):
+        cluster_workers('tcp://127.0.0.1:9').__enter__()
+
+
+def test_ctrl_c_stops_and_goes_on(drives: Path, expected: dict[str, Any], tmp_path: Path) -> None:
+    """No process and no torn output is left; the next run does the rest."""
+    words = (COMMAND, 'replay', str(drives), '--output', str(tmp_path), '--jobs', '2', SET)
+    with program(*words) as one:
+        one.until(': 2 of 3')
+        processes = psutil.Process(one.process.pid).children(recursive=True)
+        one.interrupt()
+        status, said = one.rest()
+        assert (status, 'Traceback' in said) == (130, False), said
+        _, alive = psutil.wait_procs(processes, timeout=20)
+    assert not alive
+    left = made(tmp_path)
+    assert 0 < len(left) < 3
+    assert all(hashed == expected[name] for name, hashed in left.items())
+    assert main([*words[1:-3], '--jobs', '1', SET]) == 0
+    assert made(tmp_path) == expected

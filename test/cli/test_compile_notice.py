@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A command says that it compiles kernels, which, once, and about how long that takes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from helpers.watching import fresh_copy
+from numba import njit
+
+from lidar_outlier_filter.cli.compile_notice import notice
+from lidar_outlier_filter.core.kernels.compile_listeners import listeners
+from lidar_outlier_filter.core.kernels.compiling import NotCompiled, only_compiled
+from lidar_outlier_filter.stream.compiling import SECONDS, SHARED_SECONDS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PACKAGE = 'lidar_outlier_filter'
+SAID = f'the kernels of sor are compiled, this once: about {SECONDS["sor"]} s\n'
+
+
+@pytest.mark.slow
+def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
+    """The second run compiles nothing, and says nothing of it."""
+    env = os.environ | fresh_copy(tmp_path, 'sor.*.nb?')
+    file = tmp_path / 'cloud.csv'
+    rows = (f'{n % 20},{n // 20},{n % 3 / 10}\n' for n in range(400))
+    file.write_text('x,y,z\n' + ''.join(rows))
+    command = [sys.executable, '-P', '-m', f'{PACKAGE}.cli.main', 'clean', str(file), '--dry-run']
+    first, second = (
+        subprocess.run(
+            [*command, '--chain', 'sor'], env=env, capture_output=True, text=True, check=True
+        ).stderr
+        for _ in range(2)
+    )
+    assert first.count(SAID) == 1
+    assert 'compiled' not in second
+
+
+def test_each_part_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """A detector's own kernels by its name, those of the core as shared; strangers' not at all."""
+    say_once = notice()
+    for module in ('detectors.lof', 'kernels', 'detectors.evidence.lines'):
+        say_once(f'{PACKAGE}.core.{module}')
+        say_once(f'{PACKAGE}.core.{module}')
+    say_once('lidar_outlier_lab.simulation.world.caster')
+    say_once('somebody.else')
+    assert capsys.readouterr().err.splitlines() == [
+        f'the kernels of lof are compiled, this once: about {SECONDS["lof"]} s',
+        f'the kernels that all share are compiled, this once: about {SHARED_SECONDS} s',
+        f'the kernels of evidence are compiled, this once: about {SECONDS["evidence"]} s',
+        'the kernels of lidar_outlier_lab are compiled, this once',
+    ]
+
+
+def test_asking_is_not_compiling() -> None:
+    """Who only asks for kernels is heard by nobody; who compiles them is, by the module."""
+    # Without a cache: what was kept of another run would be used.
+    add: Any = njit(lambda x: x + 1)
+    told: list[str] = []
+    listeners.append(told.append)
+    try:
+        with only_compiled(), pytest.raises(NotCompiled):
+            add(1)
+        assert told == []
+        assert add(1) == 2
+    finally:
+        listeners.remove(told.append)
+    assert told == [__name__]

@@ -1,0 +1,195 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What works where there is no ROS: the library, and the commands for files and simulations."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter import __version__
+
+ROOT = Path(__file__).parents[2]
+SESSION = ROOT / 'doc' / 'examples' / 'numpy_session.py'
+# Nothing of ROS can be imported in the processes of this file.
+BLOCK = """
+import sys
+
+class WithoutRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] in {blocked!r}:
+            raise ModuleNotFoundError(f'No module named {{name!r}}', name=name)
+
+sys.meta_path.insert(0, WithoutRos())
+"""
+COMMAND = """
+from lidar_outlier_filter.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+NODE = """
+from lidar_outlier_filter.cli.node import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def of_ros() -> set[str]:
+    """List the modules of ROS: those of its wheels, or those of an installed Jazzy."""
+    found = {
+        module
+        for module, names in packages_distributions().items()
+        if any(name.lower().replace('_', '-').startswith('ros-jazzy') for name in names)
+    }
+    used = {'rclpy', 'sensor_msgs', 'std_msgs', 'std_srvs', 'nav_msgs', 'diagnostic_msgs'}
+    return found | used | {'rcl_interfaces', 'builtin_interfaces', 'geometry_msgs', 'tf2_ros'}
+
+
+def run(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run a program in a process without ROS."""
+    given = [str(argument) for argument in arguments]
+    return subprocess.run(
+        [sys.executable, '-c', BLOCK.format(blocked=of_ros()) + code, *given],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        env={**os.environ, 'COLUMNS': '200'},
+    )
+
+
+def output(code: str, *arguments: object) -> str:
+    """Run a program that must succeed; return what it prints."""
+    done = run(code, *arguments)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def text_of_session() -> str:
+    """Return the session, without the two lines of the licence."""
+    return SESSION.read_text(encoding='utf-8').split('\n', 3)[3]
+
+
+def test_there_is_no_ros() -> None:
+    """The processes of this file have no ROS: the node does not start there."""
+    for module in ('rclpy', 'sensor_msgs.msg', 'lidar_outlier_filter.ros.node'):
+        done = run(f'import {module}')
+        assert done.returncode == 1
+        assert 'ModuleNotFoundError: No module named' in done.stderr
+
+
+def test_the_import_is_thin() -> None:
+    """The import of the library imports nothing else; its names bring what they need."""
+    heavy = ('numpy', 'scipy', 'numba', 'matplotlib', 'rosbags', 'rclpy', 'sensor_msgs')
+    code = f'import lidar_outlier_filter; print([one for one in {heavy} if one in sys.modules])'
+    assert output(code).strip() == '[]'
+    code = 'from lidar_outlier_filter import *; print(detect_outliers, CloudFilter, Verdict)'
+    assert 'function detect_outliers' in output(code)
+
+
+def test_session() -> None:
+    """The session of the README has six lines of code, and does what it says."""
+    text = text_of_session()
+    assert len(ast.parse(text).body) == 6
+    checks = """
+assert len(cleaned) + len(outliers) == len(xyz) == 5000
+assert verdict.outlier[77] and np.nanargmax(verdict.score) == 77
+assert outliers.tolist() == [[1, 2, 3]]
+print(verdict.score.dtype, verdict.detectors.dtype)
+"""
+    assert output(text + checks).split() == ['float32', 'uint16']
+
+
+def test_the_readme_quotes_the_session() -> None:
+    """The README shows the session as it is."""
+    readme = (ROOT / 'README.md').read_text(encoding='utf-8')
+    assert f'```python\n{text_of_session()}```\n' in readme
+
+
+def test_the_stream() -> None:
+    """The stream filters structured arrays."""
+    code = """
+import numpy as np
+from lidar_outlier_filter import CloudFilter
+from doctest import testmod
+import lidar_outlier_filter.stream.cloud_filter, lidar_outlier_filter.stream.whole_cloud
+for name in ('cloud_filter', 'whole_cloud'):
+    print(testmod(getattr(lidar_outlier_filter.stream, name)).failed)
+"""
+    assert output(code).split() == ['0', '0']
+
+
+def test_help() -> None:
+    """Every command has its help."""
+    text = output(COMMAND, '--help')
+    for command in ('clean', 'simulate', 'evaluate', 'tune'):
+        assert command in text
+        assert 'usage: ' in output(COMMAND, command, '--help')
+
+
+@pytest.mark.slow
+def test_commands(tmp_path: Path) -> None:
+    """Simulate, clean, evaluate and tune, from end to end."""
+    rng = np.random.default_rng(1)
+    xyz = np.column_stack([rng.uniform(-9, 9, (600, 2)), rng.normal(0, 0.02, 600), np.zeros(600)])
+    xyz[::40, 2:] += [4, 1]
+    cloud, cleaned = tmp_path / 'cloud.csv', tmp_path / 'cleaned.csv'
+    np.savetxt(cloud, xyz, delimiter=',', header='x,y,z,label', comments='', fmt='%.9g')
+    assert '600' in output(COMMAND, 'clean', cloud, '--output', cleaned)
+    assert 'precision' in output(COMMAND, 'evaluate', cleaned)
+    options = ['--set', 'chain=[lof]', '--search', 'lof.min_pts=10,20', '--folds', 2]
+    assert 'lof.' in output(COMMAND, 'tune', cloud, *options, '--output', tmp_path / 'x.yaml')
+    bag = tmp_path / 'bag'
+    assert '656' in output(COMMAND, 'simulate', 'sotoodeh-hod', '--output', bag)
+    options = ['--set', 'chain=[hierarchical]', '--folds', 2, '--output', tmp_path / 'y.yaml']
+    assert 'hierarchical.' in output(COMMAND, 'tune', bag, *options)
+
+
+def test_the_node_says_what_it_does() -> None:
+    """Its help names the topics and where the parameters are; no ROS is needed for it."""
+    text = output(NODE, '--help')
+    assert text.startswith(
+        'usage: outlier_filter_node [-h] [--version] [--lifecycle] [--page [PORT]] '
+        '[--ros-args ...]\n'
+    )
+    for word in ('points/cleaned', 'points/outliers', '/diagnostics', '-r points:=', 'chain:='):
+        assert word in text
+    for path in re.findall(r'share/lidar_outlier_filter/(\S+\.yaml)', text):
+        assert (ROOT / path).is_file()
+    assert output(NODE, '--version').strip() == __version__
+
+
+def test_the_node_refuses_arguments_that_it_has_not() -> None:
+    """Those of ROS are left to ROS, wherever they stand."""
+    refused = run(NODE, '--ros-args', '-r', 'points:=/p', '--', '--parms-file', 'my.yaml')
+    assert refused.returncode == 2
+    assert refused.stderr.splitlines()[-1] == (
+        'outlier_filter_node: error: unrecognized arguments: --parms-file my.yaml'
+    )
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ['replay', 'drive', '--output', 'out'],
+        ['simulate', 'street-16', '--output', 'out'],
+        ['evaluate', 'drive'],
+        ['tune', 'drive'],
+    ],
+)
+def test_recordings_need_rosbags(arguments: list[str], tmp_path: Path) -> None:
+    """Where it is not installed, as by rosdep on Ubuntu, its commands say so in one sentence."""
+    code = f'import os\nos.chdir({str(tmp_path)!r})\nsys.modules["rosbags"] = None'
+    refused = run(code + COMMAND, *arguments)
+    assert refused.returncode == 1, refused.stderr
+    assert refused.stderr == (
+        'the module rosbags must be installed for recordings (the page on installation has the '
+        'line), got none\n'
+    )

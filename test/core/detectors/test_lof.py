@@ -1,0 +1,235 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fast local outlier factor is its naive twin, and does what is promised of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.neighbour_clouds import (
+    CLOUDS,
+    corner,
+    grid,
+    rotation,
+    scattered,
+    stacks,
+)
+from naive import lof as naive
+from numpy.testing import assert_allclose, assert_array_equal
+
+from lidar_outlier_filter.core.detectors import lof
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.parameters.detectors import Lof
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Cloud = Callable[[np.random.Generator], Floats]
+
+
+def detect(xyz: Floats, threads: int = 0, most: int = 0, **changed: Any) -> Floats:
+    """Score a cloud."""
+    parameters = Lof(**changed)
+    most = most or lof.neighbours(parameters)
+    return lof.detect(Neighbourhood(xyz, most, threads), parameters)
+
+
+@pytest.mark.parametrize('seed', range(2))
+@pytest.mark.parametrize('k', [1, 2, 7, 20])
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_against_loops(cloud: Cloud, k: int, seed: int) -> None:
+    """The factors are those of the textbook, and finite, whatever ties or coincides."""
+    xyz = cloud(np.random.default_rng(seed))
+    factors = detect(xyz, min_pts=k, threshold=1.0)
+    assert np.isfinite(factors).all()
+    assert_allclose(factors, naive.local_outlier_factors(xyz.tolist(), k), rtol=1e-12)
+
+
+@pytest.mark.parametrize('statistic', ['lof', 'lof2'])
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_scores_against_loops(cloud: Cloud, statistic: str) -> None:
+    """Threshold and statistic are what the parameters say."""
+    xyz = cloud(np.random.default_rng(7))
+    scores = detect(xyz, min_pts=10, threshold=0.8, statistic=statistic)
+    expected = naive.scores(xyz.tolist(), 10, 0.8, statistic)
+    assert_allclose(scores, expected, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize('statistic', ['lof', 'lof2'])
+@pytest.mark.parametrize('count', [0, 1, 4, 5, 6, 7])
+def test_few_points(count: int, statistic: str) -> None:
+    """Points with fewer than min_pts others stay untested; with just as many they are tested."""
+    xyz = np.random.default_rng(count).normal(size=(count, 3))
+    scores = detect(xyz, min_pts=5, threshold=1.2, statistic=statistic)
+    assert_allclose(scores, naive.scores(xyz.tolist(), 5, 1.2, statistic), rtol=1e-12, atol=1e-14)
+    assert np.isnan(scores).all() == (count < 6)
+
+
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_the_order_of_the_points_does_not_matter(cloud: Cloud) -> None:
+    """Scores go with their points."""
+    rng = np.random.default_rng(3)
+    xyz = cloud(rng)
+    order = rng.permutation(len(xyz))
+    assert_allclose(detect(xyz[order]), detect(xyz)[order], rtol=1e-12)
+
+
+@pytest.mark.parametrize('cloud', [scattered, corner])
+def test_rigid_motion(cloud: Cloud) -> None:
+    """A cloud that is turned and moved has the same factors."""
+    rng = np.random.default_rng(4)
+    xyz = cloud(rng)
+    moved = xyz @ rotation(rng).T + [1000.0, -200.0, 30.0]
+    assert_allclose(detect(moved), detect(xyz), rtol=1e-8)
+
+
+@pytest.mark.parametrize('cloud', [grid, stacks])
+def test_rigid_motion_that_keeps_ties(cloud: Cloud) -> None:
+    """Quarter turns, mirrors and steps of a power of two leave distances as they are."""
+    xyz = np.round(cloud(np.random.default_rng(5)) * 1024) / 1024
+    moved = xyz[:, [2, 0, 1]] * [1, -1, -1] + [512.0, -64.0, 0.5]
+    assert_allclose(detect(moved), detect(xyz), rtol=1e-12)
+
+
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_scale(cloud: Cloud) -> None:
+    """The unit of length does not matter; with one of a power of two not a bit changes."""
+    xyz = cloud(np.random.default_rng(6))
+    assert_array_equal(detect(xyz * 2.0**-20), detect(xyz))
+    if cloud in {scattered, corner}:  # others have ties, which rounding breaks
+        assert_allclose(detect(xyz * 0.3048), detect(xyz), rtol=1e-9)
+
+
+@pytest.mark.parametrize('threads', [1, 2, 5])
+def test_threads(threads: int) -> None:
+    """The number of threads does not change a bit."""
+    rng = np.random.default_rng(8)
+    xyz = np.concatenate([rng.normal(size=(9000, 3)), rng.integers(0, 9, (6000, 3))])
+    xyz[-500:] = xyz[0]
+    assert_array_equal(detect(xyz, threads=threads), detect(xyz, threads=3))
+
+
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_longer_lists(cloud: Cloud) -> None:
+    """Another detector of the chain may ask for more neighbours."""
+    xyz = cloud(np.random.default_rng(9))
+    assert_array_equal(detect(xyz, most=50, min_pts=12), detect(xyz, min_pts=12))
+
+
+@pytest.mark.parametrize('twins', [2, 80])
+def test_what_is_far_off_does_not_change_a_bit(twins: int) -> None:
+    """Factors depend on the points around alone, not on how the search sorts them all.
+
+    Neighbours that tie come in the order of the search, and must not be added up in it; where all
+    points are there twice, each 16 nearest break up a pair.
+    """
+    rng = np.random.default_rng(16)
+    xyz = np.repeat(rng.uniform(0, 10, (3000, 3)), rng.choice([2, twins], 3000), axis=0)
+    xyz = rng.permutation(xyz)
+    piece = xyz[:, 0] < 7
+    close = xyz[piece, 0] < 3
+    neighbourhood, alone = Neighbourhood(xyz, 16), Neighbourhood(xyz[piece], 16)
+    factors = lof.detect(neighbourhood, Lof(min_pts=16))[piece]
+    assert_array_equal(lof.detect(alone, Lof(min_pts=16))[close], factors[close])
+
+
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_points_that_another_detector_rejected(cloud: Cloud) -> None:
+    """Without some points it is, to the bit, as if they had never been there."""
+    rng = np.random.default_rng(17)
+    xyz = np.concatenate([cloud(rng), rng.normal(size=(700, 3)), cloud(rng) * 1.1])
+    rejected = rng.uniform(size=len(xyz)) < np.where(xyz[:, 0] > 0.5, 0.8, 0.1)
+    left = Neighbourhood(xyz, 20).without(rejected)
+    assert_array_equal(lof.detect(left, Lof()), detect(xyz[~rejected]))
+
+
+def test_the_points_are_not_changed() -> None:
+    """Neither those given nor those of the neighbourhood, which other detectors see too."""
+    xyz = stacks(np.random.default_rng(10))
+    given = xyz.copy()
+    neighbourhood = Neighbourhood(xyz, 20)
+    before = [neighbourhood.xyz.copy(), neighbourhood.nearest(20).index.copy()]
+    tied = neighbourhood.nearest(20).tied.copy()
+    first = lof.detect(neighbourhood, Lof())
+    assert_array_equal(lof.detect(neighbourhood, Lof()), first)
+    assert_array_equal(xyz, given)
+    assert_array_equal(neighbourhood.xyz, before[0])
+    assert_array_equal(neighbourhood.nearest(20).index, before[1])
+    assert_array_equal(neighbourhood.nearest(20).tied, tied)
+
+
+def sheet_and_outlier(rng: np.random.Generator) -> Floats:
+    """Lay out a noisy grid of 30 × 30 points and one point above it."""
+    across, along = np.meshgrid(np.arange(30.0), np.arange(30.0))
+    flat = np.stack([across.ravel(), along.ravel(), np.zeros(900)], axis=1)
+    return np.concatenate([flat + rng.normal(0, 0.05, flat.shape), [[15.0, 15.0, 9.0]]])
+
+
+def test_an_outlier_is_found_at_any_density() -> None:
+    """A point above a sheet is rejected, and so it is above one that is a hundred times denser."""
+    rng = np.random.default_rng(11)
+    loose = sheet_and_outlier(rng)
+    dense = sheet_and_outlier(rng) * 0.01 + [500.0, 0.0, 0.0]
+    scores = detect(np.concatenate([loose, dense]))
+    assert scores[900] > 1
+    assert scores[-1] > 1
+    good = np.delete(scores, [900, 1801])
+    assert np.count_nonzero(good > 1) < 0.02 * len(good)
+
+
+@pytest.mark.parametrize('stack', [21, 25, 100, 1000])
+def test_good_points_beside_a_stack_are_kept(stack: int) -> None:
+    """Nothing but the outlier is rejected because some good point is there many times."""
+    xyz = sheet_and_outlier(np.random.default_rng(12))
+    many = np.concatenate([xyz, np.repeat(xyz[465:466], stack - 1, axis=0)])
+    rejected = detect(xyz) > 1
+    assert rejected[-1]
+    assert_array_equal(detect(many)[: len(xyz)] > 1, rejected)
+
+
+def test_a_lone_stack_is_found() -> None:
+    """Slightly more coincident points than min_pts are no less of an outlier than one."""
+    xyz = sheet_and_outlier(np.random.default_rng(13))
+    many = np.concatenate([xyz, np.repeat(xyz[-1:], 24, axis=0)])
+    assert (detect(many)[900:] > 1).all()
+
+
+def test_a_cloud_of_stacks_is_as_if_they_were_single() -> None:
+    """A sensor that stands still and has no noise sees each point again and again."""
+    xyz = sheet_and_outlier(np.random.default_rng(14))
+    once = detect(xyz, threshold=1.0)
+    often = detect(np.tile(xyz, (30, 1)), threshold=1.0)
+    assert_allclose(often[: len(xyz)], once, rtol=0.05)
+
+
+@pytest.mark.parametrize('others', [0, 1, 500])
+def test_200_000_coincident_points(others: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The work does not grow with the square of how many coincide: all lists together are short."""
+    rng = np.random.default_rng(15)
+    xyz = np.zeros((200_000 + others, 3))
+    xyz[200_000:] = rng.normal(size=(others, 3))
+    total = []
+    within = Neighbourhood.within
+
+    def spy(self: Neighbourhood, *given: Any) -> Any:
+        first, index = within(self, *given)
+        total.append(len(index))
+        return first, index
+
+    monkeypatch.setattr(Neighbourhood, 'within', spy)
+    factors = detect(xyz, threshold=1.0)
+    assert np.isfinite(factors).all()
+    assert np.ptp(factors[:200_000]) == 0
+    assert sum(total) < 100 * len(xyz)
+    if others <= 1:
+        assert_allclose(factors, 1, rtol=1e-9)
+
+
+def test_neighbours() -> None:
+    """The chain is said how long lists must be."""
+    assert lof.neighbours(Lof(min_pts=17)) == 17

@@ -1,0 +1,535 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fast quadric detector is its naive twin, keeps what is consistent, and finds what is not."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import laspy
+import numpy as np
+import pytest
+from helpers import surfaces
+from helpers.neighbour_clouds import CLOUDS, UTM, rotation
+from naive import quadric as naive
+from numpy.testing import assert_allclose, assert_array_equal
+
+from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windows
+from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
+from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.tree_steps import height
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.detectors import Quadric
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Bools = NDArray[np.bool_]
+    Ints = NDArray[np.int64]
+    Shape = Callable[[np.random.Generator, int], tuple[Floats, Floats]]
+
+pytestmark = pytest.mark.slow  # the kernels compile for a minute
+
+PAPER: dict[str, Any] = {'start': 'all', 'surfaces': 1}
+LITERAL: dict[str, Any] = {**PAPER, 'model': 'always', 'significance': 0.001}
+
+
+def detect(xyz: Floats, variance: Floats | None = None, threads: int = 0, **changed: Any) -> Floats:
+    """Score a cloud."""
+    parameters = Quadric(**changed)
+    neighbourhood = Neighbourhood(xyz, quadric.neighbours(parameters), threads)
+    return quadric.detect(neighbourhood, parameters, variance)
+
+
+def judge_window(xyz: Floats, variance: Floats | None = None, **changed: Any) -> Floats:
+    """Score the points of one window."""
+    components = quadric._components(variance, len(xyz))
+    window = empty_window(len(xyz), components.shape[1])
+    window.xyz[:], window.variance[:] = xyz.T, components
+    judge(window, len(xyz), quadric._rules(Quadric(**changed)))
+    return window.score.copy()
+
+
+def rules(parameters: Quadric) -> naive.Rules:
+    """Give the twin the same parameters."""
+    return naive.Rules(
+        parameters.significance,
+        parameters.sigma_floor,
+        parameters.min_points,
+        parameters.surfaces,
+        parameters.start == 'robust',
+        parameters.model == 'always',
+    )
+
+
+def assert_same(scores: Floats, expected: Any) -> None:
+    """Compare scores with those of the twin."""
+    assert_allclose(scores, expected, rtol=1e-6, atol=1e-9)
+    assert_array_equal(scores > 1, np.array(expected) > 1)
+
+
+def variances(kind: str, rng: np.random.Generator, n: int) -> Floats | None:
+    """Draw variances of all points: none, of any coordinate, or of all three."""
+    if kind == 'none':
+        return None
+    if kind == 'isotropic':
+        return 1e-4 * rng.uniform(0.5, 2, n) ** 2
+    root = rng.normal(0, 0.01, (n, 3, 3))
+    matrix: Floats = root @ root.mT + 1e-5 * np.eye(3)
+    return (matrix + matrix.mT) / 2
+
+
+# The twin -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('start', ['robust', 'all'])
+@pytest.mark.parametrize('kind', ['none', 'isotropic', 'full'])
+@pytest.mark.parametrize('shape', surfaces.SURFACES)
+def test_window_against_loops(shape: Shape, kind: str, start: str) -> None:
+    """Whatever a window holds, the scores are those of the textbook."""
+    rng = np.random.default_rng(1)
+    xyz, _ = surfaces.sample(shape, rng, 60, share=0.1)
+    variance = variances(kind, rng, 60)
+    parameters = Quadric(start=start)
+    expected = naive.judge(xyz, rules(parameters), variance)
+    assert_same(judge_window(xyz, variance, start=start), expected)
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('share', [0.0, 0.3])
+@pytest.mark.parametrize('shape', surfaces.SURFACES)
+def test_window_with_more_outliers_against_loops(shape: Shape, share: float, seed: int) -> None:
+    """Nor do none or many outliers, or another significance, make a difference."""
+    xyz, _ = surfaces.sample(shape, np.random.default_rng(seed), 50 + 7 * seed, share=share)
+    changed: dict[str, Any] = {
+        'significance': 10.0 ** (-2 - 2 * seed),
+        'surfaces': 2 + seed,
+        'sigma_floor': 0.002,
+    }
+    expected = naive.judge(xyz, rules(Quadric(**changed)))
+    assert_same(judge_window(xyz, **changed), expected)
+
+
+@pytest.mark.parametrize('kind', ['none', 'isotropic', 'full'])
+@pytest.mark.parametrize('shape', surfaces.SURFACES)
+def test_literal_form_against_loops(shape: Shape, kind: str) -> None:
+    """Ten parameters, always: also of what is flat, or a volume."""
+    rng = np.random.default_rng(1)
+    xyz, _ = surfaces.sample(shape, rng, 60, share=0.1)
+    variance = variances(kind, rng, 60)
+    expected = naive.judge(xyz, rules(Quadric(**LITERAL)), variance)
+    assert_same(judge_window(xyz, variance, **LITERAL), expected)
+
+
+def street(rng: np.random.Generator) -> Floats:
+    """Lay out a kerb, a wall with a pole before it, fog, strays, and points there twice."""
+    edge, _ = surfaces.sample(surfaces.kerb, rng, 140, share=0.02)
+    wall = np.column_stack(
+        [rng.uniform(-0.3, 0.3, 60), np.full(60, 0.35), rng.uniform(0.12, 0.8, 60)]
+    )
+    wall[:, 1] += rng.normal(0, 0.008, 60)
+    pole, _ = surfaces.sample(surfaces.pole, rng, 40)
+    fog = rng.normal([0, -0.2, 0.3], 0.1, (30, 3))
+    far = rng.uniform(-3, 3, (5, 3))
+    cloud = np.vstack([edge, wall, pole + np.array([0, 0.2, 0.42]), fog, far, edge[:20]])
+    return cloud.astype(np.float32).astype(np.float64)
+
+
+def leaf_order(neighbourhood: Neighbourhood) -> Ints:
+    """Put the points of every leaf into the order of their coordinates."""
+    tree, xyz, order = neighbourhood.tree, neighbourhood.xyz, neighbourhood.order.copy()
+    for node in np.flatnonzero(tree.child < 0):
+        part = slice(tree.first[node], tree.last[node])
+        order[part] = order[part][np.lexsort(xyz[part].T[::-1])]
+    return order
+
+
+def tree_ranges(neighbourhood: Neighbourhood, section: int) -> list[tuple[int, int]]:
+    """Cut the tree into its largest subtrees with at most so many points, by recursion."""
+    tree = neighbourhood.tree
+
+    def cut(node: int) -> list[tuple[int, int]]:
+        first, last, child = int(tree.first[node]), int(tree.last[node]), int(tree.child[node])
+        if last - first <= section or child < 0:
+            return [(first, last)]
+        return cut(child) + cut(child + 1)
+
+    return cut(0)
+
+
+@pytest.mark.parametrize('kind', ['none', 'full'])
+@pytest.mark.parametrize('section', [16, 64])
+def test_sections_against_loops(section: int, kind: str) -> None:
+    """Cores, windows and acquittals are those of brute force."""
+    rng = np.random.default_rng(7)
+    xyz = street(rng)
+    variance = variances(kind, rng, len(xyz))
+    neighbourhood = Neighbourhood(xyz, 1)
+    order = leaf_order(neighbourhood)
+    parameters = Quadric(section=section)
+    expected = naive.sections(
+        xyz[order],
+        tree_ranges(neighbourhood, section),
+        section,
+        rules(parameters),
+        None if variance is None else variance[order],
+    )
+    scores = quadric.detect(neighbourhood, parameters, variance)
+    assert (scores > 1).any()
+    assert (scores <= 1).sum() > 100
+    assert_same(scores[order], expected)
+
+
+@pytest.mark.parametrize('form', [{}, LITERAL], ids=['default', 'literal'])
+@pytest.mark.parametrize('k', [14, 40])
+def test_patches_against_loops(k: int, form: dict[str, Any]) -> None:
+    """The nearest of each point are its window."""
+    xyz = street(np.random.default_rng(8))[::4]
+    neighbourhood = Neighbourhood(xyz, k)
+    order = leaf_order(neighbourhood)
+    parameters = Quadric(window='patch', k=k, **form)
+    expected = naive.patches(xyz, order.tolist(), k, rules(parameters))
+    assert_same(quadric.detect(neighbourhood, parameters), expected)
+
+
+@pytest.mark.parametrize('form', [{}, LITERAL], ids=['default', 'literal'])
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_odd_clouds_against_loops(
+    cloud: Callable[[np.random.Generator], Floats], form: dict[str, Any]
+) -> None:
+    """Ties, twins, stacks, lines and single places are judged alike."""
+    xyz = cloud(np.random.default_rng(9))
+    neighbourhood = Neighbourhood(xyz, 1)
+    order = leaf_order(neighbourhood)
+    parameters = Quadric(section=48, sigma_floor=0.01, **form)
+    cores = tree_ranges(neighbourhood, 48)
+    expected = naive.sections(xyz[order], cores, 48, rules(parameters))
+    assert_same(quadric.detect(neighbourhood, parameters)[order], expected)
+
+
+@pytest.mark.parametrize('section', [16, 50, 1000])
+def test_cores(section: int) -> None:
+    """Cores are the largest subtrees, in tree order, and divide the cloud."""
+    neighbourhood = Neighbourhood(street(np.random.default_rng(3)), 1)
+    tree = neighbourhood.tree
+    cores = quadric_windows.find_cores(tree, section)
+    ranges = list(zip(tree.first[cores].tolist(), tree.last[cores].tolist(), strict=True))
+    assert ranges == tree_ranges(neighbourhood, section)
+
+
+@pytest.mark.parametrize('section', [16, 40])
+def test_windows_of_sections(section: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are found in the tree as by looking at all points, the thinned rims of strays too."""
+    rng = np.random.default_rng(4)
+    xyz = np.vstack([street(rng), rng.uniform(-0.3, 0.3, (800, 3)) * [1, 1, 0.01]])
+    neighbourhood = Neighbourhood(xyz, 1)
+    tree = neighbourhood.tree
+    cores = quadric_windows.find_cores(tree, section)
+    found, stack = np.empty(len(xyz), np.int64), np.empty(height(tree) + 1, np.int64)
+    thinned = 0
+    for core in cores:
+        first, last = int(tree.first[core]), int(tree.last[core])
+        room = found[: last - first + quadric_windows.RIM * section]
+        n = quadric_windows.find_window(neighbourhood.xyz, tree, core, section, room, stack)
+        expected = naive.section_window(neighbourhood.xyz, first, last, section)
+        assert found[:n].tolist() == expected
+        with monkeypatch.context() as patch:
+            patch.setattr(naive, 'RIM', len(xyz))
+            thinned += n < len(naive.section_window(neighbourhood.xyz, first, last, section))
+    assert thinned > 0
+
+
+# What it promises ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('window', ['section', 'patch'])
+def test_any_number_of_threads(window: str) -> None:
+    """The answer is the same, bit for bit."""
+    rng = np.random.default_rng(5)
+    xyz = np.vstack([street(rng) + np.array([x, 0, 0]) for x in range(12)])
+    scores = [detect(xyz, threads=threads, window=window) for threads in (1, 2, 5)]
+    assert_array_equal(scores[0], scores[1])
+    assert_array_equal(scores[0], scores[2])
+
+
+@pytest.mark.parametrize('window', ['section', 'patch'])
+def test_any_order(window: str) -> None:
+    """Scores belong to points, in whatever order they are given."""
+    rng = np.random.default_rng(6)
+    xyz = np.unique(street(rng), axis=0)
+    order = rng.permutation(len(xyz))
+    assert_array_equal(detect(xyz[order], window=window), detect(xyz, window=window)[order])
+
+
+@pytest.mark.parametrize('kind', ['none', 'full'])
+@pytest.mark.parametrize('start', ['robust', 'all'])
+@pytest.mark.parametrize('shape', surfaces.SURFACES)
+def test_any_frame_and_scale(shape: Shape, start: str, kind: str) -> None:
+    """A window may be turned, moved far and scaled, variances and floor with it."""
+    rng = np.random.default_rng(7)
+    xyz, _ = surfaces.sample(shape, rng, 80, share=0.05)
+    turn, variance = rotation(rng), variances(kind, rng, 80)
+    scores = judge_window(xyz, variance, start=start)
+    if variance is not None:
+        variance = 100 * turn @ variance @ turn.T
+        variance = (variance + variance.mT) / 2
+    moved = 10 * xyz @ turn.T + UTM
+    again = judge_window(moved, variance, start=start, sigma_floor=0.05)
+    assert_allclose(again, scores, rtol=1e-5, atol=1e-6)
+
+
+def test_far_from_the_origin() -> None:
+    """Coordinates of millions of metres cost no more than their own digits."""
+    xyz = np.round(street(np.random.default_rng(8)) * 2**20) / 2**20
+    far = xyz + np.array([2.0**19, -(2.0**22), 2.0**9])
+    assert_allclose(detect(far), detect(xyz), rtol=1e-6, atol=1e-9)
+
+
+def test_only_ratios_of_variances_count() -> None:
+    """σ̂0 takes up what all of them have in common; equal ones are none."""
+    rng = np.random.default_rng(9)
+    xyz = street(rng)
+    variance = variances('full', rng, len(xyz))
+    assert variance is not None
+    assert_allclose(detect(xyz, 16 * variance), detect(xyz, variance), rtol=1e-9)
+    assert_allclose(detect(xyz, np.full(len(xyz), 1e-4)), detect(xyz), rtol=1e-9, atol=1e-12)
+    isotropic = 1e-4 * rng.uniform(1, 4, len(xyz))
+    full = isotropic[:, None, None] * np.eye(3)
+    assert_allclose(detect(xyz, full), detect(xyz, isotropic), rtol=1e-9, atol=1e-12)
+
+
+def test_a_point_that_is_known_to_be_poor_is_kept() -> None:
+    """An error along the direction in which D is large is none."""
+    xyz, _ = surfaces.sample(surfaces.road, np.random.default_rng(10), 80)
+    xyz[40, 2] = 0.08
+    assert judge_window(xyz)[40] > 1
+    variance = np.tile(1e-4 * np.eye(3), (80, 1, 1))
+    variance[40] = np.diag([4e-2, 4e-2, 1e-4])
+    assert judge_window(xyz, variance)[40] > 1
+    variance[40] = np.diag([1e-4, 1e-4, 4e-2])
+    assert judge_window(xyz, variance)[40] < 1
+
+
+@pytest.mark.parametrize(
+    ('variance', 'got'),
+    [
+        (np.ones(19), r'\(19,\)'),
+        (np.ones((20, 3)), r'\(20, 3\)'),
+        (np.append(np.ones(19), 0), 'point 19'),
+        (np.append(np.inf, np.ones(19)), 'point 0'),
+        (np.tile(np.ones((3, 3)), (20, 1, 1)), 'point 0'),
+        (np.tile(np.diag([1.0, -1, -1]), (20, 1, 1)), 'point 0'),
+        (np.tile(np.eye(3) + np.eye(3, k=1) / 4, (20, 1, 1)), 'point 0'),
+    ],
+)
+def test_variances_that_are_refused(variance: Floats, got: str) -> None:
+    """One for each point, finite and positive, or symmetric and positive definite."""
+    with pytest.raises(FilterError, match=f'the variance must be .*, got .*{got}'):
+        detect(np.random.default_rng(0).normal(size=(20, 3)), variance)
+
+
+# What is found, and what is kept ------------------------------------------------------------------
+
+
+def count(
+    shape: Shape, share: float, reach: tuple[float, float], **changed: Any
+) -> tuple[float, float]:
+    """Return the shares of outliers found and of good points lost, in forty windows."""
+    rng = np.random.default_rng(11)
+    found = lost = outliers = points = 0
+    for _ in range(40):
+        xyz, wrong = surfaces.sample(shape, rng, 110, share, reach)
+        rejected = judge_window(xyz, **changed) > 1
+        found += int((rejected & wrong).sum())
+        lost += int((rejected & ~wrong).sum())
+        outliers += int(wrong.sum())
+        points += len(xyz)
+    return found / max(outliers, 1), lost / (points - outliers)
+
+
+@pytest.mark.parametrize('shape', surfaces.SURFACES)
+def test_without_outliers_nothing_is_lost(shape: Shape) -> None:
+    """Neither of planes nor of what bends, of edges, of a line, or of a volume."""
+    assert count(shape, 0, (0.06, 3))[1] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ('shape', 'least', 'most'),
+    [
+        (surfaces.road, 0.99, 1e-3),
+        (surfaces.cambered, 0.99, 1e-3),
+        (surfaces.dome, 0.9, 1e-3),
+        (surfaces.pole, 0.9, 1e-3),
+        (surfaces.saddle, 0.99, 1e-3),
+        # One of three surfaces may be found too late, and strays near the others be on it.
+        (surfaces.corner, 0.3, 2e-3),
+        (surfaces.kerb, 0.4, 1e-3),
+    ],
+)
+def test_strays_are_found(shape: Shape, least: float, most: float) -> None:
+    """Two in a hundred, 6 cm to 3 m off: on a road as on a dome, a pole or a saddle."""
+    found, lost = count(shape, 0.02, (0.06, 3))
+    assert found >= least
+    assert lost < most
+
+
+@pytest.mark.parametrize('shape', [surfaces.road, surfaces.cambered, surfaces.saddle])
+@pytest.mark.parametrize('reach', [(0.06, 0.15), (0.06, 3)])
+def test_dense_outliers_do_not_mask_each_other(shape: Shape, reach: tuple[float, float]) -> None:
+    """Fifteen in a hundred on one side; started from all points they hide, as in the paper."""
+    found, lost = count(shape, 0.15, reach)
+    assert found > 0.9
+    assert lost < 1e-3
+    assert count(shape, 0.15, reach, **PAPER)[0] < 0.5
+
+
+def test_lone_outlier_of_a_patch() -> None:
+    """Among 30 points T of a lone outlier cannot exceed √27 < t(27), however far off it is."""
+    xyz, _ = surfaces.sample(surfaces.road, np.random.default_rng(12), 30)
+    xyz[15, 2] = 0.5
+    assert judge_window(xyz)[15] > 10
+    assert judge_window(xyz, **PAPER)[15] < 1
+
+
+def test_undecided() -> None:
+    """Nothing is said of too few points, of one place, of an exact line, and of a volume."""
+    rng = np.random.default_rng(13)
+    exact = np.outer(np.arange(40.0), [1.0, 2.0, 2.0])
+    for xyz in (rng.normal(size=(11, 3)), np.ones((40, 3)), exact, rng.normal(size=(200, 3))):
+        for window in ('section', 'patch'):
+            assert np.isnan(detect(xyz, window=window)).all()
+
+
+def test_what_always_needs() -> None:
+    """A quadric that nothing may lower begins with all points, and is the only surface."""
+    for changed in ({'start': 'robust', 'surfaces': 1}, {'start': 'all', 'surfaces': 2}):
+        with pytest.raises(FilterError, match=r'quadric\.model always must be with start: all'):
+            FilterParameters().changed(
+                {'quadric.model': 'always', **{f'quadric.{k}': v for k, v in changed.items()}}
+            )
+
+
+def test_the_literal_form_bends() -> None:
+    """A single outlier 10 cm above asphalt stands out from a plane; a quadric comes near to it."""
+    found = {'lowest': 0, 'always': 0}
+    for seed in range(20):
+        xyz, _ = surfaces.sample(surfaces.road, np.random.default_rng(seed), 31)
+        xyz[15, 2] += 0.1
+        for model in found:
+            changed = {**PAPER, 'model': model, 'significance': 0.001}
+            found[model] += judge_window(xyz, **changed)[15] > 1
+    assert found['lowest'] > 15
+    assert found['always'] < 8
+
+
+def test_a_third_on_no_surface() -> None:
+    """Exactly a third of a window may be off its surfaces; one more, and nothing is said of it."""
+    rng = np.random.default_rng(21)
+    x, y = (part.ravel() / 10 for part in np.mgrid[:8, :5])
+    plane = np.column_stack([x, y, rng.normal(0, 0.001, 40)])
+    strays = rng.uniform([0, 0, 0.3], [0.7, 0.4, 1.5], (21, 3))
+    for count in (20, 21):
+        xyz = np.vstack([plane, strays[:count]])
+        parameters = Quadric(surfaces=1)
+        expected = naive.judge(xyz, rules(parameters))
+        score = judge_window(xyz, surfaces=1)
+        assert_same(score, expected)
+        if count == 20:
+            assert_array_equal(score > 1, np.arange(60) >= 40)
+        else:
+            assert np.isnan(score).all()
+
+
+@pytest.mark.parametrize('n', [0, 1, 5])
+@pytest.mark.parametrize('window', ['section', 'patch'])
+def test_few_points(n: int, window: str) -> None:
+    """Untested, every one."""
+    scores = detect(np.zeros((n, 3)), window=window)
+    assert_array_equal(scores, np.full(n, np.nan))
+
+
+def test_exact_planes() -> None:
+    """What is measured without noise is judged by the floor."""
+    x, y = (part.ravel() / 10 for part in np.mgrid[:8, :8])
+    xyz = np.column_stack([x, y, 0 * x])
+    xyz[20, 2], xyz[40, 2] = 0.02, 0.2
+    scores = detect(xyz)
+    critical = quadric.tables(1e-6)[0]
+    # A point that is kept pulls the plane: (1 - lever), from its place in the grid.
+    near, far = 1 - (1 / 64 + 0.025 / 3.36), 1 - (1 / 64 + 0.145 / 3.36)
+    assert_allclose(scores[[20, 40]], [4 * near / critical[60], 40 / critical[60]], rtol=5e-3)
+    assert_allclose(np.delete(scores, [20, 40]), 0, atol=0.1)
+    assert_allclose(detect(xyz, sigma_floor=0.05)[40], 4 * far / critical[60], rtol=5e-3)
+
+
+def test_many_coincident_points() -> None:
+    """A leaf of thousands is one core, and costs no more than its points."""
+    rng = np.random.default_rng(14)
+    xyz, _ = surfaces.sample(surfaces.road, rng, 300)
+    xyz = np.vstack([xyz, np.tile(xyz[7], (5000, 1))])
+    assert not (detect(xyz) > 1).any()
+
+
+def test_foot_of_a_wall_is_acquitted() -> None:
+    """Too few beside the road to be a surface, its points lie on one in the window above."""
+    rng = np.random.default_rng(15)
+    road, _ = surfaces.sample(surfaces.road, rng, 150)
+    wall = np.column_stack(
+        [rng.uniform(-0.04, 0.04, 40), rng.normal(0, 0.003, 40), np.linspace(0, 2, 40)]
+    )
+    xyz = np.vstack([road, wall])
+    neighbourhood = Neighbourhood(xyz, 1)
+    parameters = Quadric()
+    own = np.full(len(xyz), np.nan)
+    tree, cores = neighbourhood.tree, quadric_windows.find_cores(neighbourhood.tree, 64)
+    quadric_windows.judge_sections(
+        neighbourhood.xyz,
+        np.empty((len(xyz), 0)),
+        tree,
+        height(tree),
+        cores,
+        64,
+        quadric._rules(parameters),
+        empty_window(1000, 0),
+        own,
+    )
+    rejected = quadric.detect(neighbourhood, parameters) > 1
+    assert not rejected.any()
+    assert (own > 1).sum() > 2
+
+
+def test_significance() -> None:
+    """A smaller one rejects no more."""
+    xyz = street(np.random.default_rng(16))
+    rejected = [(detect(xyz, significance=s) > 1).sum() for s in (1e-3, 1e-6, 1e-9)]
+    assert rejected[0] >= rejected[1] >= rejected[2] > 0
+
+
+# Real clouds --------------------------------------------------------------------------------------
+
+
+def test_flat_patch(recordings: Path) -> None:
+    """Of a flat patch with 8 mm of noise nothing is rejected, and almost all is tested."""
+    cloud = laspy.read(recordings / 'clouds' / 'plane.laz')
+    forms: tuple[dict[str, Any], ...] = ({}, PAPER)
+    for changed in forms:
+        scores = detect(np.asarray(cloud.xyz, np.float64), **changed)
+        assert (scores > 1).mean() < 1e-4
+        assert np.isnan(scores).mean() < 0.01
+
+
+def test_sweep_of_a_spinning_sensor(recordings: Path) -> None:
+    """Lines far apart and vegetation are left in peace, for the greater part."""
+    file = recordings / 'clouds' / 'actual_scan_20240820_cloud.pcd'
+    layout = np.dtype([('xyz', '<f4', 3), ('intensity', '<f4'), ('ring', '<u2'), ('time', '<f4')])
+    data = file.read_bytes().partition(b'DATA binary\n')[2]
+    xyz = np.frombuffer(data, layout, 24_224)['xyz'].astype(np.float64)
+    scores = detect(xyz)
+    assert (scores > 1).mean() < 0.01

@@ -1,0 +1,255 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fast tests of the distance to the neighbours are their naive twins, and do what they say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.neighbour_clouds import CLOUDS, corner, grid, rotation, scattered, stacks
+from naive import sor as naive
+from numpy.testing import assert_allclose, assert_array_equal
+
+from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.detectors import Sor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Cloud = Callable[[np.random.Generator], Floats]
+
+STATISTICS = ('sor', 'sor2', 'radius')
+
+
+def detect(
+    xyz: Floats, range_m: Floats | None = None, threads: int = 0, most: int = 0, **changed: Any
+) -> Floats:
+    """Score a cloud."""
+    parameters = Sor(**changed)
+    most = most or sor.neighbours(parameters)
+    return sor.detect(Neighbourhood(xyz, most, threads), parameters, range_m)
+
+
+@pytest.mark.parametrize('seed', range(2))
+@pytest.mark.parametrize('k', [1, 3, 20])
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_against_loops(cloud: Cloud, k: int, seed: int) -> None:
+    """Scores are those of the textbook, whatever ties or coincides; those of 0 are exactly 0."""
+    xyz = cloud(np.random.default_rng(seed))
+    points = xyz.tolist()
+    scores = detect(xyz, k=k, multiplier=1.5)
+    assert_allclose(scores, naive.sor(points, k, 1.5), rtol=1e-11)
+    scores = detect(xyz, statistic='sor2', k=k, limit=0.2)
+    assert_allclose(scores, naive.sor2(points, k, 0.2), rtol=1e-11, atol=1e-13)
+    scores = detect(xyz, statistic='radius', min_neighbors=k, radius=0.7)
+    assert_allclose(scores, naive.radius(points, k, 0.7), rtol=1e-13)
+
+
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_limits_by_range_against_loops(cloud: Cloud) -> None:
+    """Each point has its own limit; a range of 0 leaves none for sor and sor2."""
+    rng = np.random.default_rng(2)
+    xyz = cloud(rng)
+    points = xyz.tolist()
+    range_m = rng.choice([0.0, 1.0, 30.0, 200.0], len(xyz))
+    growth = (0.05 * range_m).tolist()
+    scores = detect(xyz, range_m, k=6, multiplier=1.0, range_scaled=True)
+    assert_allclose(scores, naive.sor(points, 6, 1.0, growth), rtol=1e-11)
+    scores = detect(xyz, range_m, statistic='sor2', k=6, limit=0.3, range_scaled=True)
+    expected = np.array(naive.sor2(points, 6, 0.3, growth))
+    by_rounding = ~np.isfinite(expected)  # how far from the median a tie with it is
+    assert (np.isinf(scores) == by_rounding)[range_m > 0].all()
+    assert_allclose(scores[range_m > 0], expected[range_m > 0], rtol=1e-11, atol=1e-12)
+    scores = detect(xyz, range_m, statistic='radius', min_neighbors=4, range_scaled=True)
+    assert_allclose(scores, naive.radius(points, 4, 0.5, growth), rtol=1e-13)
+
+
+@pytest.mark.parametrize('count', [0, 1, 4, 5, 6, 7])
+def test_few_points(count: int) -> None:
+    """With fewer than k others no mean is known; no radius holds others that are not there."""
+    xyz = np.random.default_rng(count).normal(size=(count, 3))
+    points = xyz.tolist()
+    scores = detect(xyz, k=5, multiplier=2.0)
+    assert_allclose(scores, naive.sor(points, 5, 2.0), rtol=1e-12)
+    assert np.isnan(scores).all() == (count < 6)
+    scores = detect(xyz, statistic='sor2', k=5, limit=0.1)
+    assert_allclose(scores, naive.sor2(points, 5, 0.1), rtol=1e-12, atol=1e-14)
+    scores = detect(xyz, statistic='radius', min_neighbors=5, radius=2.0)
+    assert_allclose(scores, naive.radius(points, 5, 2.0), rtol=1e-12)
+    assert np.isinf(scores).all() == (count < 6)
+
+
+def test_exactly_at_the_radius() -> None:
+    """A neighbour at exactly the radius is within it; the next number below leaves it out."""
+    xyz = grid_of(5)
+    assert (detect(xyz, statistic='radius', min_neighbors=3, radius=1.0) == 1).all()
+    smaller = float(np.nextafter(1, 0))
+    assert (detect(xyz, statistic='radius', min_neighbors=3, radius=smaller) > 1).all()
+
+
+@pytest.mark.parametrize('radius', [0.5, 1.0, 1.7, 2.5])
+@pytest.mark.parametrize('least', [1, 3, 9])
+def test_the_radius_counts_neighbours(least: int, radius: float) -> None:
+    """Kept are the points with enough others within the radius, counted one by one."""
+    xyz = grid(np.random.default_rng(3))
+    points = xyz.tolist()
+    rejected = detect(xyz, statistic='radius', min_neighbors=least, radius=radius) > 1
+    enough = [naive.neighbours_within(points, p, radius) >= least for p in range(len(points))]
+    assert_array_equal(~rejected, enough)
+
+
+def grid_of(side: int) -> Floats:
+    """Lay out a cube of points, 1 m apart."""
+    axis = np.arange(float(side))
+    return np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize('pairs', range(1, 80))
+def test_equal_distances_are_all_kept(pairs: int) -> None:
+    """Nothing stands out where all mean distances are the same number: not even by rounding."""
+    xyz = np.zeros((2 * pairs, 3))
+    xyz[1::2, 0] = 0.1
+    xyz[:, 1] = np.repeat(np.arange(pairs), 2)
+    assert (detect(xyz, k=1, multiplier=0.0) <= 1).all()
+
+
+def test_coincident_points_are_kept() -> None:
+    """Where all coincide the limit is 0, and nothing is beyond it."""
+    xyz = np.ones((30, 3))
+    assert_array_equal(detect(xyz, k=5), 0)
+    assert_array_equal(detect(xyz, statistic='sor2', k=5), 0)
+    assert_array_equal(detect(xyz, statistic='radius', min_neighbors=5), 0)
+
+
+@pytest.mark.parametrize('statistic', STATISTICS)
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_the_order_of_the_points_does_not_matter(cloud: Cloud, statistic: str) -> None:
+    """Scores go with their points, and so do ranges."""
+    rng = np.random.default_rng(4)
+    xyz = cloud(rng)
+    range_m = rng.uniform(1, 20, len(xyz))
+    order = rng.permutation(len(xyz))
+    scores = detect(xyz, range_m, statistic=statistic, range_scaled=True)
+    mixed = detect(xyz[order], range_m[order], statistic=statistic, range_scaled=True)
+    assert_allclose(mixed, scores[order], rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize('statistic', STATISTICS)
+@pytest.mark.parametrize('cloud', [scattered, corner])
+def test_rigid_motion(cloud: Cloud, statistic: str) -> None:
+    """A cloud that is turned and moved has the same scores."""
+    rng = np.random.default_rng(5)
+    xyz = cloud(rng)
+    moved = xyz @ rotation(rng).T + [1000.0, -200.0, 30.0]
+    scores = detect(xyz, statistic=statistic)
+    assert_allclose(detect(moved, statistic=statistic), scores, rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_scale(cloud: Cloud) -> None:
+    """The unit of length does not matter, where the limits are said in it too."""
+    xyz = cloud(np.random.default_rng(6))
+    small = xyz / 1024
+    assert_array_equal(detect(small), detect(xyz))
+    assert_array_equal(
+        detect(small, statistic='sor2', limit=0.5 / 1024), detect(xyz, statistic='sor2', limit=0.5)
+    )
+    assert_array_equal(
+        detect(small, statistic='radius', radius=2 / 1024),
+        detect(xyz, statistic='radius', radius=2.0),
+    )
+
+
+@pytest.mark.parametrize('statistic', STATISTICS)
+@pytest.mark.parametrize('threads', [1, 2, 5])
+def test_threads(threads: int, statistic: str) -> None:
+    """The number of threads does not change a bit."""
+    rng = np.random.default_rng(8)
+    xyz = np.concatenate([rng.normal(size=(9000, 3)), rng.integers(0, 9, (6000, 3))])
+    one = detect(xyz, threads=threads, statistic=statistic)
+    assert_array_equal(one, detect(xyz, threads=3, statistic=statistic))
+
+
+@pytest.mark.parametrize('statistic', STATISTICS)
+def test_longer_lists(statistic: str) -> None:
+    """Another detector of the chain may ask for more neighbours."""
+    xyz = stacks(np.random.default_rng(9))
+    longer = detect(xyz, most=50, statistic=statistic, k=12, min_neighbors=12)
+    assert_array_equal(longer, detect(xyz, statistic=statistic, k=12, min_neighbors=12))
+
+
+@pytest.mark.parametrize('statistic', STATISTICS)
+def test_the_points_are_not_changed(statistic: str) -> None:
+    """Neither those given nor those of the neighbourhood, which other detectors see too."""
+    xyz = scattered(np.random.default_rng(10))
+    range_m = np.linalg.norm(xyz, axis=1)
+    given = xyz.copy(), range_m.copy()
+    parameters = Sor(statistic=statistic, range_scaled=True)
+    neighbourhood = Neighbourhood(xyz, 20)
+    first = sor.detect(neighbourhood, parameters, range_m)
+    assert_array_equal(sor.detect(neighbourhood, parameters, range_m), first)
+    assert_array_equal(xyz, given[0])
+    assert_array_equal(range_m, given[1])
+
+
+def test_sparse_far_returns_are_kept_by_range() -> None:
+    """Rings of a spinning sensor on the ground spread with the range: no fixed limit suits all."""
+    rng = np.random.default_rng(11)
+    range_m = np.repeat([5.0, 10.0, 20.0, 40.0, 80.0], 360)
+    angle = np.tile(np.deg2rad(np.arange(360.0)), 5)
+    xyz = np.stack([range_m * np.cos(angle), range_m * np.sin(angle), 0 * angle], axis=1)
+    xyz += rng.normal(0, 0.01, xyz.shape)
+    snow = rng.uniform([-3, -3, 3], [3, 3, 9], (25, 3))
+    xyz = np.concatenate([xyz, snow])
+    range_m = np.linalg.norm(xyz, axis=1)
+    radius: dict[str, Any] = {'statistic': 'radius', 'radius': 0.3, 'min_neighbors': 2}
+    fixed = detect(xyz, **radius) > 1
+    grown = detect(xyz, range_m, range_scaled=True, range_factor=0.03, **radius) > 1
+    assert fixed[4 * 360 : 5 * 360].all()
+    assert not grown[: 5 * 360].any()
+    assert grown[5 * 360 :].all()
+    dynamic: dict[str, Any] = {'k': 4, 'multiplier': 0.1, 'range_factor': 0.1}
+    assert (detect(xyz, k=4, multiplier=0.1)[4 * 360 : 5 * 360] > 1).any()
+    grown = detect(xyz, range_m, range_scaled=True, **dynamic) > 1
+    assert not grown[: 5 * 360].any()
+    assert grown[5 * 360 :].all()
+
+
+@pytest.mark.parametrize('statistic', STATISTICS)
+@pytest.mark.parametrize(
+    ('range_m', 'sentence'),
+    [
+        (None, r'the ranges of the points must be given where sor\.range_scaled is set, got None'),
+        (np.ones(3), r'the ranges of the points must be 4 numbers, got \(3,\)'),
+        (np.ones((4, 1)), r'the ranges of the points must be 4 numbers, got \(4, 1\)'),
+        (
+            np.array([1, 2, np.nan, 3]),
+            'the range of a point must be finite and at least 0 m, got nan',
+        ),
+        (
+            np.array([1, np.inf, 2, 3]),
+            'the range of a point must be finite and at least 0 m, got inf',
+        ),
+        (np.array([-1.0, 1, 2, 3]), r'the range of a point must be finite .*, got -1\.0'),
+    ],
+)
+def test_ranges_that_make_no_sense(range_m: Floats | None, sentence: str, statistic: str) -> None:
+    """Limits that grow with the range need the range of every point."""
+    xyz = np.random.default_rng(12).normal(size=(4, 3))
+    with pytest.raises(FilterError, match=f'^{sentence}$'):
+        detect(xyz, range_m, statistic=statistic, range_scaled=True, k=2)
+    assert detect(xyz, range_m, statistic=statistic, k=2).shape == (4,)
+
+
+def test_neighbours() -> None:
+    """The chain is said how long lists must be, by the statistic that is asked for."""
+    assert sor.neighbours(Sor(k=7, min_neighbors=3)) == 7
+    assert sor.neighbours(Sor(k=7, min_neighbors=3, statistic='sor2')) == 7
+    assert sor.neighbours(Sor(k=7, min_neighbors=3, statistic='radius')) == 3

@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Hard shapes: no detector is much slower than on a street, and none looks where a cloud is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from time import process_time
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.shapes import CHAINS, GRID, LINE, SHAPES, UTM, scanned, street
+from naive import hierarchical as naive
+
+from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines, sort_lines
+from lidar_outlier_filter.parameters.detectors import Hierarchical
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points.points import Points
+
+    Floats = NDArray[np.float64]
+
+COUNT, MANY = LINE, 30_000  # points, for what is found and for how long it takes
+LONGEST = 5.0  # times as long as on the street
+WAVES = {'grid', 'circle', 'circle with axis'}  # shapes that go to and fro
+FORMS: dict[str, Callable[[Points], Points]] = {
+    'as scanned': lambda points: points,
+    'spinning': lambda points: scanned(points.xyz, spins=True),
+    'one line': lambda points: replace(points, line=np.zeros_like(points.line)),
+    'a line each': lambda points: replace(points, line=np.arange(len(points)) * 10**9),
+    'one time': lambda points: replace(points, t=np.zeros_like(points.t)),
+    'backwards': lambda points: replace(points, t=points.t[::-1].copy()),
+    'in any order': lambda points: points.take(np.random.default_rng(1).permutation(len(points))),
+}
+
+
+def chain(name: str, **values: object) -> Chain:
+    """Make the chain of one of ``CHAINS``, in one thread."""
+    detector = (name.partition(',')[0],)
+    changed = {'chain': detector, 'threads': 1, **CHAINS[name], **values}
+    return Chain(FilterParameters().changed(changed))
+
+
+def shape(name: str, count: int) -> Points:
+    """Make a cloud of a shape, or the street, as a profile scanner would give it."""
+    make = street if name == 'street' else SHAPES[name]
+    return scanned(make(np.random.default_rng(1), count))
+
+
+def by_line(name: str) -> list[str]:
+    """List the forms that a detector may see differently."""
+    return list(FORMS) if name in {'evidence', 'alpha_beta_gamma'} else ['as scanned']
+
+
+@pytest.mark.parametrize('name', CHAINS)
+def test_where_a_cloud_is_does_not_matter(name: str) -> None:
+    """Moved by whole metres, coordinates on a grid of 1/1024 m have the same scores, bit by bit."""
+    for one in ('street', *SHAPES):
+        if one in {'utm', 'millimetres', 'one far'}:
+            continue  # the street itself, nothing on this grid, and what cannot be moved exactly
+        here = shape(one, COUNT)
+        here = replace(here, xyz=np.rint(here.xyz * GRID) / GRID)
+        for form in by_line(name)[:2]:
+            # The sensor moves along.
+            points = FORMS[form](here)
+            points = replace(points, own=points.xyz)
+            found = chain(name).judge(points)
+            for away in (UTM, (-32.0, 4096.0, 1.0)):
+                moved = chain(name).judge(replace(points, xyz=points.xyz + np.array(away)))
+                assert moved.score.tobytes() == found.score.tobytes(), (one, form)
+                assert moved.detectors.tobytes() == found.detectors.tobytes()
+
+
+def test_what_is_found_in_utm() -> None:
+    """Of a street that is on no grid, roundings of 1e-9 m reject no point more, and none less."""
+    here = shape('street', 5 * COUNT)
+    here = replace(here, own=here.xyz)
+    there = replace(here, xyz=here.xyz + UTM)
+    for name in CHAINS:
+        found, moved = (chain(name).judge(points) for points in (here, there))
+        assert found.rejected.any()
+        np.testing.assert_array_equal(moved.detectors, found.detectors, name)
+
+
+@pytest.mark.parametrize('name', SHAPES)
+def test_clusters_are_those_of_loops(name: str) -> None:
+    """Of hard shapes, too, where ways between clusters are nearly as long as each other."""
+    xyz = SHAPES[name](np.random.default_rng(1), 150)
+    found = hierarchical.detect(xyz, Hierarchical())
+    expected = naive.detect(xyz.tolist(), 0.99, 0.95, Hierarchical().min_cluster)
+    assert found.phase.tolist() == expected.phase
+    assert found.cluster.tolist() == expected.cluster
+
+
+@pytest.mark.parametrize('kind', ['falling', 'equal', 'teeth', 'nearly sorted'])
+def test_lines_are_sorted(kind: str) -> None:
+    """By phase, range and place; what is equal in all stays in its order."""
+    rng, count = np.random.default_rng(2), 900
+    phases = {
+        'falling': -np.arange(count),
+        'equal': np.zeros(count),
+        'teeth': np.arange(count) % 7,
+        'nearly sorted': np.arange(count) + rng.integers(0, 3, count),
+    }
+    phase = phases[kind].astype(np.float64)
+    distance, xyz = rng.integers(0, 30, count).astype(np.float64), rng.integers(0, 2, (count, 3))
+    order, first = rng.permutation(count), np.array([0, 400, 401, count])
+    lines = OrderedLines(xyz.astype(np.float64), distance, order.copy(), first)
+    up = phase + 1e3
+    expected = []
+    for low, high in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
+        expected += sorted(
+            range(low, high), key=lambda k: (phase[k], distance[order[k]], *xyz[order[k]])
+        )
+    wanted = phase[expected], up[expected], order[expected]
+    sort_lines(lines, 0, 3, phase, up)
+    for found, right in zip((phase, up, lines.order), wanted, strict=True):
+        assert found.tolist() == right.tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', CHAINS)
+def test_no_shape_takes_long(name: str) -> None:
+    """At most five times as long as on the street, for as many points, whatever lines they have.
+
+    Times of one thread on the processor; the least of three where the first is too long.
+    """
+    judge = chain(name).judge
+    count = MANY // 10 if name == 'quadric, patches' else MANY
+
+    def seconds(points: Points, enough: float) -> float:
+        least = np.inf
+        for _ in range(3):
+            begin = process_time()
+            judge(points)
+            least = min(least, process_time() - begin)
+            if least <= enough:
+                break
+        return least
+
+    points = shape('street', count)
+    judge(points)
+    longest = LONGEST * seconds(points, 0.0)
+    for one in SHAPES:
+        for form in by_line(name) if one in WAVES else ['as scanned']:
+            taken = seconds(FORMS[form](shape(one, count)), longest)
+            assert taken <= longest, (one, form, taken, longest / LONGEST)

@@ -1,0 +1,367 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Poses in order of time, interpolated at every point's own time."""
+
+from __future__ import annotations
+
+import math
+import threading
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.turned_poses import LEVEL, SECOND, START, points, turned
+from scipy.spatial.transform import Rotation
+
+from lidar_outlier_filter.core.points import poses
+from lidar_outlier_filter.core.points.points import Points, concatenate
+from lidar_outlier_filter.core.points.poses import KEPT, Mounting, Track
+from lidar_outlier_filter.errors import PoseError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+NOWHERE = Mounting.at((0, 0, 0), (0, 0, 0))
+
+
+def track(*poses: tuple[float, tuple[float, ...]], max_gap: float = 1.0) -> Track:
+    """Make a track of poses at seconds after the start."""
+    made = Track(max_gap, time_jump=1.0)
+    for seconds, pose in poses:
+        made.add(START + round(seconds * SECOND), pose)
+    return made
+
+
+def move(made: Track, given: Points, mounting: Mounting) -> Points:
+    """Move points that are covered."""
+    moved, covered = made.move(given, mounting)
+    np.testing.assert_array_equal(covered, given.valid)
+    return moved
+
+
+def covered(made: Track, *seconds: float) -> list[bool]:
+    """Say which of some times a track has poses for; each alone is as among the others."""
+    rows = [(t, 1.0, 0.0, 0.0) for t in seconds]
+    together: list[bool] = made.move(points(*rows), NOWHERE)[1].tolist()
+    assert [made.move(points(row), NOWHERE)[1].item() for row in rows] == together
+    return together
+
+
+def test_worked_out_by_hand() -> None:
+    """A vehicle drives 2 m and turns by 90°; the sensor is 1 m ahead on it, and looks left."""
+    made = track((0.0, (10.0, 20.0, 1.0, *LEVEL)), (0.5, (12.0, 20.0, 1.0, *turned(90))))
+    mounting = Mounting.at((1, 0, 0), (0, 0, math.pi / 2))
+    given = points((0.0, 3, 0, 0), (0.25, 3, 0, 0), (0.5, 3, 0, 0.5))
+    moved = move(made, given, mounting)
+    # At the start left is +y; half way it is 45° further, at the end it is -x.
+    half = math.sqrt(0.5)
+    expected = [(11, 23, 1), (11 + half - 3 * half, 20 + half + 3 * half, 1), (12 - 3, 21, 1.5)]
+    np.testing.assert_allclose(moved.xyz, expected, atol=1e-12)
+    assert (moved.t == given.t).all()
+    # The distance is that from the sensor, also of a part.
+    np.testing.assert_allclose(moved.range, [3, 3, math.hypot(3, 0.5)])
+    np.testing.assert_allclose(moved.take(slice(2, None)).range, [math.hypot(3, 0.5)])
+    together = concatenate([moved, moved.take(np.array([0]))])
+    np.testing.assert_allclose(together.range, [3, 3, math.hypot(3, 0.5), 3])
+
+
+def test_roll_pitch_yaw() -> None:
+    """About the fixed axes, x first, as static_transform_publisher has it."""
+    mounting = Mounting.at((0, 0, 0), (0.3, -0.2, 2.0))
+    matrix = np.eye(3)
+    for axis, angle in zip('xyz', (0.3, -0.2, 2.0), strict=True):
+        matrix = Rotation.from_euler(axis, angle).as_matrix() @ matrix
+    np.testing.assert_allclose(mounting.matrix, matrix, atol=1e-15)
+
+
+def test_at_the_poses_themselves_nothing_is_interpolated() -> None:
+    """Also with a single pose, and in any order of the points."""
+    made = track((0.0, (1.0, 2.0, 3.0, *turned(90))))
+    np.testing.assert_allclose(move(made, points((0.0, 1, 0, 0)), NOWHERE).xyz, [(1, 3, 3)])
+    made = track(*((i / 10, (float(i), 0.0, 0.0, *turned(10 * i))) for i in range(5)))
+    moved = move(made, points((0.3, 0, 0, 0), (0.1, 0, 0, 0), (0.3, 1, 0, 0)), NOWHERE)
+    np.testing.assert_allclose(moved.xyz[:2], [(3, 0, 0), (1, 0, 0)], atol=1e-12)
+    np.testing.assert_allclose(
+        moved.xyz[2] - moved.xyz[0], [math.cos(math.pi / 6), 0.5, 0], atol=1e-12
+    )
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_naive(seed: int) -> None:
+    """Point by point, as in a book, with times and poses at random."""
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.01, 0.1, 30))
+    rotations = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.1, (30, 3)), axis=0))
+    positions = np.cumsum(rng.normal(0, 1, (30, 3)), axis=0) + np.array([5e5, 5e6, 100])
+    made = track(
+        *((t, (*p, *q)) for t, p, q in zip(times, positions, rotations.as_quat(), strict=True))
+    )
+    mounting = Mounting.at(tuple(rng.normal(0, 1, 3)), tuple(rng.uniform(-3, 3, 3)))
+    rows = np.column_stack(
+        [rng.choice(rng.uniform(times[3], times[20], 20), 50), rng.normal(0, 9, (50, 3))]
+    )
+    given = points(*rows.tolist())
+    moved = move(made, given, mounting)
+    for i, (t, *xyz) in enumerate(rows.tolist()):
+        after = int(np.searchsorted(times, t))
+        share = (t - times[after - 1]) / (times[after] - times[after - 1])
+        turn = (rotations[after - 1].inv() * rotations[after]).as_rotvec()
+        rotation = rotations[after - 1] * Rotation.from_rotvec(share * turn)
+        position = (1 - share) * positions[after - 1] + share * positions[after]
+        on_vehicle = mounting.matrix @ xyz + mounting.position
+        np.testing.assert_allclose(moved.xyz[i], rotation.apply(on_vehicle) + position, atol=1e-6)
+
+
+def test_invalid_points_do_not_matter() -> None:
+    """Whatever their time and place: they stay invalid."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.1, (1.0, 0.0, 0.0, *LEVEL)))
+    given = points((0.05, 1, 0, 0), (9.0, np.nan, 0, 0), (-9.0, np.inf, 1, 2))
+    given = Points(given.xyz, given.t, given.line, np.array([True, False, False]))
+    moved = move(made, given, NOWHERE)
+    np.testing.assert_allclose(moved.xyz[0], [1.5, 0, 0])
+    assert moved.valid.tolist() == [True, False, False]
+    nothing = given.take(np.array([1, 2]))
+    assert made.move(nothing, NOWHERE)[0] is nothing
+
+
+def test_covered() -> None:
+    """From the first pose to the last, both included, except between two that are far apart."""
+    made = track(*((seconds, (0.0,) * 3 + LEVEL) for seconds in (0.0, 0.5, 1.0, 2.1, 2.5)))
+    assert covered(made, 0.0, 0.2, 0.5, 0.7, 1.0) == [True] * 5
+    assert covered(made, -1e-9, 1.0 + 1e-9, 1.5, 2.1 - 1e-9, 2.5 + 1e-9) == [False] * 5
+    assert covered(made, 2.1, 2.2, 2.5) == [True] * 3
+    assert covered(Track(1.0, 1.0), 0.0) == [False]
+
+
+def test_reaches() -> None:
+    """Up to the last pose; what is before it will not get another one."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (2.5, (0.0,) * 3 + LEVEL))
+    assert [made.reaches(START + t) for t in (-SECOND, 0, SECOND, 5 * SECOND // 2)] == [True] * 4
+    assert not made.reaches(START + 5 * SECOND // 2 + 1)
+    assert not Track(1.0, 1.0).reaches(START)
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'pose', 'sentence'),
+    [
+        (1.0, (math.nan, 0, 0, *LEVEL), r'^a pose must be finite, got nan, 0, 0, 0, 0, 0, 1$'),
+        (
+            1.0,
+            (0, -1e300, 0, *LEVEL),
+            r'^the position of a pose must be within 1e\+09 m, got 0, -1e\+300, 0$',
+        ),
+        (1.0, (1.0000001e9, 0, 0, *LEVEL), r'^the position of a pose must be within 1e\+09 m'),
+        (1.0, (0, 0, 0, 0, 1e300, 0, 0), r'^the norm of a quaternion must be 1, got 1e\+300$'),
+        (1.0, (0, 0, 0, 0, 0, 0, 0), r'^the norm of a quaternion must be 1, got 0$'),
+        (1.0, (0, 0, 0, 0, 0, 0, 1.02), r'^the norm of a quaternion must be 1, got 1.02$'),
+        (
+            0.5,
+            (0, 0, 0, *LEVEL),
+            r'^the time of a pose must be after the one before, got 0 s before$',
+        ),
+        (0.4, (0, 0, 0, *LEVEL), r'^the time of a pose must be after .*, got 0.1 s before$'),
+    ],
+)
+def test_refused(seconds: float, pose: tuple[float, ...], sentence: str) -> None:
+    """What is no pose, or not later, is refused; the track is as before."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
+    with pytest.raises(PoseError, match=sentence):
+        made.add(START + round(seconds * SECOND), pose)
+    assert len(made) == 2
+
+
+def test_back_to_the_beginning() -> None:
+    """A clock that goes back by more than time_jump begins a new track."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.5, (0.0,) * 3 + LEVEL))
+    made.add(START - SECOND, (0.0,) * 3 + LEVEL)
+    assert len(made) == 1
+    assert not made.reaches(START)
+
+
+def test_old_poses_are_forgotten() -> None:
+    """A drive of a day takes no more memory than one of two minutes; the last minute is there."""
+    made = Track(1.0, 1.0)
+    most = 0
+    for i in range(20_000):
+        made.add(START + i * SECOND // 10, (0.0,) * 3 + LEVEL)
+        most = max(most, len(made))
+    assert most <= 2 * (KEPT // SECOND * 10 + 2)
+    last = START + 19_999 * SECOND // 10
+    assert covered(made, (last - KEPT - START) / SECOND, (last - START) / SECOND) == [True, True]
+
+
+@pytest.mark.parametrize('seconds', [-0.1, 0.6])
+def test_not_covered(seconds: float) -> None:
+    """Nothing is extrapolated; others are moved all the same."""
+    made = track((0.0, (5.0, 0.0, 0.0, *LEVEL)), (0.5, (5.0, 0.0, 0.0, *LEVEL)))
+    given = points((0.2, 1, 0, 0), (seconds, 1, 0, 0))
+    moved, known = made.move(given, NOWHERE)
+    assert known.tolist() == [True, False]
+    assert moved.xyz[:, 0].tolist() == [6, 1]
+    np.testing.assert_array_equal(moved.in_own_frame.xyz, given.xyz)
+    alone = given.take(np.array([1]))
+    for one in (made, Track(1.0, 1.0)):
+        moved, known = one.move(alone, NOWHERE)
+        assert moved is alone
+        assert not known.any()
+
+
+def test_the_poses_around_make_no_difference() -> None:
+    """Bit for bit: at a pose itself too, with and without others before and behind it."""
+    rng = np.random.default_rng(1)
+    quaternions = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.1, (9, 3)), axis=0)).as_quat()
+    poses = [(i / 10, (*rng.normal(0, 9, 3), *q)) for i, q in enumerate(1.002 * quaternions)]
+    rows = [(t, *rng.normal(0, 9, 3)) for t in (0.2, 0.25, 0.3, 0.3, 0.47, 0.5)]
+    mounting = Mounting.at((1, 2, 3), (0.1, 0.2, 0.3))
+    together = move(track(*poses), points(*rows), mounting).xyz
+    for i, row in enumerate(rows):
+        needed = [pose for pose in poses if abs(pose[0] - row[0]) < 0.1 - 1e-9]
+        assert (move(track(*needed), points(row), mounting).xyz == together[i]).all()
+
+
+# Threads, and a clock that was set back ---------------------------------------------------------
+
+
+def test_poses_of_before_a_clock_was_set_back_are_forgotten() -> None:
+    """Unless they began anew by themselves, and are those of now."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (5.0, (0.0,) * 3 + LEVEL))
+    made.begin_anew()
+    assert len(made) == 0
+    # The poses go back first, and then the clouds.
+    made.add(START + 5 * SECOND, (0.0,) * 3 + LEVEL)
+    made.add(START, (0.0,) * 3 + LEVEL)
+    made.begin_anew()
+    assert len(made) == 1
+    # Points that were moved by them are of their time: the next time the clock is set back, is not.
+    move(made, points((0.0, 1, 0, 0)), NOWHERE)
+    made.begin_anew()
+    assert len(made) == 0
+
+
+def test_a_gap_of_exactly_the_longest() -> None:
+    """It is covered; one that is longer by a nanosecond is not."""
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.25, (0.0,) * 3 + LEVEL), max_gap=0.25)
+    assert covered(made, 0.0, 0.125, 0.25) == [True, True, True]
+    made = track((0.0, (0.0,) * 3 + LEVEL), (0.25, (0.0,) * 3 + LEVEL), max_gap=0.25 - 1e-9)
+    assert covered(made, 0.0, 1e-9, 0.125, 0.25) == [True, False, False, True]
+
+
+class Watched:
+    """A lock that says when somebody has to wait for it."""
+
+    def __init__(self, noticed: threading.Event) -> None:
+        self._lock = threading.Lock()
+        self._noticed = noticed
+
+    def __enter__(self) -> None:
+        """Wait until nobody else has it."""
+        if not self._lock.acquire(blocking=False):
+            self._noticed.set()
+            self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        """Let others have it."""
+        self._lock.release()
+
+
+class Interrupted(list[int]):
+    """Times in which something else is done by another thread, as soon as they are used."""
+
+    def __init__(self, times: list[int], interrupt: Callable[[], object]) -> None:
+        super().__init__(times)
+        self._interrupt = interrupt
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return a part, and be interrupted before that of the poses is taken."""
+        found = super().__getitem__(index)
+        if isinstance(index, slice):
+            self._interrupt()
+        return found
+
+    def append(self, t: int) -> None:
+        """Add a time, and be interrupted before its pose is added."""
+        super().append(t)
+        self._interrupt()
+
+    def __delitem__(self, index: Any) -> None:
+        """Forget times, and be interrupted before their poses are forgotten."""
+        super().__delitem__(index)
+        self._interrupt()
+
+
+def interrupt(made: Track, other: Callable[[], Any]) -> Future[Any]:
+    """Let another thread do something when the times of a track are used next, once.
+
+    It goes as far as it can: until it is done, or until it has to wait.
+    """
+    noticed, result = threading.Event(), Future[Any]()
+
+    def work() -> None:
+        try:
+            result.set_result(other())
+        except Exception as err:  # noqa: BLE001  raised where the result is asked for
+            result.set_exception(err)
+        noticed.set()
+
+    threads = iter([threading.Thread(target=work)])
+
+    def begin() -> None:
+        thread = next(threads, None)
+        if thread is not None:
+            thread.start()
+            assert noticed.wait(PATIENCE)
+
+    made._lock = Watched(noticed)  # type: ignore[assignment]
+    made._times = Interrupted(made._times, begin)
+    return result
+
+
+PATIENCE = 60  # seconds
+ROAD = tuple((i / 10, (float(i), 0.0, 0.0, *LEVEL)) for i in range(8))
+PLACES = ((0.25, 1.0, 0.0, 0.0), (0.45, 1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('other', ['begins anew', 'is said to begin anew'])
+def test_a_track_that_begins_anew_while_points_are_moved(other: str) -> None:
+    """They are moved by the poses of before, all of them."""
+    made = track(*ROAD)
+
+    def begin_anew() -> None:
+        if other == 'begins anew':
+            made.add(START - 9 * SECOND, (99.0, 0.0, 0.0, *LEVEL))
+        else:
+            made.begin_anew()
+
+    other_done = interrupt(made, begin_anew)
+    moved = move(made, points(*PLACES), NOWHERE)
+    np.testing.assert_allclose(moved.xyz[:, 0], [3.5, 5.5])
+    other_done.result(PATIENCE)
+    assert len(made) == (1 if other == 'begins anew' else 0)
+
+
+@pytest.mark.parametrize('most', [10**6, 4])
+def test_points_that_are_moved_while_a_pose_is_added(
+    most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They see times and poses that belong together, also while old ones are forgotten."""
+    made = track(*ROAD)
+    monkeypatch.setattr(poses, 'MOST_KEPT', most)
+    places = ((0.65, 1.0, 0.0, 0.0), (0.75, 1.0, 0.0, 0.0))
+    result = interrupt(made, lambda: move(made, points(*places), NOWHERE))
+    made.add(START + 8 * SECOND // 10, (8.0, 0.0, 0.0, *LEVEL))
+    moved = result.result(PATIENCE)
+    np.testing.assert_allclose(moved.xyz[:, 0], [7.5, 8.5])
+    assert len(made) == (9 if most > 9 else 4)
+
+
+def test_opposite_quaternions_are_one_rotation() -> None:
+    """Between q and -q nothing turns; a norm that is 1 but for rounding makes nothing larger."""
+    still = (0.0, 0.0, 0.0, *turned(30))
+    opposite = (0.0, 0.0, 0.0, *(-value for value in turned(30)))
+    longer = (0.0, 0.0, 0.0, *(1.005 * value for value in turned(30)))
+    given = points((0.5, 1.0, 2.0, 3.0))
+    expected = move(track((0.0, still), (1.0, still)), given, NOWHERE)
+    for other in (opposite, longer):
+        moved = move(track((0.0, still), (1.0, other)), given, NOWHERE)
+        np.testing.assert_allclose(moved.xyz, expected.xyz, atol=1e-12)

@@ -1,0 +1,259 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command evaluate: what it prints, writes and refuses, of recordings and of files."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.labelled import REJECTED, SCORED, TRUTH, answers, rows, write
+from sklearn import metrics
+
+from lidar_outlier_filter.cli.evaluate import label_files
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.evaluation.judged import read_recording
+from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive
+from lidar_outlier_lab.simulation.world.recording import record
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    Capture = pytest.CaptureFixture[str]
+
+FILES = {'evaluation.json', 'roc.png', 'roc.svg', 'precision_recall.png', 'precision_recall.svg'}
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Record answers with scores: four clouds of eight points."""
+    clouds = [rows(SCORED)] * 4
+    return write(tmp_path / 'bag', {'/lidar': clouds, **answers(clouds, [REJECTED] * 4)})
+
+
+def printed(capsys: Capture) -> list[str]:
+    """Return the lines that were printed, each with single spaces."""
+    return [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_recording(bag: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Figures are printed; numbers and pictures are written where asked for, twice the same."""
+    for name in ('a', 'b'):
+        assert main(['evaluate', str(bag), '--output', str(tmp_path / name)]) == 0
+        lines = printed(capsys)
+        assert 'points 32' in lines
+        assert 'outliers identified, recall 8 66.67 % outliers 39.06 % – 86.19 %' in lines
+        assert 'exhaust 8 4 50.00 % 21.52 % – 78.48 %' in lines
+        assert lines[-1] == f'written to {tmp_path / name}'
+        assert {path.name for path in (tmp_path / name).iterdir()} == FILES
+    for name in FILES:
+        assert (tmp_path / 'a' / name).read_bytes() == (tmp_path / 'b' / name).read_bytes()
+    found = json.loads((tmp_path / 'a' / 'evaluation.json').read_text(encoding='utf-8'))
+    assert (found['found'], found['missed'], found['lost'], found['kept']) == (8, 4, 4, 16)
+    points = read_recording(bag)
+    assert points.score is not None
+    score = np.nan_to_num(points.score, nan=-1.0)
+    assert found['auc'] == pytest.approx(metrics.roc_auc_score(points.bad, score))
+
+
+def test_nothing_is_written_unless_asked_for(bag: Path, tmp_path: Path) -> None:
+    """Without --output there is only what is printed."""
+    assert main(['evaluate', str(bag)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ['bag']
+
+
+def test_options_count(bag: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Codes, ignored codes, ranges, confidence and seed are what was asked for."""
+    arguments = ['--codes', '5', '--ignore', '2', '--ranges', '0,25', '--confidence', '0.5']
+    command = ['evaluate', str(bag), *arguments, '--seed', '7', '--output', str(tmp_path / 'out')]
+    assert main(command) == 0
+    lines = printed(capsys)
+    assert 'outliers 4 16.67 % cloud 12.17 % – 22.41 %' in lines
+    # Codes of somebody else are not called what ours are.
+    assert 'code 5 4 4 100.00 % 89.79 % – 100.00 %' in lines
+    assert any(line.startswith('25 m and more') for line in lines)
+    found = json.loads((tmp_path / 'out' / 'evaluation.json').read_text(encoding='utf-8'))
+    assert found['confidence'] == 0.5
+    assert list(found['ranges']) == ['0 to 25 m', '25 m and more']
+
+
+def test_label_files(bag: Path, tmp_path: Path, capsys: Capture) -> None:
+    """A folder of label files, one for each cloud; 1 is the outlier, 0 does not count."""
+    folder = tmp_path / 'labels'
+    folder.mkdir()
+    for i in range(4):
+        code = np.where(TRUTH[:, 0] == 0, 40, 1)
+        code[0] = 0
+        code.astype('<u4').tofile(folder / f'{i:06}.label')
+    assert main(['evaluate', str(bag), '--labels', str(folder)]) == 0
+    lines = printed(capsys)
+    assert 'points 28' in lines
+    assert 'outlier 12 8 66.67 % 39.06 % – 86.19 %' in lines
+    named = [part for path in sorted(folder.iterdir()) for part in ('--labels', str(path))]
+    assert main(['evaluate', *named, str(bag)]) == 0
+    assert printed(capsys) == lines
+
+
+def test_labels_and_scores(tmp_path: Path, capsys: Capture) -> None:
+    """Two arrays are enough; the threshold may be another."""
+    np.save(tmp_path / 'scores.npy', TRUTH[:, 3])
+    np.save(tmp_path / 'labels.npy', TRUTH[:, 0])
+    command = ['evaluate', str(tmp_path / 'scores.npy'), '--labels', str(tmp_path / 'labels.npy')]
+    assert main(command) == 0
+    assert 'rightly identified, precision 2 66.67 % rejected 20.77 % – 93.85 %' in printed(capsys)
+    assert main([*command, '--threshold', '2']) == 0
+    assert 'rightly identified, precision 2 100.00 % rejected 34.24 % – 100.00 %' in printed(capsys)
+
+
+def test_columns_of_a_table(tmp_path: Path, capsys: Capture) -> None:
+    """Truth and score are columns of one file, by their names."""
+    table = np.stack([TRUTH[:, 0], TRUTH[:, 3]], axis=1)
+    path = tmp_path / 'a.csv'
+    np.savetxt(path, table, delimiter=',', header='truth,value', comments='')
+    arguments = ['--label', 'truth', '--score', 'value']
+    assert main(['evaluate', str(path), *arguments]) == 0
+    assert 'outliers identified, recall 2 66.67 % outliers 20.77 % – 93.85 %' in printed(capsys)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--topic', '/x'], "one of those with '/cleaned' and '/outliers' (/lidar), got '/x'"),
+        (['--label', 'truth'], "must be with whole numbers 'truth', got x, y, z, t, label"),
+        (['--codes', 'snow'], "must be numbers up to 65535 as in '7,18' or '1-5', got 'snow'"),
+        (['--ranges', '1,x'], "--ranges must be numbers as in '0,10,50', got '1,x'"),
+        (['--ranges', '2,1'], 'the edges of the ranges must be ascending, got [2.0, 1.0]'),
+        (['--confidence', '95'], 'the confidence must be between 0 and 1, got 95.0'),
+        (['--labels', 'nowhere.npy'], 'the file nowhere.npy must be readable, got "No such file'),
+        (['--labels', '.'], 'the labels must be with files, got ., empty'),
+        (['--output', '.'], 'the output must be a new folder, got ., which exists'),
+        (
+            ['--output', 'no/where'],
+            'the output no/where must be written in full, got "No such file',
+        ),
+    ],
+)
+def test_refused_in_one_sentence(  # noqa: PLR0913  fixtures
+    bag: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Capture,
+    arguments: list[str],
+    sentence: str,
+) -> None:
+    """What makes no sense gives one sentence, exit status 1, and no output."""
+    here = tmp_path / 'here'
+    here.mkdir()
+    monkeypatch.chdir(here)
+    assert main(['evaluate', str(bag), *arguments]) == 1
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert said.count('\n') == 1
+    assert list(here.iterdir()) == []
+
+
+def test_several_label_files_for_one_file_are_refused(tmp_path: Path, capsys: Capture) -> None:
+    """One file has one truth."""
+    np.save(tmp_path / 'a.npy', TRUTH[:, 3])
+    path = str(tmp_path / 'a.npy')
+    assert main(['evaluate', path, '--labels', path, '--labels', path]) == 1
+    assert 'the labels of one file must be one file, got 2 files' in capsys.readouterr().err
+
+
+def test_label_files_by_their_numbers(tmp_path: Path, capsys: Capture) -> None:
+    """The label of cloud 10 is not that of cloud 2, which comes behind it by name."""
+    clouds = [rows(SCORED)] * 12
+    rejected = [np.arange(8) == number % 8 for number in range(12)]
+    bag = write(tmp_path / 'bag', {'/lidar': clouds, **answers(clouds, rejected)})
+    folder = tmp_path / 'labels'
+    folder.mkdir()
+    for number, mask in enumerate(rejected):
+        np.where(mask, 1, 40).astype('<u4').tofile(folder / f'cloud_{number}.label')
+    assert main(['evaluate', str(bag), '--labels', str(folder)]) == 0
+    (line,) = (line for line in printed(capsys) if line.startswith('outlier '))
+    assert line.startswith('outlier 12 12 100.00 %')
+
+
+def test_folders_of_labels(tmp_path: Path) -> None:
+    """Files of a folder are taken by their numbers; folders and what is hidden are not."""
+    (tmp_path / 'c').mkdir()
+    (tmp_path / '.directory').touch()
+    for names in (
+        ['alone.label'],
+        ['drive3_9.label', 'drive3_10.label', 'drive3_011.label'],
+        ['1700000000.999999999.npy', '1700000001.000000001.npy', '1700000002_000000000.npy'],
+    ):
+        for name in reversed(names):
+            (tmp_path / name).touch()
+        assert [path.name for path in label_files([tmp_path])] == names
+        for name in names:
+            (tmp_path / name).unlink()
+    assert label_files([tmp_path / 'x', tmp_path]) == [tmp_path / 'x', tmp_path]
+
+
+@pytest.mark.parametrize(
+    ('names', 'got'),
+    [
+        (['a.label', 'b.label'], 'a.label and b.label'),
+        (['1_1.label', '1_2.label', '2_1.label'], '1_2.label and 2_1.label'),
+        (['1_1.label', '1_2.label', '2_2.label'], '1_2.label and 2_2.label'),
+        (['1.label', '01.label'], '1.label'),
+        (['1.label', '2.label', 'README'], '2.label and README'),
+        (['1.label', '2.npy'], '1.label and 2.npy'),
+        (['1.label', '1_2.label'], '1.label and 1_2.label'),
+    ],
+)
+def test_labels_of_which_the_clouds_are_not_known(
+    tmp_path: Path, names: list[str], got: str
+) -> None:
+    """Names that differ in more than one number, or less, are refused."""
+    for name in names:
+        (tmp_path / name).touch()
+    sentence = f'the names in {tmp_path} must be alike but for one number, that of the cloud, got '
+    with pytest.raises(RecordingError) as caught:
+        label_files([tmp_path])
+    assert str(caught.value).startswith(sentence)
+    assert got in str(caught.value)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    """Help is instant: no numpy, no matplotlib, no rosbags, no rich."""
+    heavy = "{'numpy', 'numba', 'matplotlib', 'rosbags', 'rich', 'yaml', 'scipy', 'laspy'}"
+    for command in ('evaluate', 'tune'):
+        program = (
+            'import argparse, sys\n'
+            f'from lidar_outlier_filter.cli.{command} import add_{command}\n'
+            f'add_{command}(argparse.ArgumentParser().add_subparsers())\n'
+            f'sys.stderr.write(repr({heavy} & set(sys.modules)))'
+        )
+        run = [sys.executable, '-c', program]
+        done = subprocess.run(run, capture_output=True, text=True, check=True)
+        assert done.stderr == 'set()'
+
+
+@pytest.mark.slow
+def test_three_lines(tmp_path: Path, capsys: Capture) -> None:
+    """Simulate, replay, evaluate: the scores that replay adds are those that make the curve."""
+    record(replace(demo_drive(), lines=100), tmp_path / 'drive')
+    sets = [part for name, value in SENSOR.items() for part in ('--set', f'{name}={value}')]
+    output = str(tmp_path / 'out')
+    command = ['replay', str(tmp_path / 'drive'), '--output', output, '--set', 'scores=true']
+    assert main([*command, *sets]) == 0
+    assert main(['evaluate', output, '--output', str(tmp_path / 'evaluation')]) == 0
+    assert 'evidence' in capsys.readouterr().out
+    found = json.loads((tmp_path / 'evaluation' / 'evaluation.json').read_text(encoding='utf-8'))
+    whole = found['detectors']['evidence']
+    assert whole['found'] == found['found'] > 100
+    # The curve, which is thinned, passes what was rejected where its thresholds pass 1.
+    columns = (found['curve'][name] for name in ('threshold', 'found', 'lost'))
+    threshold, *counts = (np.array(column, np.float64) for column in columns)
+    for column, count in zip(counts, (found['found'], found['lost']), strict=True):
+        assert column[threshold > 1].max() <= count <= column[threshold <= 1].min()
+        assert column[threshold <= 1].min() - column[threshold > 1].max() < 0.1 * count + 3
+    assert found['auc'] > 0.9

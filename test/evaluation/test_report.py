@@ -1,0 +1,196 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Evaluations against counts made by hand, and how they are laid out."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from io import StringIO
+
+import numpy as np
+import pytest
+from helpers.labelled import BAD, REJECTED, TRUTH
+from rich.console import Console
+from sklearn import metrics
+
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.confusion import Confusion, Share
+from lidar_outlier_filter.evaluation.judged import CAUSES, Judged
+from lidar_outlier_filter.evaluation.report import evaluate, percent, summary, tables, to_json
+
+POINTS = Judged(
+    TRUTH[:, 0].astype(np.int64),
+    BAD,
+    REJECTED,
+    np.arange(8) // 2,
+    TRUTH[:, 3].astype(np.float32),
+    np.array([0, 1, 5, 0, 4, 0, 0, 0], np.uint16),
+    np.arange(0.0, 80.0, 10.0),
+    TRUTH[:, 1].astype(np.uint8),
+)
+
+
+def text(*things: object) -> str:
+    """Print as on a terminal of 80 columns."""
+    console = Console(width=80, file=StringIO())
+    for thing in things:
+        console.print(thing)
+    return console.file.getvalue()  # type: ignore[attr-defined,no-any-return]
+
+
+def lines(printed: str) -> list[str]:
+    """Return the lines, each with single spaces."""
+    return [' '.join(line.split()) for line in printed.splitlines()]
+
+
+def test_by_hand() -> None:
+    """All groups of eight points, counted by hand."""
+    result = evaluate(POINTS, CAUSES, (0.0, 20.0, 50.0))
+    assert result.whole == Confusion(found=2, missed=1, lost=1, kept=4)
+    np.testing.assert_array_equal(
+        result.stretches, [[1, 0, 0, 1], [0, 1, 1, 0], [1, 0, 0, 1], [0, 0, 0, 2]]
+    )
+    assert result.causes == {'exhaust': Share(1, 2), 'mixed': Share(1, 1)}
+    assert result.surfaces == {'road': Share(1, 3), 'pole': Share(0, 1), 'car': Share(0, 1)}
+    assert result.ranges == {
+        '0 to 20 m': Confusion(1, 0, 0, 1),
+        '20 to 50 m': Confusion(1, 1, 1, 0),
+        '50 m and more': Confusion(0, 0, 0, 3),
+    }
+    assert result.detectors == {
+        'alpha_beta_gamma': Confusion(1, 2, 1, 4),
+        'lof': Confusion(1, 2, 1, 4),
+    }
+    assert result.untested == Share(1, 2)
+    assert result.curve is not None
+    # Of 15 pairs the outlier is above in 5 + 5, level with the untested good point in one.
+    assert result.curve.auc == pytest.approx(10.5 / 15)
+    scores = np.nan_to_num(TRUTH[:, 3], nan=-1.0)
+    assert result.curve.auc == pytest.approx(metrics.roc_auc_score(BAD, scores))
+
+
+def test_without_what_is_not_known() -> None:
+    """Without scores, bits, ranges and surfaces there are none, and the rest is the same."""
+    known = evaluate(POINTS, CAUSES)
+    bare = replace(POINTS, score=None, detectors=None, range=None, surface=None)
+    result = evaluate(bare, CAUSES)
+    assert (result.whole, result.causes) == (known.whole, known.causes)
+    assert (result.surfaces, result.ranges, result.detectors) == ({}, {}, {})
+    assert result.untested is None
+    assert result.curve is None
+    assert set(to_json(result)).isdisjoint({'auc', 'curve', 'untested'})
+
+
+@pytest.mark.parametrize('kept', [BAD, ~BAD])
+def test_one_class_alone(kept: np.ndarray) -> None:
+    """Outliers alone, or good points alone, have counts and no curve."""
+    result = evaluate(POINTS.take(kept), CAUSES)
+    assert result.curve is None
+    assert result.whole.total == np.count_nonzero(kept)
+    assert math.isnan(result.whole.recall.ratio) == (not kept[1])
+    assert result.untested == Share(int(kept[1]), 1)
+    json.dumps(to_json(result), allow_nan=False)
+    assert 'F1' in text(*tables(result))
+
+
+def test_nothing_at_all() -> None:
+    """No points at all are counted, too."""
+    result = evaluate(POINTS.take(BAD & ~BAD), CAUSES)
+    assert result.whole.total == 0
+    json.dumps(to_json(result), allow_nan=False)
+    assert 'F1' in text(*tables(result))
+
+
+def test_points_before_the_first_range() -> None:
+    """A range that begins later leaves a bin before it; one bin alone is no table."""
+    names = list(evaluate(POINTS, CAUSES, (15.0, 30.0)).ranges)
+    assert names == ['below 15 m', '15 to 30 m', '30 m and more']
+    assert evaluate(POINTS, CAUSES, (0.0, 1000.0)).ranges == {}
+
+
+@pytest.mark.parametrize('edges', [(), (1.0, 1.0), (2.0, 1.0), (math.nan, 1.0)])
+def test_refused_ranges(edges: tuple[float, ...]) -> None:
+    """Ranges must ascend."""
+    with pytest.raises(FilterError, match='the edges of the ranges must be ascending, got'):
+        evaluate(POINTS, CAUSES, edges)
+
+
+def test_json_holds_all_of_it() -> None:
+    """Counts, shares with intervals, groups, areas and curves; infinity is null."""
+    result = evaluate(POINTS, CAUSES)
+    found = json.loads(json.dumps(to_json(result, 0.9, 3), allow_nan=False))
+    assert (found['found'], found['missed'], found['lost'], found['kept']) == (2, 1, 1, 4)
+    assert found['f1'] == pytest.approx(2 / 3)
+    assert found['f1_interval'] == list(result.f1_interval(0.9, 3))
+    assert found['recall']['part'], found['recall']['total'] == (2, 3)
+    assert found['recall']['interval'] == list(Share(2, 3).interval(0.9))
+    assert found['confidence'] == 0.9
+    assert found['causes']['exhaust']['share'] == 0.5
+    assert found['detectors']['lof']['found'] == 1
+    assert found['untested'] == {'points': 2, 'outliers': 1}
+    assert found['auc'] == pytest.approx(0.7)
+    assert found['curve']['threshold'][0] is None
+    assert found['curve']['threshold'][1] == 9.0
+    assert found['curve']['found'][-1] == 3
+
+
+def test_tables() -> None:
+    """What is printed are the papers' figures, with their intervals, and every group."""
+    printed = lines(text(*tables(evaluate(POINTS, CAUSES, (0.0, 20.0)))))
+    for line in (
+        'points 8',
+        'outliers 3 37.50 % cloud 13.68 % – 69.43 %',
+        'outliers identified, recall 2 66.67 % outliers 20.77 % – 93.85 %',
+        'outliers missed 1 33.33 % outliers 6.15 % – 79.23 %',
+        'non-outliers identified 1 20.00 % good 3.62 % – 62.45 %',
+        'wrongly identified, α-error 1 12.50 % cloud 2.24 % – 47.09 %',
+        'missed, β-error 1 12.50 % cloud 2.24 % – 47.09 %',
+        'rightly identified, precision 2 66.67 % rejected 20.77 % – 93.85 %',
+        'untested, and so kept 2',
+        'outliers among them 1 50.00 %',
+        'area under the ROC curve 0.7000',
+        'exhaust 2 1 50.00 % 9.45 % – 90.55 %',
+        'road 3 1 33.33 % 6.15 % – 79.23 %',
+        '0 to 20 m 1 1 100.00 % 100.00 % 100.00 % 0 0.00 %',
+        'lof 3 1 33.33 % 50.00 % 40.00 % 1 20.00 %',
+    ):
+        assert line in printed
+    assert any(line.startswith('F1 66.67 % ') for line in printed)
+
+
+def test_tables_fit_a_terminal() -> None:
+    """In 80 columns nothing is cut off, not with a million points either."""
+    many = {field: np.repeat(getattr(POINTS, field), 150_000) for field in vars(POINTS)}
+    assert '…' not in text(*tables(evaluate(Judged(**many), CAUSES)))
+
+
+def test_summary_of_two_runs() -> None:
+    """A column per run, and rows only for what there is, in one of them at least."""
+    first = evaluate(POINTS, CAUSES)
+    second = evaluate(POINTS.take(POINTS.code != 5), CAUSES)
+    printed = lines(text(summary({'first': first, 'second': second})))
+    assert 'first second' in printed
+    assert 'precision 66.67 % 50.00 %' in printed
+    assert 'exhaust 1 of 2 50.00 % 1 of 2 50.00 %' in printed
+    assert 'mixed 1 of 1 100.00 % 0 of 0 –' in printed
+    assert 'road 1 of 3 33.33 % 1 of 3 33.33 %' in printed
+    assert not any('barrier' in line for line in printed)
+
+
+@pytest.mark.parametrize(
+    ('ratio', 'printed'),
+    [
+        (0.0, '0.00 %'),
+        (1.0, '100.00 %'),
+        (0.123456, '12.35 %'),
+        (0.00123456, '0.12 %'),
+        (0.0000123456, '0.0012 %'),
+        (1e-12, '0.000000 %'),
+        (math.nan, '–'),
+    ],
+)
+def test_percent(ratio: float, printed: str) -> None:
+    """Two decimals; small shares keep two digits that count."""
+    assert percent(ratio) == printed

@@ -1,0 +1,608 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `clean`: files in, files out, and a log of what was done."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing, suppress
+from typing import TYPE_CHECKING, Any
+
+import laspy
+import numpy as np
+import pytest
+from helpers.cloud_files import columns
+
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, Wanted
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
+
+    Capture = pytest.CaptureFixture[str]
+
+SWEEP = 'actual_scan_20240820_cloud'
+AIRBORNE = 'test_semis_2021_0382_6565_LA93_IGN69_cropped'
+COMMAND = """
+import signal, sys
+from lidar_outlier_filter.cli.main import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.fixture
+def folder(recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Copy the real clouds to where output may be put beside them; widen the terminal."""
+    monkeypatch.setenv('COLUMNS', '200')
+    for path in (recordings / 'clouds').iterdir():
+        if path.is_file():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    return tmp_path
+
+
+def names(folder: Path) -> set[str]:
+    """List the names in a folder, hidden ones too."""
+    return {path.name for path in folder.iterdir()}
+
+
+def judged(xyz: NDArray[np.float64], **values: Any) -> Verdict:
+    """Judge points in one piece by spatial detectors; parameters with __ for the dot."""
+    zeros = np.zeros(len(xyz), np.int64)
+    parameters = {name.replace('__', '.'): value for name, value in values.items()}
+    cloud = Points(xyz, zeros, zeros, np.ones(len(xyz), np.bool_))
+    return Chain(FilterParameters().changed(parameters)).judge(cloud)
+
+
+def xyz_of(path: Path) -> NDArray[np.float64]:
+    """Read the coordinates of a file."""
+    return np.stack(columns(path, 'x', 'y', 'z'), axis=1).astype(np.float64)
+
+
+def rows(table: str) -> list[dict[str, str]]:
+    """Read the rows of the first printed table."""
+    table = table.partition('└')[0]
+    cells = [[cell.strip() for cell in line.split('│')[1:-1]] for line in table.splitlines()]
+    head = next(line for line in table.splitlines() if '┃' in line)
+    titles = [cell.strip() for cell in head.split('┃')[1:-1]]
+    return [dict(zip(titles, row, strict=True)) for row in cells if row]
+
+
+# What is rejected, and how it is shown
+
+
+def test_las_is_marked_by_its_class(folder: Path, capsys: Capture) -> None:
+    """Rejected points of LAS and LAZ get class 7 in a copy beside the file."""
+    path = folder / f'{AIRBORNE}.laz'
+    assert main(['clean', str(path), '--chain', 'sor']) == 0
+    verdict = judged(xyz_of(path), chain=['sor'])
+    before, after = laspy.read(path), laspy.read(folder / f'{AIRBORNE}_cleaned.laz')
+    expected = np.where(verdict.rejected, 7, before.classification)
+    np.testing.assert_array_equal(after.classification, expected)
+    np.testing.assert_array_equal(after.xyz, before.xyz)
+    assert 0 < verdict.rejected.sum() < 10_000
+    printed = capsys.readouterr()
+    share = verdict.rejected.mean()
+    assert printed.err == f'{path}: {share:.1%} of its points are rejected\n'
+    assert printed.out.endswith(f'written to {folder / AIRBORNE}_cleaned.laz\n')
+
+
+def test_others_gain_columns(folder: Path) -> None:
+    """Elsewhere the whole verdict is added: rejected or not, score, detectors."""
+    for name in ('samp41-utm.pcd', 'source.ply'):
+        path = folder / name
+        assert main(['clean', str(path), '--chain', 'lof,sor']) == 0
+        copy = path.with_name(f'{path.stem}_cleaned{path.suffix}')
+        valid = xyz_of(path).any(axis=1)
+        expected = Verdict.untested(valid.size)
+        expected.put(np.flatnonzero(valid), judged(xyz_of(path)[valid], chain=['lof', 'sor']))
+        outlier, score, detectors = columns(copy, 'outlier', 'outlier_score', 'outlier_detectors')
+        np.testing.assert_array_equal(outlier, expected.rejected)
+        np.testing.assert_array_equal(score, expected.score)
+        np.testing.assert_array_equal(detectors, expected.detectors)
+        assert outlier.sum() > 100
+
+
+@pytest.mark.parametrize('name', ['autzen_trim.laz', 'bun0.pcd', 'samp41-utm.pcd', 'source.ply'])
+def test_removed_and_separated(folder: Path, name: str) -> None:
+    """What is removed from the one is the other; both together are the file, point by point."""
+    path = folder / name
+    outputs = [folder / 'removed', folder / 'kept', folder / 'out']
+    removed, kept, out = (output.with_suffix(path.suffix) for output in outputs)
+    chain = ['--chain', 'sor', '--set', 'sor.k=8']
+    assert main(['clean', str(path), *chain, '--rejected', 'remove', '--output', str(removed)]) == 0
+    assert main(['clean', str(path), *chain, '--outliers', str(out), '--output', str(kept)]) == 0
+    assert removed.read_bytes() == kept.read_bytes()
+    valid = xyz_of(path).any(axis=1)
+    rejected = np.zeros(valid.size, np.bool_)
+    rejected[valid] = judged(xyz_of(path)[valid], chain=['sor'], sor__k=8).rejected
+    for column, first, second in zip(columns(path), columns(kept), columns(out), strict=True):
+        np.testing.assert_array_equal(first, column[~rejected])
+        np.testing.assert_array_equal(second, column[rejected])
+    assert len(columns(out)[0]) > 10
+
+
+def test_separate_names_its_own_files(folder: Path) -> None:
+    """Without names, they are those of the file, and one log is for both."""
+    before = names(folder)
+    assert main(['clean', str(folder / 'bun0.pcd'), '--rejected', 'separate']) == 0
+    new = {'bun0_cleaned.pcd', 'bun0_outliers.pcd', 'bun0_cleaned.pcd.log', 'bun0_cleaned.pcd.json'}
+    assert names(folder) - before == new
+
+
+def test_scores_of_las(folder: Path) -> None:
+    """`scores` adds two dimensions to LAS, and two columns to what is removed."""
+    path = folder / 'plane.laz'
+    options = ['--chain', 'sor', '--set', 'scores=true']
+    assert main(['clean', str(path), *options]) == 0
+    marked = laspy.read(folder / 'plane_cleaned.laz')
+    verdict = judged(xyz_of(path), chain=['sor'])
+    np.testing.assert_array_equal(marked.outlier_score, verdict.score)
+    np.testing.assert_array_equal(marked.outlier_detectors, verdict.detectors)
+    pcd, out = folder / 'bun0.pcd', folder / 'out.pcd'
+    assert main(['clean', str(pcd), *options, '--outliers', str(out)]) == 0
+    score, detectors = columns(out, 'outlier_score', 'outlier_detectors')
+    assert (score > 1).all()
+    assert (detectors == 8).all()
+
+
+@pytest.mark.parametrize(
+    ('settings', 'kept'),
+    [
+        (['sor.k=50', 'sor.multiplier=1.0'], 352),
+        (['sor.statistic=radius', 'sor.radius=0.02', 'sor.min_neighbors=14'], 307),
+    ],
+)
+def test_as_many_as_pcl_keeps(folder: Path, settings: list[str], kept: int) -> None:
+    """The counts that the Point Cloud Library's own tests have for its bunny."""
+    options = [text for setting in settings for text in ('--set', setting)]
+    arguments = ['clean', str(folder / 'bun0.pcd'), '--chain', 'sor', *options]
+    arguments += ['--rejected', 'remove']
+    assert main(arguments) == 0
+    assert len(columns(folder / 'bun0_cleaned.pcd')[0]) == kept
+
+
+# Time and scan lines
+
+
+def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -> None:
+    """All files get the default chain; of those without lines it is said."""
+    files = [folder / f'{SWEEP}.pcd', folder / 'autzen_trim.laz', folder / 'plane.laz']
+    assert main(['clean', *map(str, files), '--output', str(folder)]) == 0
+    logs = [
+        json.loads((folder / f'{path.stem}_cleaned{path.suffix}.json').read_text())
+        for path in files
+    ]
+    assert [log['chain'] for log in logs] == 3 * [['evidence']]
+    assert [log['lines'] for log in logs] == [
+        'time (s) and ring',
+        'gps_time (s) and scan_direction_flag',
+        '',
+    ]
+    assert [log['rejected'] <= 0.0005 * log['points'] for log in logs] == [False, True, True]
+    said = capsys.readouterr().err.splitlines(keepends=True)
+    # On a busy machine a run also says how far it is, and what takes long.
+    slow = ('cleaning: ', f'{files[0]}: evidence takes', f'{files[1]}: evidence takes')
+    assert ''.join(line for line in said if not line.startswith(slow)) == (
+        f'{files[0]}: {logs[0]["rejected"] / logs[0]["points"]:.1%} of its points are rejected\n'
+        f'{files[1]} is not in metres (x = 0.3048 m, y = 0.3048 m, z = 0.3048 m): it is judged in '
+        f'metres\n{files[2]} has no column that says its scan lines: it is judged without '
+        'scan lines\n'
+    )
+
+
+@pytest.mark.parametrize(('chain', 'fewest'), [('alpha_beta_gamma', 100), ('evidence', 19)])
+def test_lines_are_seen_as_by_the_replay(folder: Path, chain: str, fewest: int) -> None:
+    """The verdict along lines is that of the points with their time and ring."""
+    path = folder / f'{SWEEP}.pcd'
+    assert main(['clean', str(path), '--chain', chain]) == 0
+    x, y, z, time, ring = columns(path, 'x', 'y', 'z', 'time', 'ring')
+    cloud = Points(
+        np.stack((x, y, z), axis=1).astype(np.float64),
+        np.rint(time.astype(np.float64) * 1e9).astype(np.int64),
+        ring.astype(np.int64),
+        np.ones(len(x), np.bool_),
+    )
+    verdict = Chain(FilterParameters().changed({'chain': [chain]})).judge(cloud)
+    (outlier,) = columns(folder / f'{SWEEP}_cleaned.pcd', 'outlier')
+    np.testing.assert_array_equal(outlier, verdict.rejected)
+    assert outlier.sum() > fewest
+
+
+def test_the_smoother_is_refused_without_lines(folder: Path, capsys: Capture) -> None:
+    """Asked for where there are no lines, it is refused, with what is missing."""
+    before = names(folder)
+    for name, lack in (
+        ('source.ply', 'no column with the time of each point'),
+        ('plane.laz', 'no column that says its scan lines'),
+    ):
+        path = folder / name
+        assert main(['clean', str(path), '--chain', 'sor,alpha_beta_gamma']) == 1
+        chain = f'chain must be without alpha_beta_gamma, as {path} has {lack}'
+        assert capsys.readouterr().err == f'{chain}, got sor, alpha_beta_gamma\n'
+    assert names(folder) == before
+
+
+# Tables
+
+
+def test_bus_track_in_a_database(tmp_path: Path) -> None:
+    """A table of latitude, longitude and speed; the verdict is a table beside it."""
+    path = tmp_path / 'bus.sqlite'
+    rng = np.random.default_rng(3)
+    track = rng.normal(0, 1e-4, (500, 2)).cumsum(axis=0) + np.array([45.07, 7.68])
+    track[200] += 0.5
+    speed = rng.normal(30, 1, 500)
+    speed[300] = 300
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute('CREATE TABLE line11 (lat, lon, speed, bus TEXT)')
+        values = np.column_stack((track, speed)).tolist()
+        database.executemany("INSERT INTO line11 VALUES (?, ?, ?, 'a')", values)
+    for wanted, expected in (('lat,lon', {201}), ('lat,lon,speed', {301})):
+        output = tmp_path / f'{len(wanted)}.sqlite'
+        arguments = ['clean', str(path), '--columns', wanted, '--output', str(output)]
+        assert main([*arguments, '--chain', 'sor', '--set', 'sor.multiplier=8.0']) == 0
+        with closing(sqlite3.connect(output)) as database:
+            found = database.execute('SELECT row_id FROM line11_verdict WHERE outlier').fetchall()
+            count = database.execute('SELECT count(outlier_score) FROM line11_verdict').fetchall()
+        assert expected <= {row for (row,) in found}
+        assert len(found) < 10
+        assert count == [(500,)]
+
+
+def test_a_database_is_marked_only(tmp_path: Path, capsys: Capture) -> None:
+    """Nothing is taken out of a database, and a wrong table is called with."""
+    path = tmp_path / 'two.db'
+    with closing(sqlite3.connect(path)) as database, database:
+        for name in 'ab':
+            database.execute(f'CREATE TABLE {name} (x, y)')
+            database.execute(f'INSERT INTO {name} VALUES (1, 2), (3, 4)')  # noqa: S608
+    own = 'the verdict on a table is a table of its own'
+    for options, sentence in (
+        ([], f'the table of {path} must be one of a, b, got none'),
+        (['--table', 'c'], f"the table of {path} must be one of a, b, got 'c'"),
+        (
+            ['--table', 'a', '--rejected', 'remove'],
+            f"what becomes of rejected points must be 'mark' for {path}: {own}, got 'remove'",
+        ),
+    ):
+        assert main(['clean', str(path), *options]) == 1
+        assert capsys.readouterr().err == sentence + '\n'
+    only = ['--table', 'b', '--columns', 'x,y']
+    assert main(['clean', str(path), *only]) == 3  # one row: nothing can be tested
+    assert names(tmp_path) == {
+        'two.db',
+        'two_cleaned.db',
+        'two_cleaned.db.log',
+        'two_cleaned.db.json',
+    }
+
+
+def test_csv(tmp_path: Path) -> None:
+    """A table of text: missing coordinates are no points, and are kept as they are."""
+    path = tmp_path / 'points.csv'
+    rng = np.random.default_rng(5)
+    lines = [f'{x:.3f};{y:.3f};"a; b"' for x, y in rng.random((300, 2))]
+    lines[10], lines[20] = '50;50;far', ';7;none'
+    path.write_text('East;North;what\n' + '\n'.join(lines) + '\n')
+    out = tmp_path / 'out.csv'
+    options = ['--columns', 'East,North', '--outliers', str(out), '--set', 'sor.multiplier=9.0']
+    assert main(['clean', str(path), *options]) == 0
+    assert out.read_text() == 'East;North;what\n50;50;far\n'
+    assert (tmp_path / 'points_cleaned.csv').read_text() == path.read_text().replace(
+        '50;50;far\n', ''
+    )
+    log = json.loads((tmp_path / 'points_cleaned.csv.json').read_text())
+    assert (log['points'], log['invalid'], log['rejected']) == (300, 1, 1)
+
+
+# Tiles
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['autzen_trim.laz', 'samp41-utm.pcd', 'source.ply'])
+def test_tiles_change_nothing(folder: Path, name: str) -> None:
+    """In tiles the outputs are those of one piece, byte for byte."""
+    path = folder / name
+    outputs = []
+    for tile in ('0', '137', '1000'):
+        outputs.append(folder / f'tile_{tile}{path.suffix}')
+        options = ['--chain', 'lof,sor', '--tile', tile, '--output', str(outputs[-1])]
+        assert main(['clean', str(path), *options, '--set', 'scores=true']) == 0
+        log = json.loads((folder / f'{outputs[-1].name}.json').read_text())
+        assert log['tile'] == float(tile)
+        assert log['rejected'] > 0
+    one, *others = (output.read_bytes() for output in outputs)
+    assert all(other == one for other in others)
+    assert not [name for name in names(folder) if name.startswith('.')]
+
+
+@pytest.mark.slow
+def test_tiles_along_lines(folder: Path) -> None:
+    """The smoother, too, says the same in tiles."""
+    path = folder / f'{SWEEP}.pcd'
+    for name, tile in (('one.pcd', '0'), ('other.pcd', '5')):
+        options = ['--chain', 'alpha_beta_gamma,sor', '--tile', tile]
+        assert main(['clean', str(path), *options, '--output', str(folder / name)]) == 0
+    assert (folder / 'one.pcd').read_bytes() == (folder / 'other.pcd').read_bytes()
+
+
+def test_tiles_by_the_default(folder: Path) -> None:
+    """In tiles the default judges without scan lines, as it does in one piece where asked."""
+    path = folder / 'autzen_trim.laz'
+    for name, options in (
+        ('one.laz', ['--set', 'evidence.sensor=survey']),
+        ('other.laz', ['--tile', '150']),
+    ):
+        assert main(['clean', str(path), *options, '--output', str(folder / name)]) == 0
+    assert (folder / 'one.laz').read_bytes() == (folder / 'other.laz').read_bytes()
+
+
+# The log
+
+
+def test_log(folder: Path) -> None:
+    """The log says what was done, with what, by what, and how long it took, as JSON and text."""
+    path = folder / f'{SWEEP}.pcd'
+    settings = folder / 'my.yaml'
+    settings.write_text('/**:\n  ros__parameters:\n    sor:\n      k: 7\n')
+    options = ['--params', str(settings), '--set', 'lof.min_pts=9', '--chain', 'lof,sor']
+    assert main(['clean', str(path), *options]) == 0
+    log = json.loads((folder / f'{SWEEP}_cleaned.pcd.json').read_text())
+    assert log['input'] == str(path)
+    assert log['outputs'] == [str(folder / f'{SWEEP}_cleaned.pcd')]
+    assert log['rejected_points'] == 'mark'
+    assert log['coordinates'] == ['x', 'y', 'z']
+    assert log['chain'] == ['lof', 'sor']
+    assert set(log['parameters']) == {parameter.name for parameter in describe()}
+    assert (log['parameters']['sor.k'], log['parameters']['lof.min_pts']) == (7, 9)
+    verdict = judged(xyz_of(path), chain=['lof', 'sor'], sor__k=7, lof__min_pts=9)
+    by = {
+        'lof': int((verdict.detectors & 4 > 0).sum()),
+        'sor': int((verdict.detectors & 8 > 0).sum()),
+    }
+    assert log['rejected_by'] == by
+    assert log['rejected'] == sum(by.values()) > 0
+    assert log['second_phase'] == 0
+    assert (log['points'], log['invalid'], log['untested']) == (24224, 0, 0)
+    assert set(log['seconds']) == {'read', 'judge', 'write'}
+    assert log['versions']['lidar_outlier_filter'] == __version__
+    assert {'python', 'numpy', 'numba', 'python-neo-lzf'} <= set(log['versions'])
+    text = (folder / f'{SWEEP}_cleaned.pcd.log').read_text()
+    for line in ('chain: lof, sor', 'points: 24224', f'  sor: {by["sor"]}', '  sor.k: 7'):
+        assert f'\n{line}\n' in text
+
+
+def test_table(folder: Path, capsys: Capture) -> None:
+    """A row for each file."""
+    files = [str(folder / 'bun0.pcd'), str(folder / 'source.ply')]
+    assert main(['clean', *files, '--chain', 'sor']) == 0
+    first, second = rows(capsys.readouterr().out)
+    assert (first['file'], first['points']) == ('bun0.pcd', '397')
+    assert (second['file'], second['points'], second['invalid']) == (
+        'source.ply',
+        '69,792',
+        '5,107',
+    )
+    assert first['rejected'] != '0'
+    assert (first['state'], second['state']) == ('done', 'done')
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (['{}/cloud.e57'], 'the file {}/cloud.e57 must be one of .las .laz .pcd .ply'),
+        (['{}/none.las'], 'the file {}/none.las must be a file, got none'),
+        (['{}/bun0.pcd', '--columns', 'x,y,t'], 'the coordinates x, y, t must be columns of {}'),
+        (['{}/bun0.pcd', '--columns', 'x'], 'the coordinates must be two or three columns, got x'),
+        (
+            ['{}/bun0.pcd', '--chain', 'magic'],
+            'chain must be a list, without repetition, of one of',
+        ),
+        (['{}/bun0.pcd', '--chain', ''], 'chain must be a list, without repetition, of one of'),
+        (['{}/bun0.pcd', '--set', 'sor.k=0'], 'sor.k must be from 1 to 1000, got 0'),
+        (['{}/bun0.pcd', '--set', 'k=5'], 'a parameter must be one of'),
+        (['{}/bun0.pcd', '--set', 'max_points=100'], 'the number of points judged in one piece'),
+        (['{}/bun0.pcd', '--tile', '-1'], '--tile must be at least 0 and finite, got -1.0'),
+        (['{}/bun0.pcd', '--tile', 'nan'], '--tile must be at least 0 and finite, got nan'),
+        (['{}/bun0.pcd', '--output', '{}/bun0.pcd'], 'the output must be a new file, got {}/bun0'),
+        (['{}/bun0.pcd', '--output', '{}/bun.ply'], 'the output must be in the format of bun0.pcd'),
+        (['{}/bun0.pcd', '--output', '{}/no/bun.pcd'], 'the output {}/no/bun.pcd must be written,'),
+        (
+            ['{}/bun0.pcd', '--rejected', 'remove', '--outliers', '{}/o.pcd'],
+            "what becomes of rejected points must be 'separate' where they have a file",
+        ),
+        (
+            ['{}/bun0.pcd', '--outliers', '{}/bun0_cleaned.pcd'],
+            'the outputs must be different files',
+        ),
+        (
+            ['{}/bun0.pcd', '{}/plane.laz', '--output', '{}/source.ply'],
+            '--output of several files must be a folder, got {}/source.ply',
+        ),
+        (
+            ['{}/bun0.pcd', '{}/plane.laz', '--outliers', '{}/o.pcd'],
+            '--outliers must be given for one file, got 2 files',
+        ),
+    ],
+)
+def test_refused_in_one_sentence(
+    folder: Path, capsys: Capture, options: list[str], sentence: str
+) -> None:
+    """What makes no sense gives one sentence, exit status 1, and no output."""
+    before = names(folder)
+    assert main(['clean', *(option.format(folder) for option in options)]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.startswith(sentence.format(folder))
+    assert printed.err.count('\n') == 1
+    assert printed.out == ''
+    assert names(folder) == before
+
+
+@pytest.mark.parametrize('name', ['autzen_trim.laz', 'samp41-utm.pcd', 'source.ply', 'bun0.pcd'])
+@pytest.mark.parametrize('length', [0, 100, 10_000])
+def test_truncated_files(folder: Path, capsys: Capture, name: str, length: int) -> None:
+    """A file that ends too early gives one sentence, and no trace."""
+    path = folder / name
+    path.write_bytes(path.read_bytes()[:length])
+    before = names(folder)
+    assert main(['clean', str(path)]) == 1
+    printed = capsys.readouterr()
+    assert printed.err.count('\n') == 1
+    assert ' must be ' in printed.err
+    assert 'Traceback' not in printed.err
+    assert names(folder) == before
+
+
+def test_some_refused_give_status_3(folder: Path, capsys: Capture) -> None:
+    """Files that can be cleaned are, and the exit status says that not all could."""
+    (folder / 'broken.las').write_bytes(b'LASF')
+    files = [str(folder / name) for name in ('bun0.pcd', 'broken.las', 'samp41-utm.pcd')]
+    assert main(['clean', *files, '--chain', 'sor']) == 3
+    printed = capsys.readouterr()
+    must_be = 'must be of at least 227 bytes, got 4'
+    assert f'the header of {folder}/broken.las {must_be}\n' in printed.err
+    found = [(row['file'], row['state']) for row in rows(printed.out)]
+    assert found == [('bun0.pcd', 'done'), ('broken.las', 'refused'), ('samp41-utm.pcd', 'done')]
+    assert '2 cleaned, 0 done before, 1 refused\n' in printed.out
+    assert 'samp41-utm_cleaned.pcd' in names(folder)
+
+
+def test_nothing_tested(folder: Path, capsys: Capture) -> None:
+    """A cloud of which no point could be tested is written, but not without a word."""
+    path = folder / 'few.csv'
+    path.write_text('x,y,z\n' + '1,2,3\n' * 3)
+    assert main(['clean', '--chain', 'sor', str(path)]) == 3
+    sentence = 'few.csv: sor could test none of its points\n'
+    assert capsys.readouterr().err.endswith(sentence)
+    assert 'few_cleaned.csv' in names(folder)
+
+
+def test_faces_keep_their_vertices(tmp_path: Path, capsys: Capture) -> None:
+    """A mesh can be marked, but loses no vertex."""
+    path = tmp_path / 'mesh.ply'
+    vertices = ''.join(f'{i} {i * i % 7} 1\n' for i in range(30))
+    header = 'element vertex 30\nproperty float x\nproperty float y\nproperty float z\n'
+    faces = 'element face 1\nproperty list uchar int vertex_index\n'
+    path.write_text(f'ply\nformat ascii 1.0\n{header}{faces}end_header\n{vertices}3 0 1 29\n')
+    assert main(['clean', str(path), '--rejected', 'remove']) == 1
+    must_be = f"must be 'mark' for {path}: its elements face name vertices by number, got 'remove'"
+    assert capsys.readouterr().err == f'what becomes of rejected points {must_be}\n'
+    assert main(['clean', str(path)]) == 0
+    assert (tmp_path / 'mesh_cleaned.ply').read_text().endswith('\n3 0 1 29\n')
+
+
+def test_help_imports_nothing_heavy() -> None:
+    """Help is instant."""
+    program = (
+        'import sys\nfrom lidar_outlier_filter.cli.main import main\n'
+        "try:\n    main(['clean', '--help'])\nfinally:\n"
+        "    heavy = {'numpy', 'numba', 'laspy', 'pyarrow', 'rich', 'yaml', 'scipy', 'sqlite3'}\n"
+        '    sys.stderr.write(repr(heavy & set(sys.modules)))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=True
+    )
+    assert '--outliers FILE' in done.stdout
+    assert done.stderr == 'set()'
+
+
+def test_a_name_that_is_taken_meanwhile(folder: Path) -> None:
+    """Of two runs for one output the one that ends later is refused; the other's files stay."""
+    path, output = folder / 'plane.laz', folder / 'out.laz'
+    wanted = Wanted(parameters={'chain': ('sor',)})
+    reports: list[CleanReport] = []
+
+    def other_run(_judged: JudgedFile) -> None:
+        reports.append(clean(path, output, wanted))
+
+    with pytest.raises(CloudError, match=f'the output must be a new file, got {output}, which'):
+        clean(path, output, wanted, look=other_run)
+    made = {'out.laz', 'out.laz.log', 'out.laz.json'}
+    assert {name for name in names(folder) if 'out.laz' in name} == made
+    log = json.loads((folder / 'out.laz.json').read_text())
+    assert log['started'] == reports[0].started
+
+
+def test_two_runs_at_once(folder: Path) -> None:
+    """Of two commands for one output, one says that it is written, and one that it is not."""
+    output = folder / 'out.laz'
+    words = ['clean', str(folder / 'plane.laz'), '--chain', 'sor', '--output', str(output)]
+    command = [sys.executable, '-c', COMMAND, *words]
+    runs = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    said = [run.communicate() for run in runs]
+    assert sorted(run.returncode for run in runs) == [0, 1]
+    written, refused = sorted(range(2), key=lambda number: runs[number].returncode)
+    assert f'written to {output}' in said[written][0]
+    assert 'the output must be a new file, got' in said[refused][1]
+    assert 'written to' not in said[refused][0]
+
+
+# A terminal, and interruptions
+
+
+@pytest.mark.slow
+def test_progress_on_a_terminal_only(folder: Path) -> None:
+    """A terminal sees a bar for each step, a file does not."""
+    command = [sys.executable, '-c', COMMAND, 'clean', str(folder / 'plane.laz'), '--output']
+    plain = subprocess.run([*command, str(folder / 'a.laz')], capture_output=True, check=True)
+    leader, terminal = pty.openpty()
+    shown = [*command, str(folder / 'b.laz')]
+    with subprocess.Popen(shown, stdout=subprocess.PIPE, stderr=terminal) as process:
+        os.close(terminal)
+        screen, _ = read_terminal(leader), process.communicate()
+    assert process.returncode == 0
+    for step in (b'reading', b'judging', b'writing'):
+        assert b'plane.laz: ' + step in screen
+        assert step not in plain.stderr
+
+
+def read_terminal(leader: int) -> bytes:
+    """Read all that is written to a terminal, which ends with an error."""
+    screen = b''
+    with os.fdopen(leader, 'rb', buffering=0) as file, suppress(OSError):
+        while part := file.read(4096):
+            screen += part
+    return screen
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize('tile', ['0', '10'])
+def test_interrupted(tmp_path: Path, number: signal.Signals, status: int, tile: str) -> None:
+    """Ctrl-C and SIGTERM in the middle of a run leave nothing, and no trace."""
+    path = tmp_path / 'long.csv'
+    path.write_text('x,y,z\n' + '1.5,2.5,0\n' * 1_200_000)
+    command = [sys.executable, '-c', COMMAND, 'clean', str(path), '--tile', tile]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while not list(tmp_path.glob('.long_cleaned.csv.partial-*')):
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(timeout=0.02)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == status
+    assert 'Traceback' not in said
+    assert names(tmp_path) == {'long.csv'}

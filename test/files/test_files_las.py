@@ -1,0 +1,398 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""LAS and LAZ: every byte of header, records and points that is not to change is kept."""
+
+from __future__ import annotations
+
+import io
+import struct
+from typing import TYPE_CHECKING, Any
+
+import laspy
+import lazrs
+import numpy as np
+import pytest
+from helpers.cloud_files import columns, copied, every_third, verdict
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+REAL = (
+    'autzen-point-format-3.las',
+    'autzen_trim.laz',
+    'plane.laz',
+    'sample_lareunion_epsg2975.laz',
+    'test_semis_2021_0382_6565_LA93_IGN69_cropped.laz',
+)
+LASZIP = 22204
+
+
+def raw(path: Path) -> NDArray[np.void]:
+    """Read the point records as they are."""
+    points: NDArray[np.void] = laspy.read(path).points.array
+    return points
+
+
+def number(data: bytes, place: int, size: int) -> int:
+    """Read an unsigned number out of a header."""
+    return int.from_bytes(data[place : place + size], 'little')
+
+
+def records(path: Path) -> list[bytes]:
+    """Read the variable length records as they are, that of LASzip left out."""
+    data = path.read_bytes()
+    place, found = number(data, 94, 2), []
+    for _ in range(number(data, 100, 4)):
+        end = place + 54 + number(data, place + 20, 2)
+        if number(data, place + 18, 2) != LASZIP:
+            found.append(data[place:end])
+        place = end
+    return found
+
+
+def evlrs(path: Path) -> list[bytes]:
+    """Read the extended variable length records as they are."""
+    data = path.read_bytes()
+    place, found = number(data, 235, 8), []
+    for _ in range(number(data, 243, 4)):
+        end = place + 60 + number(data, place + 20, 8)
+        found.append(data[place:end])
+        place = end
+    return found
+
+
+def make(path: Path, point_format: int = 3, version: str = '1.4', count: int = 1000) -> Path:
+    """Write a file whose points are noise, bit for bit, with an extra dimension."""
+    header = laspy.LasHeader(point_format=point_format, version=version)
+    header.scales, header.offsets = [0.01, 0.02, 0.03], [1e5, -2e6, 0.5]
+    header.add_extra_dim(laspy.ExtraBytesParams('heat', np.int32, scales=[0.1], offsets=[5.0]))
+    size = header.point_format.size
+    bits = np.random.default_rng(point_format).bytes(size * count)
+    points = laspy.ScaleAwarePointRecord(
+        np.frombuffer(bits, header.point_format.dtype()),
+        header.point_format,
+        header.scales,
+        header.offsets,
+    )
+    header.vlrs.append(laspy.VLR('someone', 77, 'a note', b'\0\xff' * 20))
+    with laspy.open(path, 'w', header=header) as writer:
+        writer.write_points(points)
+        if version == '1.4':
+            more = [laspy.VLR('someone', 78, 'a long note', b'\1\2\3' * 50_000)]
+            writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(more))
+    return path
+
+
+def patch(path: Path, place: int, data: bytes) -> None:
+    """Overwrite some bytes of a file."""
+    whole = bytearray(path.read_bytes())
+    whole[place : place + len(data)] = data
+    path.write_bytes(whole)
+
+
+@pytest.fixture
+def real(recordings: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    """Copy a real file to where its output may be put beside it."""
+    path = tmp_path / str(request.param)
+    path.write_bytes((recordings / 'clouds' / path.name).read_bytes())
+    return path
+
+
+@pytest.mark.parametrize('real', REAL, indirect=True)
+def test_unchanged(real: Path) -> None:
+    """A copy without changes has the same header, records and points; an LAS file is the same."""
+    copy = copied(real, Change())
+    before, after = real.read_bytes(), copy.read_bytes()
+    assert after[:94] == before[:94]
+    assert after[104:227] == before[104:227]
+    assert records(copy) == records(real)
+    assert raw(copy).tobytes() == raw(real).tobytes()
+    if real.suffix == '.las':
+        assert after == before
+
+
+@pytest.mark.parametrize('real', REAL, indirect=True)
+def test_noise(real: Path) -> None:
+    """Points become class 7; all else of them, and all others, stay as they are."""
+    noise = every_third(len(raw(real)))
+    copy = copied(real, Change(noise=noise))
+    before, after = laspy.read(real), laspy.read(copy)
+    assert (np.array(after.classification)[noise] == 7).all()
+    np.testing.assert_array_equal(after.classification[~noise], before.classification[~noise])
+    for name in before.point_format.dimension_names:
+        if name != 'classification':
+            np.testing.assert_array_equal(after[name], before[name])
+    assert records(copy) == records(real)
+    assert copy.read_bytes()[179:227] == real.read_bytes()[179:227]
+
+
+@pytest.mark.parametrize('real', REAL, indirect=True)
+def test_some_points(real: Path) -> None:
+    """A copy of some points has their bytes, and counts and bounds of its own."""
+    keep = every_third(len(raw(real)))
+    copy = copied(real, Change(keep=keep))
+    after = laspy.read(copy)
+    assert after.points.array.tobytes() == raw(real)[keep].tobytes()
+    assert records(copy) == records(real)
+    assert after.header.point_count == keep.sum()
+    np.testing.assert_allclose(after.header.mins, after.xyz.min(axis=0))
+    np.testing.assert_allclose(after.header.maxs, after.xyz.max(axis=0))
+    by_return = np.bincount(np.array(after.return_number), minlength=16)[1:16]
+    np.testing.assert_array_equal(after.header.number_of_points_by_return, by_return)
+
+
+@pytest.mark.parametrize('point_format', range(11))
+@pytest.mark.parametrize('suffix', ['.las', '.laz'])
+def test_every_point_format(tmp_path: Path, point_format: int, suffix: str) -> None:
+    """In any format of a point, marking it changes the bits of its class alone."""
+    if suffix == '.laz' and point_format in {4, 5, 9, 10}:
+        return  # LAZ leaves waveforms to others
+    path = make(tmp_path / f'made{suffix}', point_format)
+    before = raw(path)
+    noise = every_third(len(before))
+    after = raw(copied(path, Change(noise=noise)))
+    name, mask = ('raw_classification', 31) if point_format < 6 else ('classification', 255)
+    expected = before.copy()
+    expected[name][noise] = (before[name][noise] & ~np.uint8(mask)) | 7
+    assert after.tobytes() == expected.tobytes()
+
+
+def test_header_and_records_byte_for_byte(tmp_path: Path) -> None:
+    """What laspy would write in its own words is kept: texts behind zeros, reserved bytes."""
+    path = make(tmp_path / 'made.las')
+    patch(path, 26, b'SYSTEM\0behind the zero, no ASCII:\xff'[:32])
+    patch(path, 90, struct.pack('<HH', 0, 0))  # a date that is none
+    place = number(path.read_bytes(), 94, 2)
+    patch(path, place, b'\xbb\xaa')
+    patch(path, place + 22, b'a note\0behind the zero \xff')
+    patch(path, number(path.read_bytes(), 235, 8) + 28, b'\0behind')
+    assert copied(path, Change()).read_bytes() == path.read_bytes()
+    copy = copied(path, Change(keep=every_third(1000)))
+    assert copy.read_bytes()[:94] == path.read_bytes()[:94]
+    assert records(copy) == records(path)
+    assert evlrs(copy) == evlrs(path)
+
+
+def test_bytes_between(tmp_path: Path) -> None:
+    """Bytes behind the header, and behind the records, are kept."""
+    header = laspy.LasHeader(point_format=1, version='1.2')
+    header.extra_header_bytes, header.extra_vlr_bytes = b'behind the header', b'behind them'
+    path = tmp_path / 'made.las'
+    with laspy.open(path, 'w', header=header) as writer:
+        writer.write_points(laspy.ScaleAwarePointRecord.zeros(5, header=header))
+    assert b'behind them' in path.read_bytes()
+    assert copied(path, Change()).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize('legacy', [True, False])
+def test_legacy_counts(tmp_path: Path, *, legacy: bool) -> None:
+    """LAS 1.4 repeats its counts for older readers where it did before, and only there."""
+    path = make(tmp_path / 'made.las', point_format=1)
+    returns = np.bincount(laspy.read(path).return_number, minlength=6)[1:6]
+    counts = struct.pack('<6I', 1000, *returns) if legacy else bytes(24)
+    patch(path, 107, counts)
+    assert copied(path, Change()).read_bytes() == path.read_bytes()
+    keep = every_third(1000)
+    copy = copied(path, Change(keep=keep))
+    kept = np.bincount(laspy.read(copy).return_number, minlength=6)[1:6]
+    expected = struct.pack('<6I', keep.sum(), *kept) if legacy else bytes(24)
+    assert copy.read_bytes()[107:131] == expected
+
+
+@pytest.mark.parametrize('point_format', [3, 7])
+def test_added_columns(tmp_path: Path, point_format: int) -> None:
+    """Added columns are extra dimensions behind those that there are; all else is kept."""
+    path = make(tmp_path / 'made.laz', point_format)
+    added = verdict(1000)
+    copy = copied(path, Change(added=added))
+    before, after = laspy.read(path), laspy.read(copy)
+    names = list(before.point_format.dimension_names)
+    assert list(after.point_format.dimension_names) == [*names, *added]
+    for name in raw(path).dtype.names or ():
+        assert after.points.array[name].tobytes() == before.points.array[name].tobytes()
+    for name, values in added.items():
+        assert after[name].dtype == values.dtype
+        np.testing.assert_array_equal(after[name], values)
+    np.testing.assert_array_equal(after['heat'], before['heat'])
+    assert b'someone' in b''.join(records(copy))
+    assert evlrs(copy) == evlrs(path)
+
+
+def test_las_and_laz_are_one_format(tmp_path: Path) -> None:
+    """A copy is compressed if its name says so, and the points are the same."""
+    path = make(tmp_path / 'made.las', 6)
+    packed = copied(path, Change(), 'made.laz')
+    assert number(packed.read_bytes(), 104, 1) == 6 | 128
+    unpacked = copied(packed, Change(), 'again.las')
+    assert unpacked.read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize('point_format', [3, 8])
+def test_each_column_alone(tmp_path: Path, point_format: int) -> None:
+    """Only what a column needs of a LAZ file is unpacked: its values are those of the whole."""
+    path = make(tmp_path / 'made.laz', point_format)
+    file, whole = open_cloud(path), laspy.read(path)
+    for name in file.columns:
+        (found,) = (np.concatenate(parts) for parts in zip(*file.read([name]), strict=True))
+        np.testing.assert_array_equal(found, np.array(whole[name]), err_msg=name)
+
+
+def test_nothing_kept(tmp_path: Path) -> None:
+    """A file of rejected points may be empty, and is an LAS file all the same."""
+    for name in ('made.las', 'made.laz'):
+        copy = copied(make(tmp_path / name), Change(keep=np.zeros(1000, np.bool_)))
+        assert len(laspy.read(copy)) == 0
+        assert laspy.read(copy).header.number_of_points_by_return.sum() == 0
+
+
+def test_coordinates_are_scaled(tmp_path: Path) -> None:
+    """x, y and z are metres, as are extra dimensions that have a scale; few bits are numbers."""
+    path = make(tmp_path / 'made.laz')
+    x, z, heat, flag = columns(path, 'x', 'z', 'heat', 'scan_direction_flag')
+    points = raw(path)
+    np.testing.assert_array_equal(x, points['X'] * 0.01 + 1e5)
+    np.testing.assert_array_equal(z, points['Z'] * 0.03 + 0.5)
+    np.testing.assert_array_equal(heat, points['heat'] * 0.1 + 5.0)
+    np.testing.assert_array_equal(flag, points['bit_fields'] >> 6 & 1)
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -1e300])
+@pytest.mark.parametrize('place', [131, 163])
+def test_coordinates_that_are_no_numbers(tmp_path: Path, place: int, value: float) -> None:
+    """A scale or an offset that makes them so is refused: laspy would change all points."""
+    path = make(tmp_path / 'made.las', version='1.2')
+    patch(path, place, struct.pack('<d', value))
+    if (place, value) == (163, -1e300):  # far away, but finite
+        assert len(open_cloud(path, None)) == 1000
+        return
+    with pytest.raises(CloudError, match=r'made.las must be such that all coordinates are finite'):
+        open_cloud(path, None)
+
+
+@pytest.mark.parametrize('value', [0.0, -0.0])
+@pytest.mark.parametrize('place', [131, 139, 147])
+def test_coordinates_that_are_all_one(tmp_path: Path, place: int, value: float) -> None:
+    """A scale of 0 puts all points at one place, and is refused."""
+    path = make(tmp_path / 'made.las', version='1.2')
+    patch(path, place, struct.pack('<d', value))
+    with pytest.raises(CloudError, match=r'made.las must be such that coordinates differ, got -?0'):
+        open_cloud(path, None)
+
+
+def write_copc(path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300)) -> Any:
+    """Write a COPC file of a root and some of its children, each a chunk; return the points."""
+    header = laspy.LasHeader(point_format=6, version='1.4')
+    rng, count = np.random.default_rng(4), sum(sizes)
+    points = laspy.ScaleAwarePointRecord.zeros(count, header=header)
+    for axis in 'XYZ':
+        points[axis] = rng.integers(0, 1000, count)
+    points['gps_time'] = rng.uniform(0, 9, count)
+    laszip = lazrs.LazVlr.new_for_compression(6, 0, use_variable_size_chunks=True)
+    header.vlrs.append(laspy.VLR('copc', 1, 'COPC info', bytes(160)))
+    header.vlrs.append(laspy.VLR('laszip encoded', LASZIP, '', bytes(laszip.record_data())))
+    header.vlrs.append(laspy.VLR('someone', 7, '', b'kept'))
+    las = io.BytesIO()
+    writer = laspy.LasWriter(las, header, do_compress=False, closefd=False)
+    writer.write_points(points)
+    writer.close()
+    stream = io.BytesIO(las.getvalue()[: number(las.getvalue(), 96, 4)])
+    stream.seek(0, io.SEEK_END)
+    packer, begin = lazrs.LasZipCompressor(stream, laszip), stream.tell()
+    packer.reserve_offset_to_chunk_table()
+    ends = np.cumsum(sizes)
+    packer.compress_chunks([part.tobytes() for part in np.split(points.array, ends[:-1])])
+    packer.done()
+    stream.seek(begin)
+    entries, begin = b'', begin + 8  # behind the place of the table of chunks
+    for place, (size, length) in enumerate(lazrs.read_chunk_table(stream, laszip)):
+        key = (0, 0, 0, 0) if place == 0 else (1, place & 1, place >> 1, 0)
+        entries += struct.pack('<4iQ2i', *key, begin, length, size)
+        begin += length
+    begin = stream.seek(0, io.SEEK_END)
+    stream.write(struct.pack('<H16sHQ32s', 0, b'copc', 1000, len(entries), b'') + entries)
+    path.write_bytes(stream.getvalue())
+    patch(path, 104, bytes([6 | 128]))
+    patch(path, 235, struct.pack('<QI', begin, 1))
+    info = struct.pack('<5d2Q2d', 5.0, 5.0, 5.0, 5.0, 0.1, begin + 60, len(entries), 0.0, 9.0)
+    patch(path, 375 + 54, info)
+    return points
+
+
+def test_copc(tmp_path: Path) -> None:
+    """All levels are read, in the order of the file; the copy is LAZ, and says no more it is COPC.
+
+    Its points lie otherwise.
+    """
+    path = tmp_path / 'made.copc.laz'
+    points = write_copc(path)
+    with laspy.CopcReader.open(path) as reader:
+        assert len(reader.query()) == len(points)
+    x, time = columns(path, 'x', 'gps_time')
+    np.testing.assert_array_equal(x, points['x'])
+    np.testing.assert_array_equal(time, points['gps_time'])
+    copy = copied(path, Change(noise=every_third(len(points))), 'made.laz')
+    after = laspy.read(copy)
+    np.testing.assert_array_equal(after['gps_time'], points['gps_time'])
+    assert (np.array(after.classification)[every_third(len(points))] == 7).all()
+    assert [record[-4:] for record in records(copy)] == [b'kept']
+    assert evlrs(copy) == []
+
+
+@pytest.mark.parametrize('name', ['made.las', 'made.laz'])
+@pytest.mark.parametrize('length', [0, 3, 200, 1000, -20_000])
+def test_truncated(tmp_path: Path, name: str, length: int) -> None:
+    """A file that ends too early is refused, in whichever part it does."""
+    path = make(tmp_path / name, version='1.2')
+    path.write_bytes(path.read_bytes()[:length])
+    with pytest.raises(CloudError, match=f'{name} must be '):
+        columns(path)
+
+
+def test_fewer_points_than_it_says(tmp_path: Path) -> None:
+    """A file that ends between two points is refused like any other."""
+    path = make(tmp_path / 'made.las', version='1.2')
+    path.write_bytes(path.read_bytes()[: -100 * raw(path).itemsize])
+    with pytest.raises(CloudError, match=r'must be of 1000 points, as it says, got 900'):
+        columns(path)
+
+
+@pytest.mark.parametrize('suffix', ['.las', '.laz'])
+def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+    """Chunk by chunk, the points are the same as at once."""
+    path = make(tmp_path / f'made{suffix}')
+    change = Change(keep=every_third(1000), noise=~every_third(1000), added=verdict(1000))
+    marked = Change(noise=every_third(1000))
+    expected = columns(path)
+    at_once = [raw(copied(path, one)).tobytes() for one in (change, marked)]
+    monkeypatch.setattr('lidar_outlier_filter.files.las.CHUNK', 300)
+    assert [one.tobytes() for one in columns(path)] == [one.tobytes() for one in expected]
+    assert [raw(copied(path, one)).tobytes() for one in (change, marked)] == at_once
+
+
+def test_no_las(tmp_path: Path) -> None:
+    """A file of another kind is refused."""
+    path = tmp_path / 'other.las'
+    path.write_bytes(io.BytesIO(b'PLY or whatever' * 50).getvalue())
+    with pytest.raises(CloudError, match=r'other\.las must be readable, got "Invalid file sig'):
+        open_cloud(path)
+
+
+def test_waveforms_within(tmp_path: Path) -> None:
+    """Waveforms in the file itself would get lost: refused."""
+    path = make(tmp_path / 'made.las', 4)
+    patch(path, 6, b'\2\0')
+    with pytest.raises(CloudError, match='with its waveforms in a file of their own'):
+        open_cloud(path)
+
+
+def test_names_of_the_verdict_taken(tmp_path: Path) -> None:
+    """A file that has a column of that name already is refused."""
+    path = copied(make(tmp_path / 'made.las'), Change(added=verdict(1000)))
+    added: dict[str, Any] = verdict(1000)
+    with pytest.raises(CloudError, match=r'must be without outlier, got x, y, z, intensity'):
+        copied(path, Change(added=added))

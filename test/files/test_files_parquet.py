@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parquet: schema, metadata, row groups, compression and all other columns are kept."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from helpers.cloud_files import columns, copied, every_third, verdict
+from pyarrow import parquet
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+COUNT = 1000
+
+
+def table() -> Any:
+    """Make a table with columns of many kinds, nulls among them."""
+    rng = np.random.default_rng(0)
+    nulls = rng.random(COUNT) < 0.1
+    times = pa.array(np.arange(COUNT) * 1001, pa.timestamp('us'))
+    columns = {
+        'x': pa.array(rng.random(COUNT)),
+        'y': pa.array(rng.random(COUNT), mask=nulls),
+        'z': pa.array(rng.random(COUNT).astype(np.float32)),
+        'ring': pa.array(np.arange(COUNT) % 32, pa.uint16(), mask=nulls),
+        'time': times,
+        'name': pa.array([f'point {i}' for i in range(COUNT)]).dictionary_encode(),
+        'list': pa.array([[i, i + 1] if i % 7 else None for i in range(COUNT)]),
+        'pair': pa.array([{'a': i, 'b': str(i)} for i in range(COUNT)]),
+        'flag': pa.array(nulls),
+    }
+    made = pa.table(columns)
+    return made.replace_schema_metadata({b'geo': b'{"version": "1.0"}', b'made by': b'a test'})
+
+
+def make(folder: Path, compression: str = 'zstd') -> Path:
+    """Write the table in row groups of 300."""
+    path = folder / 'cloud.parquet'
+    parquet.write_table(table(), path, row_group_size=300, compression=compression)
+    return path
+
+
+def test_columns(tmp_path: Path) -> None:
+    """Columns of numbers and of times can be read; null is NaN, times are nanoseconds."""
+    path = make(tmp_path)
+    assert list(open_cloud(path).columns) == ['x', 'y', 'z', 'ring', 'time']
+    time, y, ring = columns(path, 'time', 'y', 'ring')
+    expected = table()
+    np.testing.assert_array_equal(y, expected['y'].to_numpy())
+    np.testing.assert_array_equal(ring, expected['ring'].to_numpy())
+    np.testing.assert_array_equal(time, np.arange(COUNT) * 1_001_000)
+    assert time.dtype == np.int64
+
+
+@pytest.mark.parametrize('compression', ['zstd', 'snappy', 'none'])
+def test_unchanged(tmp_path: Path, compression: str) -> None:
+    """A copy without changes has the same content, metadata, row groups and compression."""
+    path = make(tmp_path, compression)
+    copy = copied(path, Change())
+    assert parquet.read_table(copy).equals(parquet.read_table(path), check_metadata=True)
+    before, after = parquet.ParquetFile(path).metadata, parquet.ParquetFile(copy).metadata
+    assert after.num_row_groups == before.num_row_groups == 4
+    for i in range(before.num_columns):
+        one, other = before.row_group(0).column(i), after.row_group(0).column(i)
+        assert other.compression == one.compression
+        assert other.physical_type == one.physical_type
+
+
+def test_some_rows(tmp_path: Path) -> None:
+    """A copy of some rows has all their columns."""
+    path = make(tmp_path)
+    keep = every_third(COUNT)
+    keep[300:600] = False
+    copy = copied(path, Change(keep=keep))
+    expected = parquet.read_table(path).filter(pa.array(keep))
+    assert parquet.read_table(copy).equals(expected, check_metadata=True)
+
+
+def test_added_columns(tmp_path: Path) -> None:
+    """Added columns stand behind the others."""
+    path = make(tmp_path)
+    added = verdict(COUNT)
+    copy = copied(path, Change(added=added))
+    after = parquet.read_table(copy)
+    for name, values in added.items():
+        column = after[name].to_numpy()
+        assert column.dtype == values.dtype
+        np.testing.assert_array_equal(column, values)
+    rest = after.drop_columns(list(added))
+    assert rest.equals(parquet.read_table(path), check_metadata=True)
+
+
+def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chunk by chunk, the rows are the same as at once."""
+    path = make(tmp_path)
+    expected = columns(path, 'x', 'time')
+    monkeypatch.setattr('lidar_outlier_filter.files.parquet.CHUNK', 77)
+    assert [one.tobytes() for one in columns(path, 'x', 'time')] == [
+        one.tobytes() for one in expected
+    ]
+
+
+def test_nothing_kept(tmp_path: Path) -> None:
+    """A file of rejected points may be empty; it has the same columns."""
+    path = make(tmp_path)
+    copy = copied(path, Change(keep=np.zeros(COUNT, np.bool_)))
+    assert parquet.read_table(copy).num_rows == 0
+    assert parquet.read_schema(copy).equals(parquet.read_schema(path), check_metadata=True)
+    with pytest.raises(CloudError, match='must be of at least one point, got 0'):
+        open_cloud(copy)
+
+
+@pytest.mark.parametrize('length', [0, 3, 1000, -1])
+def test_truncated(tmp_path: Path, length: int) -> None:
+    """A file that ends too early is refused."""
+    path = make(tmp_path)
+    path.write_bytes(path.read_bytes()[:length])
+    with pytest.raises(CloudError, match=r'cloud\.parquet must be readable, got "'):
+        open_cloud(path)
+
+
+def test_damaged(tmp_path: Path) -> None:
+    """A file with damaged columns is refused when they are read."""
+    path = make(tmp_path)
+    data = bytearray(path.read_bytes())
+    data[4:4000] = bytes(3996)
+    path.write_bytes(data)
+    with pytest.raises(CloudError, match=r'cloud\.parquet must be readable, got "'):
+        columns(path)
+
+
+@pytest.mark.parametrize(
+    ('said', 'other', 'refusal'),
+    [
+        # The footer has numbers n as 2 |n|, less 1 below 0, in sevens of bits, the lowest first.
+        (b'\xd0\x0f', b'\xd2\x0f', 'of 1001 points, as it says, got 1000'),
+        (b'\xd0\x0f', b'\xcf\x0f', 'of -1000 points, as it says, got 1000'),
+        (b'\xd8\x04', b'\xd7\x04', r'cloud\.parquet must be at least 0, got -300'),
+    ],
+)
+def test_counts_that_lie(tmp_path: Path, said: bytes, other: bytes, refusal: str) -> None:
+    """The counts of all points and of each part agree, and are none below 0."""
+    path = make(tmp_path)
+    data = path.read_bytes()
+    footer = len(data) - 8 - int.from_bytes(data[-8:-4], 'little')
+    path.write_bytes(data[:footer] + data[footer:].replace(b'\x16' + said, b'\x16' + other))
+    with pytest.raises(CloudError, match=refusal):
+        open_cloud(path)
+
+
+def test_columns_of_one_name(tmp_path: Path) -> None:
+    """Two columns of one name are refused: neither could be meant."""
+    path = tmp_path / 'cloud.parquet'
+    parquet.write_table(pa.Table.from_arrays([pa.array([1.0])] * 2, names=['x', 'x']), path)
+    with pytest.raises(CloudError, match='must be of different names, got x'):
+        open_cloud(path)
+
+
+@pytest.mark.parametrize('zone', ['UTC', 'Europe/Zurich', '+02:00'])
+@pytest.mark.parametrize('unit', ['ms', 'us', 'ns'])
+def test_times_with_a_zone(tmp_path: Path, zone: str, unit: str) -> None:
+    """A time with a zone is the same number of nanoseconds since 1970, and is copied as it is."""
+    path = tmp_path / 'cloud.parquet'
+    times = pa.array([0, 1_700_000_000_000, None], pa.timestamp('ms')).cast(
+        pa.timestamp(unit, zone)
+    )
+    made = pa.table({'x': [1.0, 2.0, 3.0], 'y': [1.0, 2.0, 3.0], 'time': times})
+    parquet.write_table(made, path)
+    assert list(open_cloud(path).columns) == ['x', 'y', 'time']
+    np.testing.assert_array_equal(columns(path, 'time')[0], [0, 1_700_000_000_000_000_000, np.nan])
+    copy = copied(path, Change(added={'outlier': np.zeros(3, np.uint8)}))
+    assert parquet.read_table(copy).drop_columns(['outlier']).equals(parquet.read_table(path))

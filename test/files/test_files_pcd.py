@@ -1,0 +1,344 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""PCD: comments, padding, counts and numbers are kept in all three forms."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.cloud_files import columns, copied, every_third, verdict
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+
+HEADER = """# .PCD v0.7 - Point Cloud Data file format
+# a comment of its own
+VERSION 0.7
+FIELDS x y z _ normal ring _ time
+SIZE 4 4 4 1 4 2 1 8
+TYPE F F F U F U U F
+COUNT 1 1 1 4 3 1 2 1
+WIDTH 4
+HEIGHT 3
+VIEWPOINT 0 0 1.50 1 0 0 0
+POINTS 12
+DATA {}
+"""
+ROW = np.dtype(
+    {
+        'names': ['x', 'y', 'z', 'normal', 'ring', 'time'],
+        'formats': ['<f4', '<f4', '<f4', ('<f4', (3,)), '<u2', '<f8'],
+        'offsets': [0, 4, 8, 16, 28, 32],
+        'itemsize': 40,
+    }
+)
+PARTS = (4, 4, 4, 4, 12, 2, 2, 8)  # bytes of the fields, padding too
+FORMS = ('ascii', 'binary', 'binary_compressed')
+REAL = (
+    'actual_scan_20240820_cloud.pcd',
+    'bun0.pcd',
+    'samp41-utm.pcd',
+    'samp41-utm-ground.pcd',
+)
+
+
+def rows() -> bytes:
+    """Twelve points that are noise, bit for bit, padding too; x is no NaN."""
+    data = bytearray(np.random.default_rng(3).bytes(12 * ROW.itemsize))
+    np.frombuffer(data, ROW)['x'][:] = np.arange(12) / 3
+    return bytes(data)
+
+
+def as_columns(data: bytes) -> bytes:
+    """Sort bytes of rows by field, as binary_compressed does."""
+    table = np.frombuffer(data, np.uint8).reshape(-1, sum(PARTS))
+    ends = np.cumsum(PARTS)
+    return b''.join(table[:, e - n : e].tobytes() for e, n in zip(ends, PARTS, strict=True))
+
+
+def lzf(data: bytes) -> bytes:
+    """Compress by LZF without finding anything that repeats."""
+    parts = (data[i : i + 32] for i in range(0, len(data), 32))
+    return b''.join(bytes([len(part) - 1]) + part for part in parts)
+
+
+def unlzf(data: bytes) -> bytes:
+    """Decompress LZF."""
+    out, i = bytearray(), 0
+    while i < len(data):
+        control = data[i]
+        i += 1
+        if control < 32:
+            out += data[i : i + control + 1]
+            i += control + 1
+            continue
+        length = control >> 5
+        if length == 7:
+            length += data[i]
+            i += 1
+        start = len(out) - ((control & 31) << 8) - data[i] - 1
+        i += 1
+        for j in range(length + 2):
+            out.append(out[start + j])
+    return bytes(out)
+
+
+def ascii_lines() -> list[bytes]:
+    """Twelve points as text, each number in a spelling that no program would print."""
+    line = '{0}.10 +{0}.250 -1e-0{0} 1 2 3 4 0.50 nan 7 {0} 0 00 171000000{0}.{0}\n'
+    return [line.format(i % 7).encode() for i in range(12)]
+
+
+def make(folder: Path, form: str) -> Path:
+    """Write an organised cloud of twelve points."""
+    data = {
+        'ascii': b''.join(ascii_lines()),
+        'binary': rows(),
+        'binary_compressed': b'',
+    }[form]
+    if form == 'binary_compressed':
+        packed = lzf(as_columns(rows()))
+        data = struct.pack('<II', len(packed), len(rows())) + packed
+    path = folder / f'{form}.pcd'
+    path.write_bytes(HEADER.format(form).encode() + data)
+    return path
+
+
+def body(path: Path) -> bytes:
+    """Return what follows the header."""
+    data = path.read_bytes()
+    return data[data.index(b'\n', data.index(b'DATA')) + 1 :]
+
+
+def unpacked(path: Path) -> bytes:
+    """Return the columns of a compressed file."""
+    packed, size = struct.unpack('<II', body(path)[:8])
+    data = unlzf(body(path)[8:])
+    assert packed == len(body(path)) - 8
+    assert size == len(data)
+    return data
+
+
+def header(path: Path) -> dict[str, str]:
+    """Return the lines of the header by their first word."""
+    lines = path.read_bytes().split(b'DATA')[0].decode().splitlines()
+    return {line.split()[0]: line for line in lines if not line.startswith('#')}
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_columns(tmp_path: Path, form: str) -> None:
+    """Fields of one number are columns, padding and fields of several are none."""
+    path = make(tmp_path, form)
+    assert list(open_cloud(path).columns) == ['x', 'y', 'z', 'ring', 'time']
+    assert len(open_cloud(path)) == 12
+    x, ring, time = columns(path, 'x', 'ring', 'time')
+    if form == 'ascii':
+        np.testing.assert_array_equal(x, np.array([i % 7 + 0.1 for i in range(12)], np.float32))
+        np.testing.assert_array_equal(ring, np.arange(12) % 7)
+        np.testing.assert_array_equal(time, [1710000000 + (i % 7) * 1.1 for i in range(12)])
+    else:
+        expected = np.frombuffer(rows(), ROW)
+        np.testing.assert_array_equal(x, expected['x'])
+        np.testing.assert_array_equal(ring, expected['ring'])
+        np.testing.assert_array_equal(time, expected['time'])
+
+
+def test_columns_in_any_order(tmp_path: Path) -> None:
+    """Columns come in the order in which they are asked for, in text too."""
+    for form in FORMS:
+        path = make(tmp_path, form)
+        time, x = columns(path, 'time', 'x')
+        np.testing.assert_array_equal(time, columns(path, 'time')[0])
+        np.testing.assert_array_equal(x, columns(path, 'x')[0])
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_unchanged(tmp_path: Path, form: str) -> None:
+    """A copy without changes is the same file; a compressed one has the same content."""
+    path = make(tmp_path, form)
+    copy = copied(path, Change())
+    if form == 'binary_compressed':
+        assert unpacked(copy) == as_columns(rows())
+        assert copy.read_bytes().startswith(HEADER.format(form).encode())
+    else:
+        assert copy.read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_some_points(tmp_path: Path, form: str) -> None:
+    """A copy of some points has their bytes, and is organised no more."""
+    path = make(tmp_path, form)
+    keep = every_third(12)
+    copy = copied(path, Change(keep=keep))
+    kept = np.frombuffer(rows(), (np.void, ROW.itemsize))[keep].tobytes()
+    if form == 'ascii':
+        assert body(copy) == b''.join(np.array(ascii_lines(), object)[keep])
+    elif form == 'binary':
+        assert body(copy) == kept
+    else:
+        assert unpacked(copy) == as_columns(kept)
+    changed = {'WIDTH': 'WIDTH 8', 'HEIGHT': 'HEIGHT 1', 'POINTS': 'POINTS 8'}
+    assert header(copy) == header(path) | changed
+    assert b'# a comment of its own\n' in copy.read_bytes()
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_added_columns(tmp_path: Path, form: str) -> None:
+    """Added columns stand behind the others, which keep their bytes; the shape stays."""
+    path = make(tmp_path, form)
+    added = verdict(12)
+    copy = copied(path, Change(added=added))
+    for name, values in added.items():
+        np.testing.assert_array_equal(columns(copy, name)[0], values)
+        assert columns(copy, name)[0].dtype == values.dtype
+    changed = {
+        'FIELDS': header(path)['FIELDS'] + ' outlier outlier_score outlier_detectors',
+        'SIZE': header(path)['SIZE'] + ' 1 4 2',
+        'TYPE': header(path)['TYPE'] + ' U F U',
+        'COUNT': header(path)['COUNT'] + ' 1 1 1',
+    }
+    assert header(copy) == header(path) | changed
+    if form == 'ascii':
+        lines = body(copy).splitlines()
+        assert [line.rsplit(b' ', 3)[0] + b'\n' for line in lines] == ascii_lines()
+    elif form == 'binary':
+        wider = np.frombuffer(body(copy), np.uint8).reshape(12, -1)
+        assert wider.shape[1] == ROW.itemsize + 7
+        assert wider[:, : ROW.itemsize].tobytes() == rows()
+    else:
+        assert unpacked(copy).startswith(as_columns(rows()))
+
+
+@pytest.mark.parametrize('name', REAL)
+def test_real_files(recordings: Path, tmp_path: Path, name: str) -> None:
+    """The numbers of real files come out as they went in."""
+    path = tmp_path / name
+    path.write_bytes((recordings / 'clouds' / name).read_bytes())
+    before = columns(path)
+    count = len(before[0])
+    keep = every_third(count)
+    for change, kept in ((Change(), slice(None)), (Change(keep=keep), keep)):
+        after = columns(copied(path, change))
+        for one, other in zip(before, after, strict=True):
+            assert one.dtype == other.dtype
+            assert one[kept].tobytes() == other.tobytes()
+    marked = columns(copied(path, Change(added=verdict(count))))
+    assert [one.tobytes() for one in marked[:-3]] == [one.tobytes() for one in before]
+
+
+def test_incompressible_and_large(tmp_path: Path) -> None:
+    """What LZF cannot make smaller is written all the same, and what repeats is made smaller."""
+    fields = b'FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1200\nHEIGHT 1\nDATA binary_compressed\n'
+    noise = np.random.default_rng(1).random((3, 1200), np.float32).tobytes()
+    for data in (noise, bytes(14400)):
+        packed = lzf(data)
+        path = tmp_path / 'cloud.pcd'
+        path.write_bytes(fields + struct.pack('<II', len(packed), len(data)) + packed)
+        copy = copied(path, Change())
+        assert unpacked(copy) == data
+        assert (len(body(copy)) < len(data) / 10) == (data == bytes(14400))
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_nothing_kept(tmp_path: Path, form: str) -> None:
+    """A file of rejected points may be empty; it has a header, and is no cloud to be judged."""
+    copy = copied(make(tmp_path, form), Change(keep=np.zeros(12, np.bool_)))
+    assert header(copy)['POINTS'] == 'POINTS 0'
+    assert body(copy) == (bytes(8) if form == 'binary_compressed' else b'')
+    with pytest.raises(CloudError, match='must be of at least one point, got 0'):
+        open_cloud(copy)
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
+    """Chunk by chunk, the points are the same as at once."""
+    path = make(tmp_path, form)
+    change = Change(keep=every_third(12), added=verdict(12))
+    expected = columns(path)
+    at_once = copied(path, change).read_bytes()
+    monkeypatch.setattr('lidar_outlier_filter.files.rows.CHUNK', 5)
+    assert [one.tobytes() for one in columns(path)] == [one.tobytes() for one in expected]
+    assert copied(path, change).read_bytes() == at_once
+
+
+def test_no_line_end_at_the_end(tmp_path: Path) -> None:
+    """A last line without an end, and empty lines, are read; CRLF stays CRLF."""
+    path = make(tmp_path, 'ascii')
+    path.write_bytes(path.read_bytes().replace(b'\n', b'\r\n').removesuffix(b'\r\n'))
+    before = columns(path)
+    copy = copied(path, Change(added=verdict(12)))
+    assert body(copy).count(b'\r\n') == 11
+    for one, other in zip(before, columns(copy), strict=False):
+        np.testing.assert_array_equal(one, other)
+    path.write_bytes(path.read_bytes() + b'\n \n\n')
+    assert len(columns(path, 'x')[0]) == 12
+
+
+@pytest.mark.parametrize('form', FORMS)
+@pytest.mark.parametrize('share', [0.1, 0.5, 0.9, 0.95])
+def test_truncated(tmp_path: Path, form: str, share: float) -> None:
+    """A file that ends too early is refused, in whichever part it does."""
+    path = make(tmp_path, form)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(CloudError, match=r' must be '):
+        columns(path)
+
+
+@pytest.mark.parametrize(('form', 'left'), [('ascii', 11), ('binary', 7)])
+def test_too_few_points(tmp_path: Path, form: str, left: int) -> None:
+    """A file with fewer points than it says is called with how many it has."""
+    path = make(tmp_path, form)
+    data = path.read_bytes()
+    end = data.rindex(b'\n', 0, -1) + 1 if form == 'ascii' else -5 * ROW.itemsize
+    path.write_bytes(data[:end])
+    with pytest.raises(CloudError, match=f'must be of 12 points, as it says, got {left}'):
+        columns(path)
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'sentence'),
+    [
+        ('POINTS 12', 'POINTS 11', 'must be WIDTH × HEIGHT = 12, got 11'),
+        ('DATA ascii', 'DATA zip', "must be ascii, binary or binary_compressed, got 'zip'"),
+        ('FIELDS x y', 'FIELDS x x', 'must be of different names, got x'),
+        ('SIZE 4 4', 'SIZE 4', 'must be of one length, got 8, 7, 8 and 8'),
+        ('WIDTH 4\n', '', 'must be complete, got no WIDTH'),
+        ('WIDTH 4', 'WIDTH four', "WIDTH of {} must be a whole number, got 'four'"),
+        ('+0.250', 'zero', 'must be readable, got "could not convert'),
+        ('+0.250', '+0.250 7', 'point 1 of {} must be of 14 numbers, as it says, got 15'),
+        ('F F F U', 'Q F F U', 'must be I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8, got Q of 4'),
+    ],
+)
+def test_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    """A header that cannot be true is refused in one sentence."""
+    path = make(tmp_path, 'ascii')
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(CloudError) as caught:
+        columns(path)
+    assert sentence.format(path) in str(caught.value)
+    assert '\n' not in str(caught.value)
+
+
+def test_other_headers(tmp_path: Path) -> None:
+    """COUNT and POINTS may be missing; words may be small."""
+    path = tmp_path / 'cloud.pcd'
+    path.write_text(
+        'fields x y z\nsize 4 4 4\ntype F F F\nwidth 2\nheight 1\ndata ascii\n1 2 3\n4 5 6\n'
+    )
+    assert [column.tolist() for column in columns(path)] == [[1, 4], [2, 5], [3, 6]]
+    copy = copied(path, Change(added=verdict(2)))
+    assert columns(copy, 'z')[0].tolist() == [3, 6]
+    assert b'COUNT' not in copy.read_bytes()
+
+
+def test_no_pcd(tmp_path: Path) -> None:
+    """A file of another kind is refused."""
+    path = tmp_path / 'other.pcd'
+    path.write_bytes(b'\0' * 3_000_000)
+    with pytest.raises(CloudError, match='ended by a line with DATA'):
+        open_cloud(path)
+    assert Path(path).exists()

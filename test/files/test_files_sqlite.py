@@ -1,0 +1,250 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""SQLite: the database is copied whole, and the verdict is a table of its own."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.cloud_files import columns, copied, every_third, verdict
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files import cloud_file
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+COUNT = 30
+
+
+def run(path: Path, *statements: str) -> list[tuple[Any, ...]]:
+    """Run SQL; return what the last statement finds."""
+    with closing(sqlite3.connect(path)) as database, database:
+        for statement in statements:
+            found = database.execute(statement).fetchall()
+    return found
+
+
+def make(folder: Path) -> Path:
+    """Make a database with the track of a bus, whose row ids are neither dense nor in order."""
+    path = folder / 'tracks.sqlite'
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(
+            'CREATE TABLE "line 11" (id INTEGER PRIMARY KEY, bus TEXT, lat REAL, lon, '
+            '"speed ""km/h""" INTEGER, at TEXT, note BLOB)'
+        )
+        rows = [
+            (3 * i + 1, f'bus {i}', 45 + i / 1000, f'{7 + i / 1000}', i % 50, '2017-05-03', b'\0\1')
+            for i in range(COUNT)
+        ]
+        database.executemany('INSERT INTO "line 11" VALUES (?, ?, ?, ?, ?, ?, ?)', rows[::-1])
+        database.execute('CREATE INDEX by_bus ON "line 11" (bus)')
+        database.execute('CREATE VIEW fast AS SELECT * FROM "line 11" WHERE lat > 45')
+    return path
+
+
+def test_columns(tmp_path: Path) -> None:
+    """Columns of numbers can be read by row id, numbers that were stored as text, too."""
+    path = make(tmp_path)
+    assert list(open_cloud(path).columns) == ['id', 'lat', 'lon', 'speed "km/h"']
+    row, lat, lon, speed = columns(path)
+    assert row.tolist() == [3 * i + 1 for i in range(COUNT)]
+    np.testing.assert_array_equal(lat, [45 + i / 1000 for i in range(COUNT)])
+    np.testing.assert_array_equal(lon, [7 + i / 1000 for i in range(COUNT)])
+    np.testing.assert_array_equal(speed, [i % 50 for i in range(COUNT)])
+
+
+def test_null_is_nan(tmp_path: Path) -> None:
+    """What is not known is NaN."""
+    path = make(tmp_path)
+    run(path, 'UPDATE "line 11" SET lat = NULL, "speed ""km/h""" = NULL WHERE id = 4')
+    lat, speed = columns(path, 'lat', 'speed "km/h"')
+    assert np.flatnonzero(np.isnan(lat)).tolist() == [1]
+    assert np.flatnonzero(np.isnan(speed)).tolist() == [1]
+
+
+def test_whole_numbers_are_exact(tmp_path: Path) -> None:
+    """Large whole numbers are not rounded, stored as text or not; beyond 64 bits they are."""
+    large = 2**53 + 1
+    path = tmp_path / 'large.db'
+    run(
+        path,
+        'CREATE TABLE t (x, y TEXT, z)',
+        "INSERT INTO t VALUES (9007199254740993, '9007199254740993', 9223372036854775808)",
+    )
+    x, y, z = columns(path)
+    assert (x.tolist(), y.tolist(), z.tolist()) == ([large], [large], [2.0**63])
+    run(path, 'INSERT INTO t VALUES (NULL, NULL, NULL)')
+    chunks = cloud_file.read_exact(open_cloud(path), ['x', 'y', 'z'])
+    x, y, z = next(chunks)
+    assert x.tolist() == y.tolist() == [large, None]
+    np.testing.assert_array_equal(z, [2.0**63, np.nan])
+
+
+def test_verdict(tmp_path: Path) -> None:
+    """The copy has all of the database, and a table with the verdict on every row, by row id."""
+    path = make(tmp_path)
+    before = path.read_bytes()
+    added = verdict(COUNT)
+    copy = copied(path, Change(added=added))
+    schema = "SELECT * FROM sqlite_schema WHERE name NOT LIKE '%verdict' ORDER BY name"
+    rows = 'SELECT * FROM "line 11" ORDER BY id'
+    assert run(copy, schema) == run(path, schema)
+    assert run(copy, rows) == run(path, rows)
+    found = run(copy, 'SELECT * FROM "line 11_verdict" ORDER BY row_id')
+    values = (added['outlier'], added['outlier_score'], added['outlier_detectors'])
+    for i, (row, outlier, score, detectors) in enumerate(found):
+        known = None if np.isnan(values[1][i]) else float(values[1][i])
+        assert (row, outlier, score, detectors) == (3 * i + 1, values[0][i], known, values[2][i])
+    assert len(found) == COUNT
+    joined = 'SELECT count(*) FROM "line 11" t JOIN "line 11_verdict" v ON t.rowid = v.row_id'
+    assert run(copy, joined) == [(COUNT,)]
+    assert path.read_bytes() == before
+    assert sorted(item.name for item in tmp_path.iterdir()) == ['copied', 'tracks.sqlite']
+
+
+@pytest.mark.parametrize('names', ['rowid', 'ROWID, oid', '_rowid_, RowId', 'oid'])
+def test_a_column_called_rowid(tmp_path: Path, names: str) -> None:
+    """A column that is called like SQLite's own row id is a column like any other."""
+    path = tmp_path / 'own.db'
+    free = next(one for one in ('rowid', 'oid', '_rowid_') if one not in names.lower())
+    own = names.split(', ')
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(f'CREATE TABLE t (x, {names})')
+        rows = [(i, *[3 - i // 2] * len(own)) for i in range(6)]
+        places = ', ?' * len(own)
+        database.executemany(f'INSERT INTO t VALUES (?{places})', rows)  # noqa: S608  ours
+        database.execute(f'UPDATE t SET {free} = 40 - {free} WHERE x > 3')  # noqa: S608  ours
+    x, *others = columns(path)
+    assert x.tolist() == [0, 1, 2, 3, 5, 4]
+    assert [one.tolist() for one in others] == [[3, 3, 2, 2, 1, 1]] * len(own)
+    copy = copied(path, Change(added={'outlier': np.arange(6) % 2}))
+    found = run(copy, f'SELECT x, v.outlier FROM t JOIN t_verdict v ON t.{free} = v.row_id')  # noqa: S608  ours
+    assert sorted(found) == [(0, 0), (1, 1), (2, 0), (3, 1), (4, 1), (5, 0)]
+
+
+def test_no_name_for_the_row_id(tmp_path: Path) -> None:
+    """A table whose row ids have no name left, or that has none, is refused."""
+    path = tmp_path / 'own.db'
+    run(path, 'CREATE TABLE t (x, oid, rowid, _rowid_)', 'INSERT INTO t VALUES (1, 2, 3, 4)')
+    with pytest.raises(CloudError, match="the columns of table 't' must be without one of rowid, "):
+        open_cloud(path)
+    other = tmp_path / 'other.db'
+    run(other, 'CREATE TABLE t (x PRIMARY KEY, y) WITHOUT ROWID', 'INSERT INTO t VALUES (1, 2)')
+    with pytest.raises(CloudError, match=r"the table 't' of .* must be one with row ids, by which"):
+        open_cloud(other)
+
+
+def test_generated_columns(tmp_path: Path) -> None:
+    """A column that is computed from others can be read like them, wherever it stands."""
+    path = tmp_path / 'made.db'
+    run(
+        path,
+        "CREATE TABLE t (x REAL, name AS ('n' || x), y REAL, z REAL AS (x + y) STORED, note TEXT)",
+        "INSERT INTO t (x, y, note) VALUES (1, 2, 'a'), (3, 4, 'b')",
+    )
+    assert list(open_cloud(path).columns) == ['x', 'y', 'z']
+    assert [column.tolist() for column in columns(path)] == [[1, 3], [2, 4], [3, 7]]
+
+
+def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chunk by chunk, the rows are the same as at once."""
+    path = make(tmp_path)
+    expected = columns(path)
+    rows = 'SELECT * FROM "line 11_verdict"'
+    at_once = run(copied(path, Change(added=verdict(COUNT)), 'one.db'), rows)
+    monkeypatch.setattr('lidar_outlier_filter.files.sqlite.CHUNK', 7)
+    assert [one.tobytes() for one in columns(path)] == [one.tobytes() for one in expected]
+    assert run(copied(path, Change(added=verdict(COUNT)), 'other.db'), rows) == at_once
+
+
+def test_no_row_is_removed(tmp_path: Path) -> None:
+    """Rows are not taken out of a database."""
+    with pytest.raises(CloudError, match='marked, got removed: the verdict on a table is a table'):
+        copied(make(tmp_path), Change(keep=every_third(COUNT)))
+
+
+def test_the_table_is_named(tmp_path: Path) -> None:
+    """With several tables, one must be named, and exist."""
+    path = make(tmp_path)
+    run(path, 'CREATE TABLE other (x, y)', 'INSERT INTO other VALUES (1.5, 2)')
+    with pytest.raises(CloudError, match='must be one of line 11, other, got none'):
+        open_cloud(path)
+    with pytest.raises(CloudError, match="must be one of line 11, other, got 'fast'"):
+        open_cloud(path, 'fast')
+    assert len(open_cloud(path, 'line 11')) == COUNT
+    assert [column.tolist() for column in columns(path, table='other')] == [[1.5], [2]]
+
+
+def test_a_verdict_there_already(tmp_path: Path) -> None:
+    """A table that has a verdict is refused, however the verdict got there."""
+    path = copied(make(tmp_path), Change(added=verdict(COUNT)))
+    with pytest.raises(CloudError, match='without line 11_verdict, which is to be made'):
+        open_cloud(path, 'line 11')
+
+
+def test_words_among_numbers(tmp_path: Path) -> None:
+    """A column of numbers must be of numbers in every row."""
+    path = make(tmp_path)
+    run(path, 'UPDATE "line 11" SET lon = \'west\' WHERE id = 7')
+    with pytest.raises(CloudError, match="column 'lon' of table 'line 11' must be of numbers, got"):
+        columns(path, 'lon')
+
+
+def test_no_database(tmp_path: Path) -> None:
+    """A file of another kind, an empty one and an empty table are refused."""
+    path = tmp_path / 'other.db'
+    path.write_bytes(b'LASF' * 1000)
+    with pytest.raises(CloudError, match='must be readable, got "file is not a database"'):
+        open_cloud(path)
+    path.write_bytes(b'')
+    with pytest.raises(CloudError, match=r'the table of .* must be one of none, got none'):
+        open_cloud(path)
+    run(path, 'CREATE TABLE t (x, y, z)')
+    with pytest.raises(CloudError, match='must be of at least one point, got 0'):
+        open_cloud(path)
+
+
+def test_damaged(tmp_path: Path) -> None:
+    """A damaged database is refused before it is read."""
+    path = make(tmp_path)
+    run(path, *['INSERT INTO "line 11" SELECT NULL, bus, lat, lon, 1, at, note FROM "line 11"'] * 6)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:20_000])
+    with pytest.raises(CloudError, match='must be whole, got "20000 bytes instead of 126976'):
+        open_cloud(path)
+    path.write_bytes(whole[:50_000] + bytes(10_000) + whole[60_000:])
+    with pytest.raises(CloudError, match='must be whole, got "'):
+        open_cloud(path)
+
+
+@pytest.mark.parametrize('lost', [1, 2, 5, 10, 511, 4096])
+@pytest.mark.parametrize('counted', [True, False])
+def test_cut_off(tmp_path: Path, lost: int, *, counted: bool) -> None:
+    """A database that lost its last bytes is refused, also if it does not count its pages."""
+    path = make(tmp_path)
+    data = bytearray(path.read_bytes()[:-lost])
+    if not counted:
+        data[92:96] = bytes(4)
+    path.write_bytes(data)
+    with pytest.raises(CloudError, match='must be whole, got "'):
+        open_cloud(path)
+
+
+def test_nothing_is_left_beside(tmp_path: Path) -> None:
+    """A database that was written with a log is read without one; with rows in a log, refused."""
+    path = make(tmp_path)
+    database = sqlite3.connect(path)
+    database.execute('PRAGMA journal_mode=WAL')
+    database.close()
+    assert path.read_bytes()[18] == 2
+    assert len(columns(path)[0]) == COUNT
+    assert [item.name for item in tmp_path.iterdir()] == ['tracks.sqlite']
+    (tmp_path / 'tracks.sqlite-wal').write_bytes(b'rows')
+    with pytest.raises(CloudError, match='must be closed by who wrote it, got rows in tracks'):
+        open_cloud(path)

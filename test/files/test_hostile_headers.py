@@ -1,0 +1,345 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Headers that lie: counts, places and sizes that the file has no room for are refused."""
+
+from __future__ import annotations
+
+import struct
+import tracemalloc
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import laspy
+import pytest
+from helpers.cloud_files import columns, copied
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+from lidar_outlier_filter.files.room import check_points
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+SOON = 5.0  # seconds
+LITTLE = 50_000_000  # bytes
+COUNT = 300
+PCD = (
+    'FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {0}\nHEIGHT 1\nPOINTS {0}\nDATA {1}\n'
+)
+PLY = (
+    'ply\nformat {1} 1.0\n{2}element vertex {0}\nproperty float x\nproperty float y\n'
+    'property float z\n{3}end_header\n'
+)
+
+
+def las(folder: Path, name: str = 'cloud.las', point_format: int = 6) -> Path:
+    """Write a file of 300 points with a record before them and one behind them."""
+    header = laspy.LasHeader(point_format=point_format, version='1.4')
+    header.vlrs.append(laspy.VLR('someone', 77, 'a note', b'note'))
+    points = laspy.ScaleAwarePointRecord.zeros(COUNT, header=header)
+    points['X'], points['Y'] = range(COUNT), range(COUNT, 0, -1)
+    path = folder / name
+    with laspy.open(path, 'w', header=header) as writer:
+        writer.write_points(points)
+        writer.write_evlrs(laspy.vlrs.vlrlist.VLRList([laspy.VLR('someone', 78, '', b'more')]))
+    return path
+
+
+def rows(count: int = COUNT) -> bytes:
+    """Make rows of three numbers that are not zero."""
+    return struct.pack('<3f', 1.5, 2.5, 3.5) * count
+
+
+def patch(path: Path, place: int, data: bytes) -> Path:
+    """Overwrite some bytes of a file."""
+    whole = bytearray(path.read_bytes())
+    whole[place : place + len(data)] = data
+    path.write_bytes(whole)
+    return path
+
+
+def number(path: Path, place: int, size: int) -> int:
+    """Read a number out of a file."""
+    return int.from_bytes(path.read_bytes()[place : place + size], 'little')
+
+
+def refused(path: Path, sentence: str = ' must be ') -> None:
+    """Refuse a file soon, with little memory, and in one sentence without foreign words."""
+    tracemalloc.start()
+    begin = perf_counter()
+    with pytest.raises(CloudError) as caught:
+        columns(path)
+    taken, most = perf_counter() - begin, tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert sentence in str(caught.value)
+    assert 'must be readable' not in str(caught.value)
+    assert '\n' not in str(caught.value)
+    assert taken < SOON
+    assert most < LITTLE
+
+
+@pytest.mark.parametrize(
+    ('place', 'data', 'sentence'),
+    [
+        (94, '<H', 'the end of the header of'),
+        (96, '<I', 'the first point of'),
+        (100, '<I', 'the number of records of'),
+        (235, '<Q', 'the first extended record of'),
+        (243, '<I', 'the number of records of'),
+        (247, '<Q', 'as it says, got 300'),
+    ],
+)
+@pytest.mark.parametrize('part', [1, 2])
+def test_numbers_of_a_las_header(
+    tmp_path: Path, place: int, data: str, sentence: str, part: int
+) -> None:
+    """A count or a place beyond what is in the file is refused, whatever it counts."""
+    largest = 256 ** struct.calcsize(data) - 1
+    refused(patch(las(tmp_path), place, struct.pack(data, largest // part)), sentence)
+
+
+@pytest.mark.parametrize('suffix', ['.las', '.laz'])
+@pytest.mark.parametrize('size', [420, 60000, 2**16 - 1])
+def test_records_longer_than_the_file(tmp_path: Path, suffix: str, size: int) -> None:
+    """A record before the points that ends behind their begin is refused."""
+    path = las(tmp_path, f'cloud{suffix}')
+    place = number(path, 94, 2)
+    refused(patch(path, place + 20, struct.pack('<H', size)), 'the bytes in a record of')
+
+
+def test_extended_records_longer_than_the_file(tmp_path: Path) -> None:
+    """A record behind the points that ends behind the file is refused."""
+    path = las(tmp_path)
+    patch(path, number(path, 235, 8) + 20, struct.pack('<Q', 2**63))
+    refused(path, 'the bytes in a record of')
+
+
+@pytest.mark.parametrize('said', [0, 1, 100, COUNT - 1, COUNT + 1, 10**6, 2**40, 2**63])
+@pytest.mark.parametrize('name', ['cloud.las', 'cloud.laz'])
+def test_number_of_las_points(tmp_path: Path, name: str, said: int) -> None:
+    """More or fewer points than the header says are refused: nobody knows which is true."""
+    path = patch(las(tmp_path, name), 247, struct.pack('<Q', said))
+    patch(path, 107, bytes(4))
+    refused(path, f'must be of {said} points, as it says, got {COUNT}')
+
+
+@pytest.mark.parametrize('said', [10**6, 2**31])
+def test_number_of_points_in_chunks_that_do_not_count(tmp_path: Path, said: int) -> None:
+    """Of the older point formats LAZ says how many chunks there are: a count beyond is refused."""
+    path = las(tmp_path, 'cloud.laz', 3)
+    refused(patch(path, 247, struct.pack('<Q', said)), f'must be of {said} points, as it says')
+
+
+@pytest.mark.parametrize('chunks', [100, 2**20, 2**32 - 1])
+def test_number_of_chunks(tmp_path: Path, chunks: int) -> None:
+    """A table of more chunks than the points have bytes is refused."""
+    path = las(tmp_path, 'cloud.laz')
+    table = number(path, number(path, 96, 4), 8)
+    refused(patch(path, table + 4, struct.pack('<I', chunks)), 'the number of chunks of')
+
+
+@pytest.mark.parametrize('place', [0, 10**6, 2**62, 2**63])
+def test_place_of_the_chunks(tmp_path: Path, place: int) -> None:
+    """A table of chunks that is not in the file is refused."""
+    path = las(tmp_path, 'cloud.laz')
+    patch(path, number(path, 96, 4), struct.pack('<Q', place))
+    refused(path, 'the table of chunks of')
+
+
+@pytest.mark.parametrize('layer', range(9))
+def test_layers_of_a_chunk(tmp_path: Path, layer: int) -> None:
+    """A layer that is larger than its chunk is refused: gigabytes were taken for it."""
+    path = las(tmp_path, 'cloud.laz')
+    place = number(path, 96, 4) + 8 + number(path, 105, 2) + 4 + 4 * layer
+    refused(patch(path, place, b'\xff' * 4), 'the bytes in the layers of a chunk of')
+
+
+@pytest.mark.parametrize(
+    ('point_format', 'points', 'sentence'),
+    [
+        (3, 2**32 - 2, 'the points of a chunk in'),
+        (6, 2**32 - 2, 'the points of a chunk in'),
+        (6, 256_000_000 // 30 + 1, 'the points of a chunk in'),
+        (6, 3, 'the points of chunk 0 of'),
+        (6, COUNT - 1, 'the points of chunk 0 of'),
+    ],
+)
+def test_points_of_a_chunk(tmp_path: Path, point_format: int, points: int, sentence: str) -> None:
+    """What a chunk is said to have ended the process, or made the library panic."""
+    path = las(tmp_path, 'cloud.laz', point_format)
+    place = path.read_bytes().index(b'laszip encoded') - 2 + 54 + 12
+    refused(patch(path, place, struct.pack('<I', points)), sentence)
+
+
+def test_items_of_a_point(tmp_path: Path) -> None:
+    """The items that LASzip lists make up a point: else the library ended by a panic."""
+    path = las(tmp_path, 'cloud.laz')
+    place = path.read_bytes().index(b'laszip encoded') - 2 + 54 + 34
+    patch(path, place + 2, b'\xff\xff')
+    for compressor in (3, 2, 1, 0):
+        patch(path, place - 34, bytes([compressor]))
+        refused(path, 'must be of 30 bytes, as it says, got 65535')
+    patch(path, place - 2, b'\0\0')
+    refused(path, 'must be of 30 bytes, as it says, got 0')
+
+
+@pytest.mark.parametrize(('point_format', 'compressor'), [(3, 3), (6, 0), (6, 1), (6, 2)])
+def test_compressor_of_other_points(tmp_path: Path, point_format: int, compressor: int) -> None:
+    """Layers without chunks: 720 bytes took two gigabytes."""
+    path = las(tmp_path, 'cloud.laz', point_format)
+    place = path.read_bytes().index(b'laszip encoded') - 2 + 54
+    refused(patch(path, place, bytes([compressor])), 'the compressor of')
+
+
+def texts(count: int) -> str:
+    """Write rows as text."""
+    return '1.5 2.5 3.5\n' * count
+
+
+PACKED = struct.pack('<II', 8, 3600)
+
+
+@pytest.mark.parametrize('form', ['ascii', 'binary'])
+@pytest.mark.parametrize('said', [1, COUNT - 1, COUNT + 1, 10**9, 10**17])
+def test_number_of_pcd_points(tmp_path: Path, form: str, said: int) -> None:
+    """More or fewer rows than the header says are refused."""
+    path = tmp_path / 'cloud.pcd'
+    data = rows() if form == 'binary' else texts(COUNT).encode()
+    path.write_bytes(PCD.format(said, form).encode() + data)
+    refused(path, f'must be of {said} points, as it says, got {COUNT}')
+
+
+@pytest.mark.parametrize(
+    ('packed', 'size', 'sentence'),
+    [
+        (2**32 - 1, 3600, 'the compressed bytes of'),
+        (10, 2**32 - 1, 'the bytes unpacked of'),
+        (10, 600, 'must be of 300 points, as it says, got 50'),
+    ],
+)
+def test_sizes_of_a_compressed_pcd(tmp_path: Path, packed: int, size: int, sentence: str) -> None:
+    """The sizes of the compressed bytes fit the file and the points."""
+    path = tmp_path / 'cloud.pcd'
+    head = PCD.format(COUNT, 'binary_compressed').encode()
+    path.write_bytes(head + struct.pack('<II', packed, size) + b'\1xy' * 4)
+    refused(path, sentence)
+
+
+def test_compressed_bytes_that_make_fewer(tmp_path: Path) -> None:
+    """Bytes that unpack to fewer than they say are refused."""
+    path = tmp_path / 'cloud.pcd'
+    head = PCD.format(2, 'binary_compressed').encode()
+    path.write_bytes(head + struct.pack('<II', 13, 24) + b'\x0b' + bytes(12))
+    refused(path, 'the bytes unpacked of')
+
+
+@pytest.mark.parametrize('form', ['ascii', 'binary_little_endian'])
+@pytest.mark.parametrize('said', [-3, 1, COUNT - 1, COUNT + 1, 10**9, 10**17, 10**30, 'many'])
+def test_number_of_vertices(tmp_path: Path, form: str, said: object) -> None:
+    """More or fewer vertices than the header says are refused, and so is what is no number."""
+    path = tmp_path / 'cloud.ply'
+    data = texts(COUNT).encode() if form == 'ascii' else rows()
+    path.write_bytes(PLY.format(said, form, '', '').encode() + data)
+    refused(path)
+
+
+@pytest.mark.parametrize('form', ['ascii', 'binary_little_endian', 'binary_big_endian'])
+@pytest.mark.parametrize(
+    'element',
+    [
+        'element q 20000000000\n',
+        'element q 20000000000\nproperty double a\n',
+        'element q 20000000000\nproperty list uchar double a\n',
+        'element q 3000\nproperty list uint double a\n',
+        'element q -1\nproperty list uchar double a\n',
+        'element q 1\nproperty list float double a\n',
+        'element q 1\nproperty bogus a\n',
+        'property float a\n',
+    ],
+)
+def test_elements_before_the_vertices(tmp_path: Path, form: str, element: str) -> None:
+    """No loop runs over elements that the file has no room for."""
+    path = tmp_path / 'cloud.ply'
+    path.write_bytes(PLY.format(COUNT, form, element, '').encode() + rows())
+    refused(path)
+
+
+def test_lists_of_negative_length(tmp_path: Path) -> None:
+    """A list that leads back in the file is refused."""
+    path = tmp_path / 'cloud.ply'
+    element = 'element q 1\nproperty list int uchar a\n'
+    head = PLY.format(COUNT, 'binary_little_endian', element, '').encode()
+    path.write_bytes(head + struct.pack('<i', -4) + rows())
+    refused(path, 'the length of a list of')
+
+
+@pytest.mark.parametrize('form', ['ascii', 'binary_little_endian'])
+def test_elements_behind_the_vertices(tmp_path: Path, form: str) -> None:
+    """Elements behind the vertices have room behind them, or the count is refused."""
+    path = tmp_path / 'cloud.ply'
+    behind = 'element q 2\nproperty int a\n'
+    data = texts(COUNT).encode() + b'1\n2\n' if form == 'ascii' else rows() + bytes(8)
+    path.write_bytes(PLY.format(COUNT, form, '', behind).encode() + data)
+    assert len(columns(path)[0]) == COUNT
+    assert copied(path, Change()).read_bytes() == path.read_bytes()
+    if form != 'ascii':
+        path.write_bytes(PLY.format(COUNT, form, '', behind).encode() + rows())
+        refused(path)
+
+
+def test_vertices_without_properties(tmp_path: Path) -> None:
+    """A vertex without properties has no size."""
+    path = tmp_path / 'cloud.ply'
+    path.write_bytes(b'ply\nformat binary_little_endian 1.0\nelement vertex 3\nend_header\n')
+    refused(path, 'must be with properties, got none')
+
+
+@pytest.mark.parametrize('make', [lambda names: PCD.replace('x y z', names), None])
+def test_many_names(tmp_path: Path, make: Callable[[str], str] | None) -> None:
+    """A header of a megabyte costs no more time than its length."""
+    names = [f'n{i}' for i in range(30_000)]
+    path = tmp_path / ('cloud.pcd' if make else 'cloud.ply')
+    if make:
+        text = make(' '.join([*names, names[0]])).format(1, 'ascii')
+        text = text.replace('SIZE 4', 'SIZE' + ' 4' * 29_999).replace(
+            'TYPE F', 'TYPE' + ' F' * 29_999
+        )
+        text = text.replace('COUNT 1', 'COUNT' + ' 1' * 29_999)
+    else:
+        text = PLY.format(1, 'ascii', '', ''.join(f'property float {n}\n' for n in [*names, 'n0']))
+    path.write_text(text)
+    refused(path, 'must be of different names, got n0')
+
+
+def test_pages_filled_with_zeros(tmp_path: Path) -> None:
+    """Zeros behind the points fill a page: they are no points; other bytes are."""
+    path = tmp_path / 'cloud.pcd'
+    whole = PCD.format(COUNT, 'binary').encode() + rows()
+    path.write_bytes(whole + bytes(4096))
+    assert len(columns(path)[0]) == COUNT
+    path.write_bytes(whole + b'rest')
+    assert len(columns(path)[0]) == COUNT
+    path.write_bytes(whole + bytes(4095) + b'\1')
+    refused(path, 'must be of 300 points, as it says, got 641')
+    with pytest.raises(
+        CloudError, match=r'the size of a point of .* must be at least 1 byte, got 0'
+    ):
+        check_points(path, 1, 0, 0, 10)
+
+
+def test_too_large_for_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cloud that the memory has no room for is refused in one sentence."""
+
+    def none(*_: object, **__: object) -> Iterator[object]:
+        raise MemoryError
+
+    path = tmp_path / 'cloud.pcd'
+    path.write_bytes(PCD.format(COUNT, 'binary').encode() + rows())
+    monkeypatch.setattr('lidar_outlier_filter.files.cleaning.judged_file.judge_whole', none)
+    with pytest.raises(CloudError, match='small enough for the memory, or judged in tiles'):
+        clean(path, tmp_path / 'out.pcd', Wanted())
+    assert [item.name for item in tmp_path.iterdir()] == ['cloud.pcd']
+    assert len(open_cloud(path)) == COUNT

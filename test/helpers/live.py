@@ -1,0 +1,318 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Live tests: what starts the processes, and those to publish, collect, count, diagnose.
+
+    live.py publish QOS RECORDING TOPIC     all clouds of a recording, or several with : between,
+                                            when said to
+    live.py collect QOS FOLDER TOPIC ...    every cloud to FOLDER/<last word of TOPIC>_<number>.cdr
+    live.py count TOPIC                     say how many clouds came, when stdin is closed
+    live.py diagnose                        every status of /diagnostics, as JSON
+
+QOS is reliable or best_effort. All say on stdout, one line each, what has happened, and go when
+their stdin is closed.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+import time
+import zlib
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import PointCloud2
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from types import TracebackType
+    from typing import Self
+
+    from rclpy.node import Node
+
+PROFILE = Path(__file__).parents[2] / 'config' / 'fastdds_large_clouds.xml'
+# Seconds until what a test waits for is given up; reached in failures only. Kernels take minutes
+# to compile beside other work. A little less than the time-out of a test: that says where it was.
+PATIENCE = 540.0
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+BEST_EFFORT = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+_started = itertools.count()
+
+
+def new_domain() -> int:
+    """Choose a ROS domain, from 1 to 100, that no other test of this run uses."""
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
+    workers = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
+    # Another run on this machine most likely begins elsewhere.
+    run = os.environ.get('PYTEST_XDIST_TESTRUNUID', str(os.getpid()))
+    return 1 + (zlib.crc32(run.encode()) + worker + workers * next(_started)) % 100
+
+
+def environment() -> dict[str, str]:
+    """Make the environment of the processes of one test: a domain of its own, on this machine."""
+    return {
+        'ROS_DOMAIN_ID': str(new_domain()),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'FASTRTPS_DEFAULT_PROFILES_FILE': str(PROFILE),
+    }
+
+
+class Program:
+    """A process that a test started: its lines are awaited, and it does not outlive the test."""
+
+    def __init__(self, *command: str | Path, env: Mapping[str, str]) -> None:
+        """Start Python with these arguments."""
+        self._process = subprocess.Popen(
+            [sys.executable, *map(str, command)],
+            env={**os.environ, 'PYTHONUNBUFFERED': '1', **env},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.output: list[str] = []
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._reading = threading.Thread(target=self._read)
+        self._reading.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._lines.put(line.rstrip('\n'))
+        self._lines.put(None)
+
+    def wait_for(self, text: str) -> str:
+        """Wait for the next line with this text in it, and return it."""
+        for line in self._rest():
+            if text in line:
+                return line
+        raise AssertionError(f'ended without {text!r}:\n' + '\n'.join(self.output))
+
+    def _rest(self) -> Iterator[str]:
+        end = time.monotonic() + PATIENCE
+        while True:
+            try:
+                line = self._lines.get(timeout=max(0.0, end - time.monotonic()))
+            except queue.Empty:
+                raise AssertionError('no more lines:\n' + '\n'.join(self.output)) from None
+            if line is None:
+                return
+            self.output.append(line)
+            yield line
+
+    def signal(self, number: int) -> None:
+        """Send it a signal."""
+        self._process.send_signal(number)
+
+    def send(self, line: str) -> None:
+        """Write a line to its stdin."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(line + '\n')
+        self._process.stdin.flush()
+
+    def close(self) -> None:
+        """Close its stdin, which says the programs below to go."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+
+    def wait(self) -> int:
+        """Wait for its end; return the exit status. All it said is in ``output`` then."""
+        for _ in self._rest():
+            pass
+        return self._process.wait(PATIENCE)
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End it, if it has not ended."""
+        self._process.kill()
+        self._process.wait()
+        self._reading.join()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+
+def publisher(
+    recording: Path | str, topic: str, env: Mapping[str, str], qos: str = 'reliable'
+) -> Program:
+    """Start the program that publishes, when somebody listens, as often as it is said to go.
+
+    It says 'published', if reliable when all has arrived.
+    """
+    return Program(__file__, 'publish', qos, recording, topic, env=env)
+
+
+def collector(
+    folder: Path, topics: list[str], env: Mapping[str, str], qos: str = 'reliable'
+) -> Program:
+    """Start the program that collects; it says 'matched' when every topic has a publisher."""
+    return Program(__file__, 'collect', qos, folder, *topics, env=env)
+
+
+def diagnoser(env: Mapping[str, str]) -> Program:
+    """Start the program that says what is on /diagnostics."""
+    return Program(__file__, 'diagnose', env=env)
+
+
+def counter(topic: str, env: Mapping[str, str]) -> Program:
+    """Start the program that counts; it says 'matched' when the topic has a publisher."""
+    return Program(__file__, 'count', topic, env=env)
+
+
+def next_status(program: Program) -> dict[str, Any]:
+    """Wait for the next status of /diagnostics."""
+    status: dict[str, Any] = json.loads(program.wait_for('status ').removeprefix('status '))
+    return status
+
+
+def clouds(recording: Path) -> list[bytes]:
+    """Read the clouds of a recording as they are serialised in ROS 2."""
+    with AnyReader([recording]) as reader:
+        wanted = [item for item in reader.connections if item.msgtype == CLOUD]
+        return [bytes(data) for _, _, data in reader.messages(wanted)]
+
+
+@contextmanager
+def _ros() -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    rclpy.init(args=[])
+    node = rclpy.create_node(f'live_{os.getpid()}')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    yield node, executor
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+def _say(*words: object) -> None:
+    sys.stdout.write(' '.join(map(str, words)) + '\n')
+    sys.stdout.flush()
+
+
+def _publish(qos: QoSProfile, recordings: str, topic: str) -> None:
+    messages = [data for path in recordings.split(':') for data in clouds(Path(path))]
+    somebody = Future()
+    with _ros() as (node, executor):
+        events = PublisherEventCallbacks(matched=lambda _: somebody.set_result(None))
+        publisher = node.create_publisher(PointCloud2, topic, qos, event_callbacks=events)
+        executor.spin_until_future_complete(somebody)
+        for _ in sys.stdin:
+            for message in messages:
+                publisher.publish(message)
+            arrived = publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
+            _say('published' if arrived else 'lost', time.monotonic())
+
+
+def _collect(qos: QoSProfile, folder: Path, topics: list[str]) -> None:
+    missing, end = set(topics), Future()
+
+    def match(topic: str) -> None:
+        if missing:
+            missing.discard(topic)
+            if not missing:
+                _say('matched')
+
+    with _ros() as (node, executor):
+        inboxes = [
+            _Inbox(node, topic, qos, folder / topic.rpartition('/')[2], match) for topic in topics
+        ]
+        threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
+        executor.spin_until_future_complete(end)
+        for inbox in inboxes:
+            inbox.empty()
+
+
+class _Inbox:
+    """Stores the clouds of one topic."""
+
+    def __init__(
+        self, node: Node, topic: str, qos: QoSProfile, path: Path, match: Callable[[str], object]
+    ) -> None:
+        self._path = path
+        self._count = 0
+        self._subscription = node.create_subscription(
+            PointCloud2,
+            topic,
+            self._store,
+            qos,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(matched=lambda _: match(topic)),
+        )
+
+    def _store(self, data: bytes) -> None:
+        path = self._path.with_name(f'{self._path.name}_{self._count}.cdr')
+        path.write_bytes(data)
+        self._count += 1
+        _say('received', path.name, time.monotonic())
+
+    def empty(self) -> None:
+        """Store what has arrived and was not served."""
+        with self._subscription.handle:
+            while taken := self._subscription.handle.take_message(PointCloud2, True):  # noqa: FBT003
+                self._store(taken[0])
+
+
+def _count(topic: str) -> None:
+    end, count = Future(), itertools.count()
+    with _ros() as (node, executor):
+        events = SubscriptionEventCallbacks(matched=lambda _: _say('matched'))
+        listen = lambda _: next(count)  # noqa: E731
+        node.create_subscription(
+            PointCloud2, topic, listen, BEST_EFFORT, raw=True, event_callbacks=events
+        )
+        threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
+        executor.spin_until_future_complete(end)
+        _say('clouds', next(count))
+
+
+def _diagnose() -> None:
+    end = Future()
+
+    def note(msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            found = {item.key: item.value for item in status.values}
+            level = int.from_bytes(status.level, 'little')
+            said = {'name': status.name, 'level': level, 'message': status.message}
+            _say('status', json.dumps(said | {'values': found}))
+
+    with _ros() as (node, executor):
+        node.create_subscription(DiagnosticArray, '/diagnostics', note, KEEP_ALL)
+        threading.Thread(target=lambda: end.set_result(sys.stdin.read())).start()
+        executor.spin_until_future_complete(end)
+
+
+if __name__ == '__main__':
+    role, quality, first, *rest = (*sys.argv[1:], '', '')
+    profile = BEST_EFFORT if quality == 'best_effort' else KEEP_ALL
+    if role == 'diagnose':
+        _diagnose()
+    elif role == 'count':
+        _count(quality)
+    elif role == 'publish':
+        _publish(profile, first, rest[0])
+    else:
+        _collect(profile, Path(first), [topic for topic in rest if topic])

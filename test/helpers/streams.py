@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Streams of tagged points, and what a census of them counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from lidar_outlier_filter.core.judging.blocks import Stream
+from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.points.points import SECOND, Points
+from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from lidar_outlier_filter.core.judging.chain import Chain
+    from lidar_outlier_filter.errors import JudgingError
+
+
+BLOCK, HALO = 10_000_000, 2_000_000  # nanoseconds
+
+
+@dataclass
+class Census:
+    """Stands in for a chain: the score of a point says which points were judged with it."""
+
+    bit: int = 1
+    blocks: list[list[int]] = field(default_factory=list)
+
+    def judge(self, points: Points) -> Verdict:
+        """Score every point by the sum of what was seen."""
+        self.blocks.append(points.t.tolist())
+        verdict = Verdict.untested(len(points))
+        verdict.score[:] = tell(points.t.tolist())
+        verdict.detectors[:] = self.bit
+        verdict.settle(1)
+        return verdict
+
+
+def tell(times: Sequence[int]) -> int:
+    """Give a number that differs where the times do, exact in float32."""
+    return sum(t // 1000 % 9973 for t in times) % 2**23
+
+
+@dataclass(eq=False)
+class TaggedCloud(StreamCloud):
+    """A cloud with a name."""
+
+    tag: Any = None
+
+
+class TaggedStream:
+    """A stream of clouds with names: points and tag in, tag and verdict out.
+
+    Attributes
+    ----------
+    stream : the stream itself
+    errors : of the clouds that could not be judged, by tag
+
+    """
+
+    def __init__(self, parameters: FilterParameters) -> None:
+        """Make the stream."""
+        self.stream: Stream[TaggedCloud] = Stream(parameters)
+        self.errors: dict[Any, JudgingError] = {}
+
+    @property
+    def waiting(self) -> int:
+        """Count the clouds without an answer."""
+        return self.stream.waiting
+
+    @property
+    def held(self) -> int:
+        """Count the points held."""
+        return self.stream.held
+
+    @property
+    def resets(self) -> int:
+        """Count how often the clock was set back."""
+        return self.stream.resets
+
+    @property
+    def oldest(self) -> Any:
+        """The tag of the cloud that has waited longest."""
+        oldest = self.stream.oldest
+        return None if oldest is None else oldest.tag
+
+    def push(self, points: Points, tag: Any = None, frame: str = '') -> list[tuple[Any, Verdict]]:
+        """Push a cloud."""
+        return self._answers(self.stream.push(TaggedCloud(points, frame, tag)))
+
+    def advance(self) -> list[tuple[Any, Verdict]]:
+        """Return what is finished."""
+        return self._answers(self.stream.advance())
+
+    def hurry(self) -> list[tuple[Any, Verdict]]:
+        """Judge all that is pending, and go on."""
+        return self._answers(self.stream.hurry())
+
+    def flush(self) -> list[tuple[Any, Verdict]]:
+        """Judge all that is pending, and begin anew."""
+        return self._answers(self.stream.flush())
+
+    def _answers(self, finished: list[TaggedCloud]) -> list[tuple[Any, Verdict]]:
+        self.errors.update((cloud.tag, cloud.error) for cloud in finished if cloud.error)
+        return [(cloud.tag, cloud.verdict) for cloud in finished]
+
+
+def stream(**values: object) -> tuple[TaggedStream, Census]:
+    """Make a stream with short blocks and a census for a chain."""
+    short = {'block': BLOCK / SECOND, 'halo': HALO / SECOND}
+    made = TaggedStream(FilterParameters().changed(short | values))
+    census = Census()
+    made.stream.chain = cast('Chain', census)
+    return made, census
+
+
+def points_at(times: Sequence[int], missing: Sequence[bool] = ()) -> Points:
+    """Make points at these nanoseconds."""
+    count = len(times)
+    valid = ~np.array(missing, np.bool_) if len(missing) else np.ones(count, np.bool_)
+    t = np.where(valid, np.array(times, np.int64), 0)
+    return Points(np.zeros((count, 3)), t, np.zeros(count, np.int64), valid)
+
+
+def random_times(rng: np.random.Generator, count: int = 400) -> tuple[list[int], list[bool]]:
+    """Make times in order, with ties, gaps of several blocks and points on the edges of blocks."""
+    steps = rng.choice([0, 1000, 100_000, 300_000, BLOCK // 2, 5 * BLOCK], count)
+    steps[rng.uniform(size=count) < 0.9] = 100_000
+    start = int(rng.choice([-7 * BLOCK, 0, 1_700_000_000 * SECOND]))
+    return (start + np.cumsum(steps)).tolist(), (rng.uniform(size=count) < 0.1).tolist()
+
+
+def expected_scores(times: Sequence[int], missing: Sequence[bool]) -> list[float]:
+    """Score each point by the points of its block and halo, with plain loops."""
+    seen = [t for t, gone in zip(times, missing, strict=True) if not gone]
+    scores = []
+    for t, gone in zip(times, missing, strict=True):
+        begin = t // BLOCK * BLOCK
+        near = [s for s in seen if begin - HALO <= s < begin + BLOCK + HALO]
+        scores.append(np.nan if gone else float(tell(near)))
+    return scores
+
+
+def cut(rng: np.random.Generator, count: int, parts: int) -> list[tuple[int, int]]:
+    """Cut 0 … count into parts, some of them empty."""
+    places = np.sort(rng.integers(0, count + 1, parts - 1)).tolist()
+    return list(zip([0, *places], [*places, count], strict=True))

@@ -1,0 +1,176 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node that is a process, a sensor that sends it clouds at 10 Hz, and all that it says."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import PointCloud2
+
+from helpers.clouds import STAMP, cloud, table
+from helpers.live import KEEP_ALL
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+ROOT = Path(__file__).resolve().parents[2]
+PERIOD = 0.1  # seconds between two clouds
+RINGS, COLUMNS = 16, 256
+PATIENCE = 600.0  # seconds
+RELIABLE = 'qos_overrides./points.subscription.reliability:=reliable'
+
+
+def sweep(number: int) -> PointCloud2:
+    """Make a sweep of 16 rings in a round hall, with one stray point."""
+    turned = np.tile(2 * np.pi * np.arange(COLUMNS) / COLUMNS, RINGS)
+    ring = np.repeat(np.arange(RINGS), COLUMNS)
+    up = np.deg2rad(2.0 * ring - 15.0)
+    reach = 10.0 + np.random.default_rng(number).normal(0, 0.01, len(ring))
+    reach[COLUMNS * 7 + number % COLUMNS] = 4.0
+    columns = {
+        'x': ('f4', reach * np.cos(up) * np.cos(turned)),
+        'y': ('f4', reach * np.cos(up) * np.sin(turned)),
+        'z': ('f4', reach * np.sin(up)),
+        'time': ('f4', PERIOD * turned / (2 * np.pi)),
+    }
+    rows = table(len(ring), ring=('u2', ring), **columns)
+    return cloud(rows, STAMP + round(number * PERIOD * 1e9))
+
+
+def fresh_copy(folder: Path, without: str = '__pycache__') -> dict[str, str]:
+    """Copy the package without what is compiled; return the environment that uses the copy.
+
+    ``without`` may leave out less: a pattern of the names of kernels, as ``sor.*``. What is left
+    out must be compiled; all others are, where an earlier use of the package has done that.
+    """
+    for name in ('lidar_outlier_filter', 'lidar_outlier_lab'):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns(without))
+    paths = [str(folder), *filter(None, [os.environ.get('PYTHONPATH')])]
+    return {'PYTHONPATH': os.pathsep.join(paths)}
+
+
+@dataclass
+class Status:
+    """What /diagnostics said: when (monotonic), its level and sentence, and its values."""
+
+    at: float
+    level: int
+    message: str
+    values: Mapping[str, str]
+
+    def count(self, name: str) -> int:
+        """Return a count; 0 where nothing was counted."""
+        return int(self.values.get(name, 0))
+
+    @property
+    def passed(self) -> int:
+        """Count the clouds that passed unfiltered."""
+        return sum(
+            int(value) for key, value in self.values.items() if key.startswith('unfiltered for')
+        )
+
+    @property
+    def filtered(self) -> int:
+        """Count the clouds that were filtered."""
+        return self.count('messages') - self.passed
+
+
+@dataclass
+class Watch:
+    """A sensor and a listener for one node, which is a process."""
+
+    env: Mapping[str, str]
+    arguments: list[str]
+    sent: int = 0
+    answers: list[float] = field(default_factory=list)
+    looks: list[Status] = field(default_factory=list)
+
+    def __enter__(self) -> Self:
+        """Start the node."""
+        os.environ.update({key: self.env[key] for key in self.env if key.startswith('ROS_')})
+        rclpy.init(args=[])
+        self.node = rclpy.create_node('watch')
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self._clouds = self.node.create_publisher(PointCloud2, 'points', KEEP_ALL)
+        self.node.create_subscription(PointCloud2, 'points/cleaned', self._answered, KEEP_ALL)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._looked, KEEP_ALL)
+        settings = [word for one in [RELIABLE, *self.arguments] for word in ('-p', one)]
+        command = ['-P', '-m', 'lidar_outlier_filter.ros.executable', '--ros-args', *settings]
+        self._log = tempfile.TemporaryFile('w+')
+        self.began = time.monotonic()
+        self.process = subprocess.Popen(
+            [sys.executable, *command], env={**os.environ, **self.env}, stderr=self._log
+        )
+        self._next = self.began
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the node, and this side."""
+        self.process.kill()
+        self.process.wait()
+        self._log.close()
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+    def log(self) -> str:
+        """Return what the node has logged."""
+        self._log.seek(0)
+        return self._log.read()
+
+    def serve(self, until: Callable[[], bool], seconds: float = PATIENCE) -> float:
+        """Send clouds until something is so, or some time is over; return when (monotonic)."""
+        end = time.monotonic() + seconds
+        while not until() and time.monotonic() < end:
+            if self.process.poll() is not None:
+                raise RuntimeError(f'the node has ended:\n{self.log()}')
+            if time.monotonic() >= self._next:
+                self._next = max(self._next + PERIOD, time.monotonic() - PERIOD)
+                self._send()
+            self.executor.spin_once(max(0.0, self._next - time.monotonic()))
+        return time.monotonic()
+
+    def settle(self) -> Status:
+        """Send no more; wait until the node has counted all that was sent; return its counts."""
+        end, before = time.monotonic() + PATIENCE, len(self.looks)
+        while time.monotonic() < end:
+            self.executor.spin_once(0.1)
+            look = self.looks[-1]
+            lost = look.count('dropped') + look.count('refused')
+            if len(self.looks) > before and look.count('messages') + lost == self.sent:
+                break
+        return self.looks[-1]
+
+    def stop(self) -> int:
+        """Ask the node to end; return its exit status."""
+        self.process.send_signal(signal.SIGINT)
+        return self.process.wait(PATIENCE)
+
+    def _send(self) -> None:
+        # A cloud that nobody is subscribed to is not sent.
+        if self._clouds.get_subscription_count():
+            self._clouds.publish(sweep(self.sent))
+            self.sent += 1
+
+    def _answered(self, _msg: PointCloud2) -> None:
+        self.answers.append(time.monotonic())
+
+    def _looked(self, msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            values = {item.key: item.value for item in status.values}
+            level = int.from_bytes(status.level, 'little')
+            self.looks.append(Status(time.monotonic(), level, str(status.message), values))

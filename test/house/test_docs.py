@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pages as readers see them: built as HTML, from this folder and as rosdoc2 does it."""
+
+from __future__ import annotations
+
+import html
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import lidar_outlier_filter
+from lidar_outlier_filter.core.detectors.registry import BITS, DETECTORS
+from lidar_outlier_filter.parameters.filter import describe
+
+ROOT = Path(__file__).parents[2]
+QUOTES = '\N{LEFT SINGLE QUOTATION MARK}\N{RIGHT SINGLE QUOTATION MARK}'
+WRAPPER = """
+extensions, html_theme = [], ''
+exec(open('doc/__conf.py').read())
+"""
+
+
+def build(source: Path, target: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """Build the pages; the answer has what Sphinx says."""
+    command = [sys.executable, '-m', 'sphinx', '-W', '--keep-going', '-q', *options]
+    return subprocess.run(
+        [*command, str(source), str(target)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        cwd=source,
+    )
+
+
+def words(page: Path) -> str:
+    """Return what a reader reads, in one line, with plain quotes."""
+    text = html.unescape(re.sub(r'<[^>]+>', ' ', page.read_text(encoding='utf-8')))
+    quotes = str.maketrans(dict.fromkeys(QUOTES, "'"))
+    return ' '.join(text.translate(quotes).split())
+
+
+@pytest.fixture(scope='module')
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build all pages, every warning being an error."""
+    target = tmp_path_factory.mktemp('html')
+    answer = build(ROOT / 'doc', target)
+    assert answer.returncode == 0, answer.stderr
+    return target
+
+
+@pytest.mark.slow
+def test_every_parameter_is_shown(pages: Path) -> None:
+    """With its range and its sentence: on the page of all, and a detector's on its own page."""
+    for parameter in describe():
+        section = parameter.name.rpartition('.')[0]
+        shown = ['parameters'] + [f'detectors/{section}'] * (section in BITS)
+        for page in shown:
+            text = words(pages / f'{page}.html')
+            assert parameter.name in text
+            assert parameter.range_text in text
+            assert ' '.join(parameter.text.split()) in text
+
+
+@pytest.mark.slow
+def test_every_detector_is_shown(pages: Path) -> None:
+    """With its bit and its sentence, in the table of all."""
+    text = words(pages / 'detectors' / 'index.html')
+    for name, detector in DETECTORS.items():
+        plain = detector.rejects.partition('`')[0].strip()
+        assert f'{name} {detector.bit} {plain}' in text
+
+
+@pytest.mark.slow
+def test_the_library_is_shown(pages: Path) -> None:
+    """Every name that the package offers is described, with where it is imported from."""
+    text = (pages / 'api.html').read_text(encoding='utf-8')
+    for name in set(lidar_outlier_filter.__all__) - {'__version__'}:
+        assert re.search(f'id="lidar_outlier_filter(.errors)?.{name}"', text), name
+
+
+@pytest.mark.slow
+def test_nothing_is_left_to_insert(pages: Path) -> None:
+    """Contributing and the changelog are taken in, and no page has kept a mark."""
+    assert 'Rules of the house' in words(pages / 'contributing.html')
+    assert 'Forthcoming' in words(pages / 'changelog.html')
+    for page in pages.rglob('*.html'):
+        assert 'insert: ' not in page.read_text(encoding='utf-8'), page.name
+
+
+@pytest.mark.slow
+def test_built_as_rosdoc2_does(tmp_path: Path) -> None:
+    """Copied into another folder, with a configuration around it that runs the project's own."""
+    shutil.copytree(ROOT / 'doc', tmp_path / 'doc')
+    (tmp_path / 'doc' / 'conf.py').rename(tmp_path / 'doc' / '__conf.py')
+    (tmp_path / 'conf.py').write_text(WRAPPER, encoding='utf-8')
+    (tmp_path / 'index.rst').write_text('Package\n=======\n\n.. toctree::\n\n   doc/index\n')
+    answer = build(tmp_path, tmp_path / 'html')
+    assert answer.returncode == 0, answer.stderr
+    assert 'alpha_beta_gamma.before' in words(tmp_path / 'html' / 'doc' / 'parameters.html')
+
+
+@pytest.mark.slow
+def test_an_unknown_mark_ends_the_build(tmp_path: Path) -> None:
+    """A page that asks for what nobody has is no page."""
+    shutil.copy(ROOT / 'doc' / 'conf.py', tmp_path)
+    (tmp_path / 'index.md').write_text('# Page\n\n<!-- insert: nothing -->\n', encoding='utf-8')
+    answer = build(tmp_path, tmp_path / 'html')
+    assert answer.returncode != 0
+    assert 'nothing' in answer.stderr

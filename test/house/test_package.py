@@ -1,0 +1,389 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The package as a whole: what it says of itself, and what colcon makes of it."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from catkin_pkg.package import parse_package
+
+import lidar_outlier_filter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+NAME = 'lidar_outlier_filter'
+LAB = 'lidar_outlier_lab'
+ROOT = Path(__file__).resolve().parents[2]
+FASTEST = 'alpha_beta_gamma'  # the chain that compiles fastest
+
+# Where the name of a module differs from its rosdep key and from its name on PyPI.
+ROSDEP_KEYS = {
+    'PIL': 'python3-pil',
+    'catkin_pkg': 'python3-catkin-pkg',
+    'hypothesis': 'python3-hypothesis',
+    'matplotlib': 'python3-matplotlib',
+    'numba': 'python3-numba',
+    'numpy': 'python3-numpy',
+    'psutil': 'python3-psutil',
+    'pyproj': 'python3-pyproj',
+    'pytest': 'python3-pytest',
+    'rich': 'python3-rich',
+    'scipy': 'python3-scipy',
+    'sklearn': 'python3-sklearn',
+    'yaml': 'python3-yaml',
+}
+PYPI_NAMES = {
+    'PIL': 'Pillow',
+    'boto3': 'moto',
+    'catkin_pkg': 'catkin-pkg',
+    'lazrs': 'laspy',  # in its brackets
+    'lz4': 'rosbags',
+    'lzf': 'python-neo-lzf',
+    'mcap': 'mcap-ros2-support',
+    'mcap_ros2': 'mcap-ros2-support',
+    'sklearn': 'scikit-learn',
+    'yaml': 'PyYAML',
+}
+# Imported only where a user asks for them, and installed by an extra
+EXTRAS = {
+    'filterpy': 'audit',
+    'dask': 'archive',
+    'distributed': 'archive',
+    'fsspec': 'archive',
+    'laspy': 'files',
+    'lazrs': 'files',
+    'lzf': 'files',
+    'PIL': 'lab',
+    'matplotlib': 'lab',
+    'open3d': 'bench',
+    'pyarrow': 'parquet',
+    'pyproj': 'files',
+}
+# Of ROS, and needed by rclpy itself, or by nav_msgs
+WITH_RCLPY = {'geometry_msgs', 'lifecycle_msgs', 'rosgraph_msgs'}
+# Only pip has them: rosdep would call it for the system, which Ubuntu 24.04 refuses.
+PIP_ONLY = {
+    'atheris',
+    'boto3',
+    'dask',
+    'filterpy',
+    'fsspec',
+    'laspy',
+    'lazrs',
+    'lz4',
+    'lzf',
+    'mcap',
+    'mcap_ros2',
+    'moto',
+    'playwright',
+    'pyarrow',
+    'rosbags',
+}
+SINCE_NUMPY_2 = {
+    'astype',
+    'bitwise_count',
+    'bool',
+    'concat',
+    'cumulative_prod',
+    'cumulative_sum',
+    'isdtype',
+    'matrix_transpose',
+    'matvec',
+    'permute_dims',
+    'pow',
+    'trapezoid',
+    'unique_counts',
+    'unique_inverse',
+    'unique_values',
+    'vecdot',
+}
+# All of the package that the core may know.
+BELOW_CORE = ('errors', 'parameters', 'detector_parameters', 'core')
+BUILD = 'import sys; from colcon_core.command import main; sys.exit(main())'
+
+
+def python_files() -> list[Path]:
+    """All the project's own Python files."""
+    folders = (NAME, LAB, 'doc', 'launch', 'test')
+    return [ROOT / 'setup.py', *(path for one in folders for path in (ROOT / one).rglob('*.py'))]
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Full names of the modules that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+def foreign(*folders: str) -> set[str]:
+    """Top-level modules of others that the files in these folders import."""
+    files = [path for folder in folders for path in (ROOT / folder).rglob('*.py')]
+    found = {name.partition('.')[0] for path in files for name in imports(path)}
+    return found - set(sys.stdlib_module_names) - {NAME, LAB}
+
+
+def setup_argument(name: str) -> object:
+    """Value of an argument of setup() in setup.py."""
+    for node in ast.walk(ast.parse((ROOT / 'setup.py').read_text())):
+        if isinstance(node, ast.keyword) and node.arg == name:
+            return ast.literal_eval(node.value)
+    raise LookupError(name)
+
+
+def requirement_names(requirements: object) -> set[str]:
+    """Names on PyPI, without the versions."""
+    assert isinstance(requirements, list)
+    return {re.split(r'[<>=!~;\[ ]', text)[0] for text in requirements}
+
+
+def test_package_xml_is_valid() -> None:
+    """The parser that colcon and rosdep use accepts package.xml without a warning."""
+    warnings: list[str] = []
+    package = parse_package(str(ROOT), warnings=warnings)
+    assert warnings == []
+    assert package.name == NAME
+    assert package.package_format == 3
+    assert package.get_build_type() == 'ament_python'
+
+
+def test_versions_agree() -> None:
+    """package.xml, setup.py and the package name the same version."""
+    stated = parse_package(str(ROOT)).version
+    assert stated == setup_argument('version') == lidar_outlier_filter.__version__
+
+
+def test_package_xml_lists_what_is_imported() -> None:
+    """Every module of others that is imported is an exec_depend, and nothing else is."""
+    imported = foreign(NAME, 'launch') - set(EXTRAS) - PIP_ONLY
+    stated = {depend.name for depend in parse_package(str(ROOT)).exec_depends}
+    assert stated == {ROSDEP_KEYS.get(name, name) for name in imported} | {'tf2_ros'}
+
+
+def test_rosdep_calls_no_pip() -> None:
+    """Every key comes from apt: a package with a pip key cannot be released."""
+    keys = set(re.findall(r'<\w*depend>(.*?)<', (ROOT / 'package.xml').read_text()))
+    assert keys >= {'rclpy', 'python3-pytest', 'python3-sphinx'}
+    assert not [key for key in keys if key.endswith('-pip') or key == 'mcap-ros2-support']
+
+
+def test_numpy_is_that_of_ubuntu() -> None:
+    """Nothing of NumPy is used that 1.26 has not, which setup.py allows and Ubuntu packages."""
+    used = {
+        node.attr
+        for path in (ROOT / NAME).rglob('*.py')
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == 'np'
+    }
+    assert 'flatnonzero' in used
+    assert used & SINCE_NUMPY_2 == set()
+
+
+def test_setup_lists_what_is_imported() -> None:
+    """The same for pip: ROS in the extra `ros`, what few users need in extras of its own."""
+    extras = setup_argument('extras_require')
+    assert isinstance(extras, dict)
+    imported = foreign(NAME)
+    ros = imported - set(ROSDEP_KEYS) - set(EXTRAS) - PIP_ONLY
+    always = imported - ros - set(EXTRAS)
+    wheels = {f'ros-jazzy-{name.replace("_", "-")}' for name in ros}
+    assert requirement_names(setup_argument('install_requires')) == {
+        PYPI_NAMES.get(name, name) for name in always
+    }
+    # The middleware is loaded by rclpy, and imported by nobody.
+    assert requirement_names(extras['ros']) == wheels | {'ros-jazzy-rmw-fastrtps-cpp'}
+    for module in imported & set(EXTRAS):
+        name = PYPI_NAMES.get(module, module)
+        assert name in requirement_names(extras[EXTRAS[module]])
+
+
+@pytest.mark.slow
+def test_what_tests_import_is_listed() -> None:
+    """Every module of others that a test imports is a test_depend, and in the extra `test`."""
+    package = parse_package(str(ROOT))
+    ours = {path.stem for path in (ROOT / 'test').rglob('*')}  # folders, too
+    imported = foreign('test') - foreign(NAME, 'launch') - ours | foreign('test') & set(EXTRAS)
+    assert {ROSDEP_KEYS.get(name, name) for name in imported - PIP_ONLY} <= {
+        depend.name for depend in package.test_depends
+    }
+    extras = setup_argument('extras_require')
+    assert isinstance(extras, dict)
+    names = {PYPI_NAMES.get(name, name) for name in imported - WITH_RCLPY}
+    assert names <= requirement_names(extras['test'])
+
+
+def test_what_the_pages_need_is_listed() -> None:
+    """What builds the pages is a doc_depend, and in the extra `docs`, which the tests install."""
+    names = {'myst-parser', 'sphinx', 'sphinx-rtd-theme'}
+    loaded = set(re.findall(r"^    '(\w+)", (ROOT / 'doc' / 'conf.py').read_text(), re.MULTILINE))
+    assert {name.replace('_', '-') for name in loaded} >= names
+    extras = setup_argument('extras_require')
+    assert isinstance(extras, dict)
+    assert requirement_names(extras['docs']) == names
+    keys = {depend.name for depend in parse_package(str(ROOT)).doc_depends}
+    # myst-parser has a pip key only; rosdoc2 brings it along.
+    assert keys == {'python3-sphinx', 'python3-sphinx-rtd-theme'}
+    assert 'docs' in (ROOT / 'scripts' / 'environment').read_text()
+
+
+def test_every_extra_is_described() -> None:
+    """A reader of the page on installation learns what each extra is for."""
+    extras = setup_argument('extras_require')
+    assert isinstance(extras, dict)
+    rows = re.findall(r'^\| (`.+?`) \|', (ROOT / 'doc/install.md').read_text(), re.MULTILINE)
+    described = {name for row in rows for name in re.findall('`([a-z0-9]+)`', row)}
+    assert set(extras) <= described
+
+
+def test_core_knows_only_numbers() -> None:
+    """The core imports numpy, scipy, numba and what is below it: no ROS, no recordings, no node."""
+    allowed = tuple(f'{NAME}.{name}' for name in BELOW_CORE)
+    strangers = {
+        f'{path.name}: {name}'
+        for path in (ROOT / NAME / 'core').rglob('*.py')
+        for name in imports(path)
+        if name.startswith(NAME) and not name.startswith(allowed)
+    }
+    assert strangers == set()
+    assert foreign(f'{NAME}/core') <= {'numpy', 'scipy', 'numba', 'filterpy'}
+
+
+def test_every_file_names_its_licence() -> None:
+    """Every Python file begins with the two SPDX lines."""
+    header = (
+        '# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors\n'
+        '# SPDX-License-Identifier: Apache-2.0\n'
+    )
+    assert [path.name for path in python_files() if not path.read_text().startswith(header)] == []
+
+
+def test_launch_arguments_are_described() -> None:
+    """The launch file compiles, and every argument that it declares says what it is for."""
+    source = (ROOT / 'launch' / 'filter.launch.py').read_text()
+    compile(source, 'filter.launch.py', 'exec')
+    declared = {
+        ast.literal_eval(node.args[0]): {keyword.arg for keyword in node.keywords}
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument'
+    }
+    assert set(declared) == {
+        'input_topic',
+        'params_file',
+        'namespace',
+        'use_sim_time',
+        'large_clouds',
+        'rviz',
+        'fixed_frame',
+        'lifecycle',
+        'page',
+        'page_port',
+        'respawn',
+        'log_level',
+    }
+    assert all({'default_value', 'description'} <= given for given in declared.values())
+
+
+class Workspace:
+    """A colcon workspace with nothing but this package in it."""
+
+    def __init__(self, root: Path, compiled: str, *options: str) -> None:
+        """Copy the package, and build it with the options given; compile a chain."""
+        self.root = root
+        self.prefix = root / 'install' / NAME
+        self.share = self.prefix / 'share' / NAME
+        ignored = shutil.ignore_patterns('.*', '__pycache__', '*.egg-info', 'demo_output')
+        shutil.copytree(ROOT, root / 'src' / NAME, ignore=ignored)
+        self.environment = {
+            **os.environ,
+            'COLCON_HOME': str(root / 'colcon'),
+            'LIDAR_OUTLIER_FILTER_COMPILE': compiled,
+        }
+        selected = ['--packages-select', NAME]  # as the README says
+        self.run(sys.executable, '-c', BUILD, 'build', *selected, *options, check=True)
+
+    def run(self, *command: str, check: bool = False) -> subprocess.CompletedProcess[str]:
+        """Run a command in the workspace, and leave what it says."""
+        answer = subprocess.run(
+            command,
+            cwd=self.root,
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
+        )
+        assert not check or answer.returncode == 0, answer.stdout + answer.stderr
+        return answer
+
+    def run_sourced(self, *command: str) -> subprocess.CompletedProcess[str]:
+        """Run a command where the workspace is sourced, as a user does."""
+        sourced = 'source install/setup.bash && exec "$@"'
+        return self.run('bash', '-c', sourced, 'bash', *command)
+
+
+@pytest.fixture(scope='module', params=['copied', 'linked'])
+def workspace(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Workspace:
+    """Build the package with colcon, both ways."""
+    options = {'copied': [FASTEST], 'linked': ['', '--symlink-install']}[request.param]
+    return Workspace(tmp_path_factory.mktemp('workspace'), *options)
+
+
+@pytest.mark.slow
+def test_colcon_registers_the_package(workspace: Workspace) -> None:
+    """ROS finds the package by its marker, and its package.xml."""
+    index = workspace.prefix / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    assert (index / NAME).is_file()
+    assert (workspace.share / 'package.xml').read_text() == (ROOT / 'package.xml').read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('folder', ['launch', 'config'])
+def test_colcon_installs_all_of(workspace: Workspace, folder: str) -> None:
+    """Every launch and every config file is installed, in its folder."""
+    ours = {path.relative_to(ROOT) for path in (ROOT / folder).rglob('*.*') if path.is_file()}
+    ours = {path for path in ours if '__pycache__' not in path.parts}
+    there = {path.relative_to(workspace.share) for path in (workspace.share / folder).rglob('*.*')}
+    assert ours
+    assert there == ours
+
+
+@pytest.mark.slow
+def test_colcon_compiles_what_it_installs(workspace: Workspace) -> None:
+    """Beside the installed package, where it was asked to."""
+    linked = (workspace.root / 'build' / NAME / NAME).is_symlink()
+    assert any(workspace.root.rglob('scan_lines.*.nbi')) is not linked
+    assert any((workspace.prefix / 'lib').rglob('scan_lines.*.nbi')) is not linked
+
+
+@pytest.mark.slow
+def test_the_built_node_starts(workspace: Workspace) -> None:
+    """`ros2 run` finds the node; it starts, reads its parameters, and refuses one that is wrong."""
+    node = workspace.prefix / 'lib' / NAME / 'outlier_filter_node'
+    assert os.access(node, os.X_OK)
+    # Python is named for folders with a space, which the first line of a script cannot have.
+    answer = workspace.run_sourced(sys.executable, str(node), '--ros-args', '-p', 'halo:=-1.0')
+    assert answer.returncode == 1, answer.stderr
+    assert 'halo must be' in answer.stderr
+
+
+@pytest.mark.slow
+def test_the_built_command_is_this_package(workspace: Workspace) -> None:
+    """What runs is the package in the workspace, not the one that is tested."""
+    command = workspace.prefix / 'lib' / NAME / 'lidar-outlier-filter'
+    version = workspace.run_sourced(sys.executable, str(command), '--version')
+    assert version.stdout.strip() == lidar_outlier_filter.__version__
+    where = workspace.run_sourced(sys.executable, '-c', f'import {NAME}; print({NAME}.__file__)')
+    assert where.stdout.startswith(str(workspace.root))

@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The commands of the pages run, and what the pages quote is what they say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from helpers.page_quotes import SOURCES, Quote, steady
+from helpers.page_runs import NOT_RUN, ROOT, Pages, commands, pages, reason
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+RUN = [name for name in pages() if not all(map(reason, commands(ROOT / name)))]
+
+
+@pytest.fixture(scope='module')
+def runs(tmp_path_factory: pytest.TempPathFactory, recordings: Path) -> Pages:
+    """Run each page once."""
+    assert recordings.is_dir()
+    return Pages(tmp_path_factory.mktemp('pages'))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', RUN)
+def test_commands_run(runs: Pages, name: str) -> None:
+    """Every command of a page ends with the status of success."""
+    said = runs.run(name).said
+    assert said
+    assert {line: text for line, (status, text) in said.items() if status != 0} == {}
+
+
+def test_what_is_not_run_has_a_reason() -> None:
+    """A command is one of ours, or it has a reason; no reason is left over."""
+    lines = [line for name in pages() for line in commands(ROOT / name)]
+    strangers = [line for line in lines if not reason(line)]
+    assert [line for line in strangers if not line.startswith('lidar-outlier-filter ')] == []
+    assert [one for one in NOT_RUN if not any(line.startswith(one) for line in lines)] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', SOURCES)
+def test_quotations(runs: Pages, name: str) -> None:
+    """Where this fails, ``python test/helpers/page_quotes.py`` writes the pages anew."""
+    source, quotes = SOURCES[name]
+    figures = source(runs)
+    for quote in quotes:
+        assert quote.quoted() == quote.expected(figures), quote.page
+
+
+@pytest.mark.parametrize('quote', [one for _, quotes in SOURCES.values() for one in quotes])
+def test_quotations_are_on_their_pages(quote: Quote) -> None:
+    """Each stretch is there once, and quotes something."""
+    assert all(quote.quoted())
+
+
+def test_what_a_machine_decides_is_left_out() -> None:
+    """Speeds differ from run to run."""
+    rows = '│ rejected          │  29 │\n│ points per second │ {} │\n│ × real time       │ {} │'
+    assert steady(rows.format(1, 2)) == steady(rows.format(3, 4)) == rows.splitlines()[0]
+
+
+def test_quotations_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What differs is replaced, and nothing else of the page."""
+    monkeypatch.setattr('page_quotes.ROOT', tmp_path)
+    page = tmp_path / 'page.md'
+    page.write_text('# Page\n\nIt rejects 12\nof 50 points, 12 by `lof`.\n', 'utf-8')
+    quote = Quote('page.md', 'It rejects {count} of {points} points')
+    assert quote.quoted() == ['12', '50']
+    quote.write({'count': '7', 'points': '50'})
+    assert page.read_text() == '# Page\n\nIt rejects 7\nof 50 points, 12 by `lof`.\n'

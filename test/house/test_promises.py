@@ -1,0 +1,678 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The promises of the house, from message to message: what users can rely on."""
+
+from __future__ import annotations
+
+import copy
+import re
+import weakref
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.clouds import (
+    SECOND,
+    STAMP,
+    cloud,
+    cut,
+    drive,
+    dump,
+    point_bytes,
+    table,
+    to_rosbags,
+    values,
+)
+from helpers.nodes import line
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import PointCloud2, PointField
+
+from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.messages.cloud import BYTES_OF_SCORES, structured
+from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
+from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+    from pathlib import Path
+
+    from helpers.clouds import Rows
+
+SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002, 'chain': ['alpha_beta_gamma']}
+DEFAULT: dict[str, object] = {'chain': FilterParameters().chain}
+BOTH_KINDS = pytest.mark.parametrize('kind', [copy.deepcopy, to_rosbags], ids=['ros', 'rosbags'])
+
+
+def make(extra: dict[str, object] | None = None) -> CloudFilter:
+    """Make a filter with short blocks."""
+    return CloudFilter(FilterParameters().changed(SHORT | (extra or {})))
+
+
+def run(messages: Iterable[Any], extra: dict[str, object] | None = None) -> list[Answer]:
+    """Filter a recording; each message has its one answer, in order."""
+    clean = make(extra)
+    answers: list[Answer] = []
+    count = 0
+    for count, msg in enumerate(messages, 1):
+        answers += clean.push(msg, count - 1)
+    answers += clean.flush()
+    assert [answer.tag for answer in answers] == list(range(count))
+    assert clean.statistics.refused == 0
+    return answers
+
+
+def joined(answers: Sequence[Answer]) -> tuple[bytes, bytes]:
+    """Join the bytes of all cleaned clouds, and of all outlier clouds."""
+    return (
+        b''.join(bytes(answer.cleaned.data) for answer in answers),
+        b''.join(bytes(answer.outliers.data) for answer in answers),
+    )
+
+
+def assert_partition(msg: Any, answer: Answer) -> None:
+    """Every point is in one of the two, with all its bytes, in order, under the same header."""
+    points = point_bytes(msg)
+    parts = [point_bytes(answer.cleaned), point_bytes(answer.outliers)]
+    assert Counter(parts[0]) + Counter(parts[1]) == Counter(points)
+    for part, result in zip(parts, (answer.cleaned, answer.outliers), strict=True):
+        rest = iter(points)
+        assert all(point in rest for point in part)
+        assert (result.header, result.fields) == (msg.header, msg.fields)
+        assert (result.height, result.width) == (1, len(part))
+        assert result.row_step == len(result.data) == msg.point_step * len(part)
+        assert result.is_bigendian == msg.is_bigendian
+
+
+# Partition, and one answer for each message -----------------------------------------------------
+
+
+@BOTH_KINDS
+@pytest.mark.parametrize('order', ['<', '>'])
+@pytest.mark.parametrize(('chain', 'fewest'), [({}, 50), (DEFAULT, 5)], ids=['', 'default'])
+def test_partition(
+    kind: Callable[..., Any], order: str, chain: dict[str, object], fewest: int
+) -> None:
+    """Cleaned and outliers together are the input, for each message, empty ones included."""
+    rows = drive(1)
+    turned = rows.astype(rows.dtype.newbyteorder('<' if order == '<' else '>'))
+    messages = [
+        kind(cloud(part, STAMP + number, row_padding=number % 3))
+        for number, part in enumerate([*cut(turned, 1, 40), turned[:0], turned[-1:]])
+    ]
+    before = [dump(msg) for msg in messages]
+    answers = run(messages, chain)
+    for msg, answer in zip(messages, answers, strict=True):
+        assert_partition(msg, answer)
+    assert [dump(msg) for msg in messages] == before
+    assert min(msg.width for msg in messages) == 0
+    assert sum(answer.outliers.width for answer in answers) > fewest
+
+
+def test_partition_of_organised_clouds() -> None:
+    """An organised cloud is split row by row."""
+    rows = drive(2)
+    messages = [
+        cloud(part[: len(part) // 4 * 4].reshape(4, -1), row_padding=5) for part in cut(rows, 2, 9)
+    ]
+    for msg, answer in zip(messages, run(messages), strict=True):
+        assert_partition(msg, answer)
+
+
+@pytest.mark.parametrize('chain', [{}, DEFAULT], ids=['', 'default'])
+def test_missing_returns_stay(chain: dict[str, object]) -> None:
+    """Clouds of missing returns only are answered, in their turn, with all of them in cleaned."""
+    rows = drive(3)
+    missing = rows[:50].copy()
+    missing['x'], missing['timestamp'] = np.nan, np.nan
+    parts = [missing, *cut(rows, 3, 10), missing[:0], missing, missing]
+    answers = run([cloud(part) for part in parts], chain)
+    for number in (0, -1, -2):
+        assert (answers[number].cleaned.width, answers[number].outliers.width) == (50, 0)
+    for part, answer in zip(parts, answers, strict=True):
+        invalid = ~(np.isfinite([part[name] for name in 'xyz']).all(axis=0) & (part['x'] != 0))
+        kept = np.array([values(answer.cleaned, name) for name in 'xyz']).reshape(3, -1)
+        missing_kept = ~np.isfinite(kept).all(axis=0) | (kept == 0).all(axis=0)
+        assert np.count_nonzero(missing_kept) == np.count_nonzero(invalid)
+
+
+def test_options() -> None:
+    """Shape kept and scores added at once; the scores say who was rejected, and who not tested."""
+    rows = drive(4)[:2000].reshape(4, -1)
+    (answer,) = run([cloud(rows)], {'keep_organized': True, 'scores': True})
+    view = structured(answer.cleaned)
+    assert view.shape == rows.shape
+    rejected = view['outlier_detectors'] != 0
+    assert np.count_nonzero(rejected) == answer.outliers.width > 0
+    np.testing.assert_array_equal(view['outlier_score'][rejected] > 1, True)  # noqa: FBT003
+    kept = view['outlier_score'][~rejected]
+    np.testing.assert_array_equal(kept[~np.isnan(kept)] <= 1, True)  # noqa: FBT003
+    assert np.isnan(view['x'][rejected]).all()
+
+
+# Chunk invariance -------------------------------------------------------------------------------
+
+WAYS: dict[str, dict[str, object]] = {
+    'default': DEFAULT | {'evidence.threshold': 0.7},
+    'default by angle': DEFAULT | {'line_source': 'angle', 'evidence.threshold': 0.5},
+    'either': {},
+    'both': dict(PAPER),
+    'sigma': {'alpha_beta_gamma.sigma': 0.02, 'alpha_beta_gamma.test': 'joint'},
+    'sigma of each point': {'alpha_beta_gamma.sigma_field': 'std'},
+    'few passes': {'alpha_beta_gamma.passes': 2, 'alpha_beta_gamma.test': 'both'},
+    'late': {'lateness': 0.05},
+    'angle': {'line_source': 'angle'},
+    'angle field': {'line_source': 'angle', 'angle_field': 'x'},
+    'lof': {'chain': ['lof']},
+    'lof2': {'chain': ['lof'], 'lof.statistic': 'lof2', 'lof.threshold': 0.5},
+    'sor': {'chain': ['sor'], 'sor.k': 5},
+    'sor2': {'chain': ['sor'], 'sor.statistic': 'sor2', 'sor.limit': 0.3},
+    'radius': {'chain': ['sor'], 'sor.statistic': 'radius', 'sor.range_scaled': True},
+    'chain': {'chain': ['alpha_beta_gamma', 'lof', 'sor']},
+    'hierarchical': {'chain': ['hierarchical'], 'hierarchical.min_cluster': 10},
+    'elevation': {'chain': ['elevation'], 'elevation.k': 10, 'elevation.multiplier': 1.5},
+    'evidence of a spinning sensor': {'evidence.sensor': 'spinning', 'evidence.threshold': 0.7},
+    'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
+}
+LONG: dict[str, dict[str, object]] = {
+    'quadric': {'chain': ['quadric']},
+    'patches': {'chain': ['quadric'], 'quadric.window': 'patch', 'quadric.significance': 1e-3},
+    'quadric in a chain': {'chain': ['alpha_beta_gamma', 'quadric', 'lof', 'sor']},
+    'quadric votes': {'chain': ['alpha_beta_gamma', 'quadric', 'lof'], 'vote': 2},
+}  # their kernels compile for a minute
+every_way = pytest.mark.parametrize(
+    'way', [*WAYS, *(pytest.param(way, marks=pytest.mark.slow) for way in LONG)]
+)
+WAYS |= LONG
+
+
+def scene(way: str, seed: int, shots: int) -> Rows:
+    """Make a drive; for lines by angle that of a profile scanner, 61 shots for a turn."""
+    if 'angle' not in way:
+        return drive(seed, shots)
+    rows = drive(seed, shots * 2, rings=1)
+    turn = rows['tick'] / 200_000 * (2 * np.pi / 61)
+    valid = np.isfinite(rows['x']) & (rows['x'] != 0)
+    radius = np.where(valid, np.abs(rows['x']), 0)  # nothing is behind the mirror
+    rows['y'], rows['z'] = radius * np.cos(turn), radius * np.sin(turn)
+    rows['x'][valid] = (turn[valid] % (2 * np.pi)) if 'field' in way else 1
+    return rows
+
+
+@every_way
+def test_chunk_invariance(way: str) -> None:
+    """Cut into messages in any way, the same points get the same verdicts, bit for bit."""
+    rows = scene(way, seed=10, shots=600)
+    extra = WAYS[way] | {'scores': True}
+    whole = run([cloud(rows)], extra)
+    expected = joined(whole)
+    assert 20 < whole[0].outliers.width < len(rows) / 3
+    for seed, cuts in enumerate([1, 2, 5, 20, 100, 100]):
+        parts = cut(rows, seed, cuts)
+        stamps = STAMP + np.random.default_rng(seed).integers(-SECOND, SECOND, len(parts))
+        messages = [cloud(part, int(t)) for part, t in zip(parts, stamps, strict=True)]
+        assert joined(run(messages, extra)) == expected
+        plain = joined(run(messages, WAYS[way]))
+        step = 37 + BYTES_OF_SCORES
+        assert [part[:37] for part in chunks(expected[0], step)] == chunks(plain[0], 37)
+        assert [part[:37] for part in chunks(expected[1], step)] == chunks(plain[1], 37)
+
+
+def chunks(data: bytes, size: int) -> list[bytes]:
+    """Cut bytes into points."""
+    return [data[i : i + size] for i in range(0, len(data), size)]
+
+
+@every_way
+def test_one_point_per_message(way: str) -> None:
+    """The finest cut of all, one point in each message."""
+    rows = scene(way, seed=11, shots=120)
+    extra = WAYS[way] | {'scores': True}
+    messages = [cloud(rows[i : i + 1]) for i in range(len(rows))]
+    assert joined(run(messages, extra)) == joined(run([cloud(rows)], extra))
+
+
+def test_times_from_the_stamp() -> None:
+    """Parts with the stamp of the whole, from which their times count, get the same verdicts."""
+    rows = drive(12)
+    extra: dict[str, object] = {'time_field': 'tick', 'scores': True}
+    rows['timestamp'] = np.nan
+    expected = joined(run([cloud(rows)], extra))
+    assert joined(run([cloud(part) for part in cut(rows, 12, 30)], extra)) == expected
+
+
+def test_cuts_would_matter() -> None:
+    """Without its memory the filter would answer otherwise: the tests above can fail."""
+    rows = drive(10)
+    clean = make({'scores': True})
+    answers: list[Answer] = []
+    for part in cut(rows, 3, 20):
+        answers += clean.push(cloud(part))
+        answers += clean.flush()
+    assert joined(answers) != joined(run([cloud(rows)], {'scores': True}))
+
+
+@pytest.mark.parametrize('way', ['default', 'either', 'both'])
+def test_chunk_invariance_of_a_real_recording(recordings: Path, way: str) -> None:
+    """The parts of a VLP-16's revolutions, each with the stamp of the whole, give the same."""
+    with AnyReader([recordings / 'bags' / 'vlp16_mrpt.bag']) as reader:
+        messages = [
+            reader.deserialize(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+            if connection.msgtype.endswith('PointCloud2')
+        ]
+    assert len(messages) == 4
+    extra = DEFAULT | {'evidence.threshold': 0.5, 'scores': True}  # enough to compare
+    if way != 'default':
+        extra = {'alpha_beta_gamma.sides': way, 'scores': True}
+    whole = run(messages, extra)
+    expected = joined(whole)
+    assert len(expected[1]) > 1000
+    for seed, cuts in enumerate([3, 40]):
+        parts = [
+            part_of(msg, rows.reshape(1, -1))
+            for msg in messages
+            for rows in cut(structured(msg).reshape(-1), seed, cuts)
+        ]
+        assert joined(run(parts, extra)) == expected
+
+
+def part_of(msg: Any, rows: Rows) -> Any:
+    """Make a message like another with some of its points."""
+    part = copy.copy(msg)
+    part.height, part.width = rows.shape
+    part.row_step = part.width * part.point_step
+    part.data = np.frombuffer(rows.tobytes(), np.uint8)
+    return part
+
+
+def test_same_input_same_output() -> None:
+    """Once more, by the same filter or another, and nothing is different."""
+    messages = [cloud(part) for part in cut(drive(13), 13, 30)]
+    clean = make({'scores': True})
+    outcomes = []
+    for _ in range(3):
+        answers = [answer for msg in messages for answer in clean.push(msg)]
+        outcomes.append(joined(answers + clean.flush()))
+    assert outcomes[0] == outcomes[1] == outcomes[2] == joined(run(messages, {'scores': True}))
+
+
+# Bounded delay and memory -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('kind', ['points', 'missing', 'empty', 'late'])
+def test_nothing_is_kept(kind: str) -> None:
+    """A message that is answered, or refused, is let go of."""
+    clean = make()
+    alive: list[weakref.ref[Any]] = []
+    most = 0
+    for number in range(1500):
+        rows = table(0 if kind == 'empty' else 8, t=('u4', range(0 if kind == 'empty' else 8)))
+        rows['x'] = 0 if kind == 'missing' else 1
+        back = 200 * (number % 2) if kind == 'late' else 0
+        msg = to_rosbags(cloud(rows, STAMP + (number - back) * 1_000_000))
+        alive = [there for there in alive if there() is not None]
+        alive.append(weakref.ref(msg))
+        try:
+            clean.push(msg)
+        except CloudError:
+            assert kind == 'late'
+        del msg
+        most = max(most, len(alive))
+    assert most <= 40
+    assert (clean.statistics.refused > 500) == (kind == 'late')
+
+
+def test_answered_within_halo() -> None:
+    """A message is answered by the first point that is a block and a halo later."""
+    clean = make()
+    rows = table(1, ring=('u1', 0), timestamp=('u8', 0))
+    asked: dict[int, int] = {}
+    for number in range(300):
+        rows['timestamp'] = STAMP + number * 700_000
+        asked[number] = STAMP + number * 700_000
+        for answer in clean.push(cloud(rows), number):
+            waited = asked[number] - asked.pop(answer.tag)
+            assert waited <= 10_000_000 + 2_000_000 + 700_000
+    assert len(asked) < 20
+
+
+def test_max_points() -> None:
+    """A cloud beyond max_points is refused; the next one that fits is served."""
+    clean = make({'max_points': 100})
+    clean.push(cloud(table(90, t=('u4', 0), ring=('u1', 0))), 'fits')
+    with pytest.raises(CloudError, match='the number of points held must be at most max_points'):
+        clean.push(cloud(table(11, t=('u4', 1), ring=('u1', 0))), 'too many')
+    clean.push(cloud(table(10, t=('u4', 2), ring=('u1', 0))), 'fits too')
+    assert [answer.tag for answer in clean.flush()] == ['fits', 'fits too']
+    assert clean.statistics.refusals == {'the number of points held': 1}
+
+
+# Time that goes astray --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('way', ['either', 'angle'])
+def test_late_cloud(way: str) -> None:
+    """A late cloud is refused with a sentence, and all others get what they would get anyway."""
+    rows = scene(way, 14, 600)
+    messages = [cloud(part) for part in cut(rows, 14, 40)]
+    expected = joined(run(messages, WAYS[way] | {'scores': True}))
+    clean = make(WAYS[way] | {'scores': True})
+    answers: list[Answer] = []
+    for number, msg in enumerate(messages):
+        answers += clean.push(msg, number)
+        if number > 20:
+            with pytest.raises(CloudError, match='the time of a cloud must be at or after what is'):
+                clean.push(cloud(rows[: 30 + number]))
+    answers += clean.flush()
+    assert joined(answers) == expected
+    assert clean.statistics.refused == len(messages) - 21
+    assert clean.statistics.refusals == {'the time of a cloud': len(messages) - 21}
+
+
+@pytest.mark.parametrize('shift', [-5, 5, 3600 * 24 * 365])
+@pytest.mark.parametrize('way', ['either', 'angle'])
+def test_clock_is_set(way: str, shift: int) -> None:
+    """A clock that jumps loses nothing: both sides are as two recordings."""
+    before, after = scene(way, 15, 400), scene(way, 16, 400)
+    after['timestamp'] += shift
+    extra = WAYS[way] | {'scores': True}
+    parts = [[cloud(part) for part in cut(rows, 15, 20)] for rows in (before, after)]
+    expected = [joined(run(part, extra)) for part in parts]
+    clean = make(extra)
+    answers = [answer for msg in parts[0] + parts[1] for answer in clean.push(msg)]
+    answers += clean.flush()
+    assert len(answers) == len(parts[0] + parts[1])
+    assert joined(answers) == (expected[0][0] + expected[1][0], expected[0][1] + expected[1][1])
+    assert clean.statistics.resets == int(shift < 0)
+
+
+def test_lateness() -> None:
+    """Clouds that come out of order, but within lateness, get the verdicts of those in order."""
+    rng = np.random.default_rng(17)
+    rows = drive(17)
+    extra: dict[str, object] = {'lateness': 0.03, 'scores': True}
+    # No time is cut apart: ties stay in the order of arrival.
+    edges = np.flatnonzero(np.diff(rows['tick'])) + 1
+    messages = [
+        cloud(part) for part in np.split(rows, np.sort(rng.choice(edges, 60, replace=False)))
+    ]
+    first = np.array([values(msg, 'tick')[0][0] for msg in messages])
+    order = np.argsort(first + rng.integers(0, 15_000_000, len(first)))
+    assert (order != np.arange(len(order))).any()
+    expected = run(messages, extra)
+    answers = run([messages[i] for i in order], extra)
+    for i, answer in zip(order, answers, strict=True):
+        assert dump(answer.cleaned) == dump(expected[i].cleaned)
+        assert dump(answer.outliers) == dump(expected[i].outliers)
+
+
+def test_hurry() -> None:
+    """Live clouds that waited too long are answered with what is there, and the stream goes on."""
+    rows = drive(18)
+    edges = np.flatnonzero(np.diff(rows['tick'])) + 1
+    places = np.sort(np.random.default_rng(18).choice(edges, 60, replace=False))
+    messages = [cloud(part) for part in np.split(rows, places)]
+    undisturbed = run(messages, {'scores': True})
+    clean = make({'scores': True})
+    for number, msg in enumerate(messages):
+        clean.push(msg, number)
+        if number == 30:
+            hurried = [answer.tag for answer in clean.hurry()]
+            assert hurried[-1] == 30
+            assert clean.waiting == 0
+            break
+    answers = [a for number, msg in enumerate(messages[31:], 31) for a in clean.push(msg, number)]
+    answers += clean.flush()
+    # What comes later sees all that came before: its verdicts are as if nothing had happened.
+    assert [answer.tag for answer in answers] == list(range(31, 61))
+    for answer in answers:
+        assert dump(answer.cleaned) == dump(undisturbed[answer.tag].cleaned)
+        assert dump(answer.outliers) == dump(undisturbed[answer.tag].outliers)
+
+
+# Refuse, don't repair ---------------------------------------------------------------------------
+
+
+def spoil(rng: np.random.Generator, msg: PointCloud2) -> PointCloud2:
+    """Break one to three things of a cloud, at random."""
+    for _ in range(rng.integers(1, 4)):
+        SPOILERS[rng.integers(len(SPOILERS))](rng, msg)
+    return msg
+
+
+def _spoil_field(rng: np.random.Generator, msg: PointCloud2) -> None:
+    field = msg.fields[rng.integers(len(msg.fields))] if msg.fields else PointField()
+    name = str(rng.choice(['name', 'offset', 'datatype', 'count']))
+    odd: Any = {
+        'name': ['', 'x', 'ring', 'tick', 'timestamp', 'outlier_score', '\u00e9', 'a' * 300],
+        'offset': [0, 1, 7, 30, 36, 37, 2**31, 2**32 - 1],
+        'datatype': [*range(13), 255],
+        'count': [0, 1, 2, 5, 2**31, 2**32 - 1],
+    }[name]
+    setattr(field, name, odd[rng.integers(len(odd))])
+
+
+def _spoil_fields(rng: np.random.Generator, msg: PointCloud2) -> None:
+    kept = rng.uniform(size=len(msg.fields)) < 0.8
+    fields = [field for field, is_kept in zip(msg.fields, kept, strict=True) if is_kept]
+    msg.fields = [fields[i] for i in rng.permutation(len(fields))]
+
+
+def _spoil_size(rng: np.random.Generator, msg: PointCloud2) -> None:
+    name = str(rng.choice(['height', 'width', 'point_step', 'row_step']))
+    size = getattr(msg, name)
+    odd = [0, 1, 2, 4, size - 1, size + 1, size * 2, size // 2, 2**31, 2**32 - 1]
+    setattr(msg, name, min(max(odd[rng.integers(len(odd))], 0), 2**32 - 1))
+
+
+def _spoil_length(rng: np.random.Generator, msg: PointCloud2) -> None:
+    data = bytes(msg.data)
+    size = int(rng.choice([0, 1, len(data) // 2, max(len(data) - 1, 0), len(data) + 100]))
+    del msg.data[:]
+    msg.data.frombytes((data + rng.bytes(100))[:size])
+
+
+def _spoil_bytes(rng: np.random.Generator, msg: PointCloud2) -> None:
+    data = np.frombuffer(msg.data, np.uint8)
+    if data.size:
+        count = int(rng.choice([1, 30, 3000]))
+        odd = np.where(rng.uniform(size=count) < 0.5, rng.integers(256, size=count), 255)
+        data[rng.integers(data.size, size=count)] = odd
+
+
+def _spoil_header(rng: np.random.Generator, msg: PointCloud2) -> None:
+    msg.header.stamp.sec = int(rng.choice([-(2**31), -1, 0, 1_700_000_000, 2**31 - 1]))
+    msg.header.stamp.nanosec = int(rng.choice([0, 10**9, 2**32 - 1]))
+
+
+def _spoil_flags(rng: np.random.Generator, msg: PointCloud2) -> None:
+    msg.is_bigendian, msg.is_dense = bool(rng.integers(2)), bool(rng.integers(2))
+
+
+SPOILERS: list[Callable[[np.random.Generator, PointCloud2], None]] = [
+    _spoil_field,
+    _spoil_fields,
+    _spoil_size,
+    _spoil_length,
+    _spoil_bytes,
+    _spoil_header,
+    _spoil_flags,
+]
+
+
+@pytest.mark.parametrize(
+    'extra',
+    [
+        {},
+        DEFAULT,
+        {'time_field': 'tick', 'alpha_beta_gamma.sides': 'both', 'alpha_beta_gamma.sigma': 0.01},
+        {'scores': True, 'keep_organized': True},
+        {'alpha_beta_gamma.sigma_field': 'std', 'alpha_beta_gamma.test': 'both'},
+        {'line_source': 'angle'},
+    ],
+)
+def test_malformed_messages(extra: dict[str, object]) -> None:
+    """Whatever is in a message: it is answered, or refused by a CloudError, and the next served."""
+    rng = np.random.default_rng(19)
+    rows = drive(19, shots=20)
+    clean = make(extra)
+    taken: dict[int, PointCloud2] = {}
+    answers: list[Answer] = []
+    refused = 0
+    sentences: set[str] = set()
+    for number in range(300):
+        part = rows.copy()
+        part['timestamp'] += number * 0.004
+        shaped = part[: len(part) // 3 * 3].reshape(3, -1) if number % 5 == 0 else part
+        msg = cloud(shaped, STAMP + number * 4_000_000, row_padding=number % 2)
+        if number % 4:
+            msg = spoil(rng, msg)
+        before = dump(msg)
+        try:
+            answers += clean.push(msg, number)
+            taken[number] = msg
+        except CloudError as err:
+            refused += 1
+            sentences.add(str(err))
+        assert dump(msg) == before
+    answers += clean.flush()
+    assert [answer.tag for answer in answers] == list(taken)
+    assert clean.statistics.refused == refused
+    assert all(re.fullmatch('.* must be .*, got .*', sentence) for sentence in sentences)
+    assert len(taken) > 100
+    assert refused > 100
+    if not extra.get('scores'):
+        for answer in answers:
+            if taken[answer.tag].width * taken[answer.tag].height:
+                assert_partition(taken[answer.tag], answer)
+    good = [cloud(part, STAMP) for part in cut(rows, 19, 3)]
+    served = [answer for msg in good for answer in clean.push(msg)] + clean.flush()
+    assert joined(served) == joined(run(good, extra))
+
+
+def test_refusals_are_counted_by_reason() -> None:
+    """Each refusal is counted under what was wrong, and the sentence says what, must be and got."""
+    clean = make()
+    good = table(3, t=('u4', 0), ring=('u1', 0))
+    short, late = cloud(good), cloud(table(3, time=('f8', np.nan)))
+    short.data.pop()
+    for _ in range(2):
+        with pytest.raises(CloudError, match=r'^data must be at least .* bytes, got'):
+            clean.push(short)
+    with pytest.raises(CloudError, match=r'^the time of a point must be finite'):
+        clean.push(late)
+    clean.push(cloud(good), 'good')
+    assert [answer.tag for answer in clean.flush()] == ['good']
+    assert clean.statistics.refusals == {'data': 2, 'the time of a point': 1}
+    assert (clean.statistics.refused, clean.statistics.messages) == (3, 1)
+
+
+# Statistics and changes -------------------------------------------------------------------------
+
+
+def test_statistics() -> None:
+    """The counts add up, and are those of the clouds."""
+    rows = drive(20)
+    messages = [cloud(part) for part in cut(rows, 20, 30)]
+    clean = make({'scores': True})
+    answers = [answer for msg in messages for answer in clean.push(msg)] + clean.flush()
+    counts = clean.statistics
+    scores = [
+        s for a in answers for c in (a.cleaned, a.outliers) for s in values(c, 'outlier_score')
+    ]
+    xyz = np.array([rows[name] for name in 'xyz'])
+    invalid = ~np.isfinite(xyz).all(axis=0) | (xyz == 0).all(axis=0)
+    assert counts.messages == 31
+    assert counts.points == len(rows)
+    assert counts.invalid == np.count_nonzero(invalid) > 0
+    assert counts.untested == np.count_nonzero(np.isnan(scores)) - counts.invalid > 0
+    assert counts.outliers == sum(answer.outliers.width for answer in answers) > 0
+    assert counts.rejected == {'alpha_beta_gamma': counts.outliers}
+    assert (counts.refused, counts.resets) == (0, 0)
+
+
+def test_change() -> None:
+    """Other parameters judge the blocks to come; clouds that wait are answered in the old form."""
+    rows = drive(21)
+    parts = np.split(rows, [700, 1400])
+    clean = make()
+    answers = clean.push(cloud(parts[0]), 'plain')
+    tolerant: dict[str, object] = {'scores': True, 'alpha_beta_gamma.sigma': 0.5}
+    clean.change(clean.parameters.changed(tolerant))
+    assert clean.parameters.scores
+    answers += clean.push(cloud(parts[1]), 'scored')
+    answers += clean.push(cloud(parts[2]), 'scored')
+    answers += clean.flush()
+    assert [answer.tag for answer in answers] == ['plain', 'scored', 'scored']
+    assert [len(answer.cleaned.fields) - 7 for answer in answers] == [0, 4, 4]
+    expected = run([cloud(rows)], tolerant)[0].outliers.width
+    plain = run([cloud(rows)])[0].outliers.width
+    found = sum(answer.outliers.width for answer in answers)
+    assert expected < found < plain
+
+
+def test_most_passes_since_the_start() -> None:
+    """What a block has needed is remembered, though the new parameters need less."""
+    clean = make()
+    clean.push(cloud(drive(21)))
+    clean.flush()
+    most = clean.statistics.passes
+    assert most > 1
+    clean.change(clean.parameters.changed({'alpha_beta_gamma.sigma': 100.0}))
+    clean.push(cloud(drive(21)))
+    clean.flush()
+    assert 0 < clean._stream.chain.passes < most
+    assert clean.statistics.passes == most
+
+
+def test_change_of_form() -> None:
+    """Clouds that could not be answered in the new form wait in the old one, or are refused."""
+    clean = make()
+    rows = table(4, outlier_score=('f4', 0), t=('u4', 0)).reshape(2, 2)
+    clean.push(cloud(rows), 'waits')
+    whole = np.ones((2, 2), [(name, 'i2') for name in 'xyz'] + [('t', 'u4')])
+    clean.push(cloud(whole), 'waits too')
+    clean.change(clean.parameters.changed({'scores': True, 'keep_organized': True}))
+    with pytest.raises(CloudError, match='must be without outlier_score'):
+        clean.push(cloud(rows))
+    with pytest.raises(CloudError, match='must be a float, to become NaN'):
+        clean.push(cloud(whole))
+    answers = clean.flush()
+    assert [answer.tag for answer in answers] == ['waits', 'waits too']
+    assert [len(answer.cleaned.fields) for answer in answers] == [5, 4]
+
+
+def test_change_while_the_slow_detectors_are_off() -> None:
+    """They stay off, of the new chain too, until they are to be on; what is counted is true."""
+    pair = ('alpha_beta_gamma', 'sor')
+    clean = CloudFilter({'block': 0.01, 'halo': 0.0, 'sor.multiplier': 0.0}, chain=pair)
+
+    def found(first: int) -> list[int]:
+        answers = [answer for i in range(first, first + 3) for answer in clean.push(line(0.01 * i))]
+        return [answer.outliers.width for answer in [*answers, *clean.hurry()]]
+
+    clean.shed(on=True)
+    assert found(0) == [1, 1, 1]
+    clean.change(clean.parameters.changed({'gap_factor': 2.5}))
+    assert found(3) == [1, 1, 1]
+    assert clean.statistics.shed == 6
+    clean.change(clean.parameters.changed({'chain': ('sor',)}))  # nothing of it is fast
+    found(6)
+    assert clean.statistics.shed == 6
+    clean.change(clean.parameters.changed({'chain': pair}))
+    assert found(9) == [1, 1, 1]
+    clean.shed(on=False)
+    assert min(found(12)) > 10
+    assert clean.statistics.shed == 9
+
+
+@pytest.mark.parametrize('name', ['block', 'time_field', 'max_points'])
+def test_change_of_what_is_fixed(name: str) -> None:
+    """A parameter that shapes the stream is refused, and nothing is changed."""
+    clean = make()
+    value = {'block': 0.02, 'time_field': 't', 'max_points': 5}[name]
+    before = clean.parameters
+    with pytest.raises(ParameterError, match=f'^{name} must be .* as at the start, got {value!r}$'):
+        clean.change(before.changed({name: value, 'scores': True}))
+    assert clean.parameters is before

@@ -1,0 +1,193 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The README and the pages of ``doc/`` name what exists, and nothing else."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from lidar_outlier_filter.cli.main import commands_for
+from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
+from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml, table
+
+ROOT = Path(__file__).parents[2]
+README = ROOT / 'README.md'
+RESULTS = ROOT / 'doc' / 'results.md'  # mostly written by a command, and tested there
+PAGES = sorted({README, *(ROOT / 'doc').rglob('*.md')} - {RESULTS})
+EACH_PAGE = pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+PARAMETERS = {parameter.name: parameter for parameter in describe()}
+NAMES = set(PARAMETERS)
+SECTIONS = {name.rpartition('.')[0] for name in NAMES} - {''}
+LINK = re.compile(r'\]\((?!http)([^)#\s]*)(?:#([\w-]+))?\)')
+# Words of the same form that are no parameters: files, topics, arrays, modules
+OTHERS = re.compile(r'\.(md|rst|yaml|xml|json|rviz|py|laz|mcap|db3|bag|label|dim\[1\]\.label)$')
+
+
+def blocks(page: Path, *languages: str) -> list[str]:
+    """List the code of a page in these languages."""
+    found = re.findall(
+        r'^```(\w+)\n(.*?)^```', page.read_text(encoding='utf-8'), re.DOTALL | re.MULTILINE
+    )
+    return [code for language, code in found if language in languages]
+
+
+def quoted(page: Path) -> list[str]:
+    """List what a page has between back quotes, beside its blocks."""
+    text = re.sub(
+        r'^```.*?^```', '', page.read_text(encoding='utf-8'), flags=re.DOTALL | re.MULTILINE
+    )
+    return re.findall(r'`([^`\n]+)`', text)
+
+
+def anchors(page: Path) -> set[str]:
+    """Names of the headings of a page, as links have them."""
+    titles = re.findall(r'^#+ (.*)$', page.read_text(encoding='utf-8'), re.MULTILINE)
+    return {re.sub(r'[^\w -]', '', title.lower()).replace(' ', '-') for title in titles}
+
+
+def commands() -> dict[str, argparse.ArgumentParser]:
+    """Parsers of the commands of ``lidar-outlier-filter``."""
+    parsers = argparse.ArgumentParser().add_subparsers()
+    for add in commands_for([]):
+        add(parsers)
+    return parsers.choices
+
+
+def test_readme_is_short() -> None:
+    """At most 120 lines; what is longer belongs to a page."""
+    assert len(README.read_text(encoding='utf-8').splitlines()) <= 120
+
+
+@EACH_PAGE
+def test_links_lead_somewhere(page: Path) -> None:
+    """Every link within the project leads to a file, and to a heading of it."""
+    for target, anchor in LINK.findall(page.read_text(encoding='utf-8')):
+        file = (page.parent / target) if target else page
+        assert file.is_file(), target
+        assert not anchor or anchor in anchors(file), f'{target}#{anchor}'
+
+
+def test_contents_of_results() -> None:
+    """The table of contents lists every section of the long results, in their order."""
+    text = RESULTS.read_text(encoding='utf-8')
+    listed = re.findall(r'^\| \[(.*?)\]\(#(.*?)\) \|', text, re.MULTILINE)
+    assert [title for title, _ in listed] == re.findall(r'^## (.*)$', text, re.MULTILINE)
+    assert {anchor for _, anchor in listed} <= anchors(RESULTS)
+
+
+@EACH_PAGE
+def test_files_are_there(page: Path) -> None:
+    """Every file and folder of the project that a page names is there."""
+    text = page.read_text(encoding='utf-8')
+    named = set(re.findall(r'\b(?:config|scripts|doc|benchmarks|launch|test)/[\w./]*\w', text))
+    assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
+
+
+@EACH_PAGE
+def test_commands_are_there(page: Path) -> None:
+    """Every command line of a page names commands and options that exist."""
+    parsers = commands()
+    code = '\n'.join(blocks(page, 'bash') + quoted(page)).replace('\\\n', ' ')
+    for line in code.splitlines():
+        words = line.partition('#')[0].split()
+        if 'lidar-outlier-filter' not in words:
+            continue
+        words = words[words.index('lidar-outlier-filter') + 1 :]
+        if not words or words[0] == '--help':
+            continue
+        assert words[0] in parsers, line
+        known = {text for action in parsers[words[0]]._actions for text in action.option_strings}
+        assert {word for word in words if word.startswith('--')} <= known, line
+
+
+@pytest.mark.parametrize('command', ['replay', 'clean'])
+def test_options_are_listed(command: str) -> None:
+    """The page of bags and files has a row for each option of their commands."""
+    page = (ROOT / 'doc' / 'offline.md').read_text(encoding='utf-8')
+    part = page.partition('\n## Files\n')[0 if command == 'replay' else 2]
+    known = {text for action in commands()[command]._actions for text in action.option_strings}
+    listed = set(re.findall(r'^\| `(--\w[\w-]*)', part, re.MULTILINE))
+    assert listed == known - {'-h', '--help'}
+
+
+@EACH_PAGE
+def test_launch_arguments_are_there(page: Path) -> None:
+    """Every argument that a page gives to the launch file is declared there."""
+    source = (ROOT / 'launch' / 'filter.launch.py').read_text(encoding='utf-8')
+    declared = {
+        ast.literal_eval(node.args[0])
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument'
+    }
+    code = '\n'.join(blocks(page, 'bash')).replace('\\\n', ' ')
+    lines = [line for line in code.splitlines() if 'filter.launch.py' in line]
+    lines += [text for text in quoted(page) if re.match(r'\w+:=', text)]
+    given = {name for line in lines for name in re.findall(r'(\w+):=', line)}
+    assert given <= declared
+
+
+@EACH_PAGE
+def test_parameters_are_there(page: Path) -> None:
+    """Every parameter that a page names or sets exists, and its value is allowed."""
+    for text in quoted(page):
+        name, colon, value = text.partition(': ')
+        if name.partition('.')[0] in SECTIONS and '.' in name and not OTHERS.search(name):
+            assert name in NAMES | {f'{section}.…' for section in SECTIONS}, text
+        if colon and name in NAMES:
+            PARAMETERS[name].check(parse(value))
+    for code in blocks(page, 'bash'):
+        for name, value in re.findall(r"--set '?([\w.]+)=([^'\s]+)'?", code):
+            FilterParameters().changed({name: parse(value)})
+        for name in re.findall(r'ros2 param set \S+ (\S+)', code):
+            assert name in NAMES
+
+
+@EACH_PAGE
+def test_parameter_files_are_accepted(page: Path, tmp_path: Path) -> None:
+    """Every parameter file that a page shows is one that the node takes."""
+    for code in blocks(page, 'yaml'):
+        file = tmp_path / 'shown.yaml'
+        file.write_text(code, encoding='utf-8')
+        FilterParameters().changed(read_yaml(file))
+
+
+def test_every_detector_has_a_page() -> None:
+    """With its formula and its reference, beside the table of all."""
+    folder = ROOT / 'doc' / 'detectors'
+    assert {page.stem for page in folder.glob('*.md')} == {*BITS, 'index'}
+    assert '<!-- insert: detectors -->' in (folder / 'index.md').read_text(encoding='utf-8')
+    for name in BITS:
+        text = (folder / f'{name}.md').read_text(encoding='utf-8')
+        assert '$' in text.partition('## Formula')[2].partition('## ')[0]
+        assert re.search(r'^## References?$', text, re.MULTILINE)
+        assert f'<!-- insert: parameters: {name} -->' in text
+
+
+def test_every_family_has_a_page() -> None:
+    """Each of them shows the file of its family, which names the fields that the page names."""
+    folder = ROOT / 'doc' / 'quickstart'
+    families = {page.stem for page in folder.glob('*.md')} - {'index'}
+    assert families == {'velodyne', 'ouster', 'hesai', 'robosense', 'livox', 'profile_scanner'}
+    for family in families:
+        page = (folder / f'{family}.md').read_text(encoding='utf-8')
+        values = parse((ROOT / 'config' / f'{family}.yaml').read_text(encoding='utf-8'))
+        values = values['/**']['ros__parameters']
+        assert f'config/{family}.yaml' in page
+        for field in ('time_field', 'line_field'):
+            assert f'`{values[field]}`' in page if field in values else True
+
+
+def test_tables_of_parameters_are_whole() -> None:
+    """The tables of the sections and that of the rest are all rows of the one table, in order."""
+    head, rows = table().splitlines()[:2], table().splitlines()[2:]
+    sections = list(dict.fromkeys(name.rpartition('.')[0] for name in sorted(NAMES, key=len)))
+    parts = [table(section).splitlines() for section in sections]
+    assert all(part[:2] == head for part in parts)
+    assert sorted(row for part in parts for row in part[2:]) == sorted(rows)
+    assert [row.split('`')[1] for row in rows] == [parameter.name for parameter in describe()]

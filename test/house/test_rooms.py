@@ -1,0 +1,210 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The house: which room may use which, and what from outside. ``pytest -rP`` prints the graph."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).parents[2]
+PACKAGE, LAB = 'lidar_outlier_filter', 'lidar_outlier_lab'
+# From the ground up: a room may use those before it, and nothing behind it. The laboratory, whose
+# rooms begin with `lab.`, may use the product, and the product nothing of it.
+FLOORS = (
+    ('errors',),
+    ('parameters', 'disk'),
+    ('core',),
+    ('messages',),
+    ('stream',),
+    ('files', 'recordings', 'ros'),
+    ('archive', 'evaluation'),
+    ('tuning', 'report'),
+    ('cli', 'lab.simulation'),
+    ('lab.training', 'lab.results'),
+    ('lab.cli',),
+)
+ROOMS = tuple(room for floor in FLOORS for room in floor)
+# What each room may import from outside, beside the standard library.
+MESSAGES = ('diagnostic_msgs', 'nav_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs')
+OUTSIDE = {
+    'errors': (),
+    'parameters': ('numpy', 'yaml'),
+    'disk': ('numpy',),
+    'core': ('filterpy', 'numba', 'numpy', 'scipy'),
+    'messages': ('numpy',),
+    'stream': ('numpy',),
+    'recordings': ('lz4', 'numpy', 'rosbags', 'yaml'),
+    'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow', 'pyproj'),
+    'ros': ('numpy', 'rclpy', *MESSAGES),
+    'archive': ('dask', 'distributed', 'fsspec', 'numpy'),
+    'evaluation': ('PIL', 'matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),
+    'tuning': ('numpy', 'rosbags', 'rich', 'scipy', 'yaml'),
+    'report': ('matplotlib', 'numpy', 'scipy'),
+    'cli': ('numpy', 'rich', 'yaml'),
+    'lab.simulation': ('numpy', 'rich', 'rosbags', 'scipy'),
+    'lab.training': ('numpy', 'rosbags', 'yaml', 'scipy', 'sklearn'),
+    'lab.results': ('PIL', 'matplotlib', 'numpy', 'open3d', 'rich', 'rosbags', 'scipy', 'sklearn'),
+    'lab.cli': ('numpy', 'rich'),
+}
+
+# Words that stood for others: feature, contribution, score, rng, reject, train.
+PRIVATE_WORDS = re.compile(
+    r'\b(witness(es)?|testimony|dice|gossip|loudest|condemn(s|ed)?|hears?|heard|told|taught)\b',
+    re.IGNORECASE,
+)
+
+
+class Module:
+    """A file of the package and what it imports."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the file."""
+        self.name = '.'.join(path.relative_to(ROOT).with_suffix('').parts).removesuffix('.__init__')
+        self.tree = ast.parse(path.read_text('utf-8'))
+
+    @property
+    def room(self) -> str:
+        """The folder below the package, or the file in it; empty for the package itself."""
+        package, _, below = self.name.partition('.')
+        room = below.split('.')[0]
+        return f'lab.{room}' if package == LAB and room else room
+
+    def imports(self) -> Iterator[str]:
+        """Name what is imported anywhere in the file, for types only too."""
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Import):
+                yield from (alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f'{self.name} imports by dots'
+                yield from (f'{node.module}.{alias.name}' for alias in node.names)
+
+
+@cache
+def modules() -> dict[str, Module]:
+    """All modules of the package by name."""
+    found = [Module(one) for top in (PACKAGE, LAB) for one in sorted((ROOT / top).rglob('*.py'))]
+    return {module.name: module for module in found}
+
+
+def used(module: Module) -> set[str]:
+    """Name the modules of the package that one imports."""
+    names = set()
+    for name in module.imports():
+        while name and name not in modules():
+            name = name.rpartition('.')[0]  # noqa: PLW2901  a name of a module is within a module
+        names.add(name)
+    return names - {'', PACKAGE, module.name}
+
+
+def test_every_module_has_a_room() -> None:
+    """Only the door and the errors lie at the entrance."""
+    assert {module.room for module in modules().values()} - {''} == set(ROOMS)
+
+
+def test_rooms_use_only_those_below_them() -> None:
+    """Imports go one way, those for types too; the table of them is printed."""
+    table: dict[str, set[str]] = defaultdict(set)
+    wrong = []
+    for module in modules().values():
+        for name in used(module):
+            below = modules()[name].room
+            if not (module.room and below) or below == module.room:
+                continue
+            table[module.room].add(below)
+            floor = next(i for i, rooms in enumerate(FLOORS) if module.room in rooms)
+            if not any(below in rooms for rooms in FLOORS[:floor]):
+                wrong.append(f'{module.name} uses {name}')
+    for room in ROOMS:
+        print(  # noqa: T201  asked for with -rP
+            f'{room:12} uses {", ".join(sorted(table[room], key=ROOMS.index)) or "nothing"}'
+        )
+    assert not wrong
+
+
+def test_no_circle() -> None:
+    """No module reaches itself by what it imports."""
+    graph = {name: used(module) for name, module in modules().items()}
+    circles = []
+    for name in graph:
+        reached: set[str] = set()
+        pending = [name]
+        while pending:
+            for other in graph[pending.pop()] - reached:
+                reached.add(other)
+                pending.append(other)
+        if name in reached:
+            circles.append(name)
+    assert not circles
+
+
+@pytest.mark.parametrize('room', ROOMS)
+def test_from_outside(room: str) -> None:
+    """A room imports the standard library and what is listed for it, no more."""
+    allowed = {PACKAGE, LAB, *OUTSIDE[room], *sys.stdlib_module_names}
+    wrong = [
+        f'{module.name} imports {name}'
+        for module in modules().values()
+        if module.room == room
+        for name in module.imports()
+        if name.split('.')[0] not in allowed
+    ]
+    assert not wrong
+
+
+def test_only_the_command_line_knows_arguments() -> None:
+    """Other rooms know no argparse."""
+    terminals = {'cli', 'lab.cli'}
+    every = (module for module in modules().values() if module.room not in terminals)
+    names = [module.name for module in every if 'argparse' in {*module.imports()}]
+    assert not names
+
+
+def definitions(module: Module) -> list[ast.stmt]:
+    """List the statements at the top of a module."""
+    return module.tree.body
+
+
+def test_no_class_name_twice() -> None:
+    """A name of a class means one thing."""
+    found = defaultdict(list)
+    for module in modules().values():
+        for node in definitions(module):
+            if isinstance(node, ast.ClassDef):
+                found[node.name].append(module.name)
+    assert not {name: where for name, where in found.items() if len(where) > 1}
+
+
+def test_nothing_is_left_to_others() -> None:
+    """No method only raises NotImplementedError."""
+    wrong = [
+        module.name
+        for module in modules().values()
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.Name) and node.id == 'NotImplementedError'
+    ]
+    assert not wrong
+
+
+def test_plain_words() -> None:
+    """Sources and pages use the field's words: features contribute, and models are trained."""
+    folders = (ROOT / PACKAGE, ROOT / LAB, ROOT / 'doc', ROOT / 'config', ROOT / 'launch')
+    paths = [path for folder in folders for path in folder.rglob('*')]
+    paths += [ROOT / name for name in ('README.md', 'CONTRIBUTING.md', 'CHANGELOG.rst')]
+    wrong = [
+        f'{path.relative_to(ROOT)}: {found[0]}'
+        for path in paths
+        if path.suffix in {'.py', '.md', '.rst', '.yaml'}
+        for found in PRIVATE_WORDS.finditer(path.read_text('utf-8'))
+    ]
+    assert not wrong

@@ -1,0 +1,243 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""scripts/environment and .ci/run, with a Python that only writes down what is asked of it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Says yes to every question, makes an environment by copying itself, and installs nothing.
+PYTHON = """#!/bin/bash
+case "$1 $2" in
+-c*) [[ "$2" != *rclpy* || -n "$HAS_RCLPY" ]] && echo "$0" ;;
+'-m venv')
+    [[ -z "$HAS_NO_VENV" ]] || exit 1
+    echo "$*" >>"$LOG"
+    mkdir -p "${@: -1}/bin" && cp "$0" "${@: -1}/bin/python"
+    ;;
+'-m pip')
+    echo "$*" >>"$LOG"
+    [[ -z "$HAS_NO_NETWORK" ]]
+    ;;
+*) exit 1 ;;
+esac
+"""
+
+CHECKS = """#!/bin/bash
+name=$1; shift
+case "$name" in
+python) exec "$REAL_PYTHON" "$@" ;;
+*) [[ "$name $1" != "$WRONG"* ]] ;;
+esac
+"""
+
+TESTS = """#!/bin/bash
+for word in "$@"; do [[ "$word" != --junitxml=* ]] || report=${word#*=}; done
+[[ -z "$REPORT" ]] || echo "$REPORT" >"$report"
+exit "$STATUS"
+"""
+
+
+class Project:
+    """A copy of the project's scripts, in a folder with a space in its name."""
+
+    def __init__(self, root: Path) -> None:
+        """Copy what the scripts need."""
+        self.root = root / 'a project'
+        self.log = root / 'log'
+        self.log.touch()
+        shutil.copytree(ROOT / 'scripts', self.root / 'scripts')
+        shutil.copytree(ROOT / '.ci', self.root / '.ci')
+        shutil.copy(ROOT / 'setup.py', self.root)
+        python = root / 'python'
+        self.write(python, PYTHON)
+        self.environment = {
+            'HOME': str(root),
+            'LOG': str(self.log),
+            'PATH': os.environ['PATH'],
+            'PYTHON': str(python),
+        }
+
+    def write(self, path: Path, text: str) -> None:
+        """Write an executable file."""
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def run(self, *command: str, **variables: str) -> subprocess.CompletedProcess[str]:
+        """Run one of the project's files from another folder."""
+        return subprocess.run(
+            [str(self.root / command[0]), *command[1:]],
+            cwd='/',
+            env={**self.environment, **variables},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+        )
+
+    def make(self, *command: str, **variables: str) -> str:
+        """Run a command in the environment, and return what it says."""
+        answer = self.run('scripts/environment', *command, **variables)
+        assert answer.returncode == 0, answer.stderr
+        return answer.stdout
+
+    def asked(self) -> list[str]:
+        """List what was asked of Python and pip since the last call."""
+        lines = self.log.read_text().splitlines()
+        self.log.write_text('')
+        return lines
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Project:
+    """Make a project without an environment."""
+    return Project(tmp_path)
+
+
+def test_environment_is_made_once(project: Project) -> None:
+    """The first run makes it, with ROS from PyPI; the second asks nothing of pip."""
+    project.make()
+    asked = project.asked()
+    assert asked[0] == f'-m venv {project.root}/.venv'
+    assert asked[-1].endswith(f'--editable {project.root}[ros,audit,docs,test,lint]')
+    assert all('constraints.txt' in line for line in asked[1:])
+    assert project.make('echo', 'said') == 'said\n'
+    assert project.asked() == []
+
+
+@pytest.mark.parametrize('name', ['setup.py', 'scripts/constraints.txt', 'scripts/environment'])
+def test_environment_follows_its_recipe(project: Project, name: str) -> None:
+    """A change to what it is made from makes it anew, without what was in it."""
+    project.make()
+    leftover = project.root / '.venv' / 'leftover'
+    leftover.touch()
+    project.asked()
+    with (project.root / name).open('a') as file:
+        file.write('# changed\n')
+    project.make()
+    assert project.asked()
+    assert not leftover.exists()
+
+
+def test_environment_follows_its_folder(project: Project) -> None:
+    """An environment cannot be moved: in another folder it is made anew."""
+    project.make()
+    project.asked()
+    project.root = project.root.rename(project.root.with_name('moved'))
+    project.make()
+    assert project.asked()[0] == f'-m venv {project.root}/.venv'
+
+
+def test_half_an_environment_is_made_anew(project: Project) -> None:
+    """Where pip failed, the next run does not take the environment for complete."""
+    assert project.run('scripts/environment', HAS_NO_NETWORK='1').returncode != 0
+    project.asked()
+    project.make()
+    assert project.asked()[0].startswith('-m venv')
+
+
+def test_environment_of_someone_else_is_left_alone(project: Project) -> None:
+    """A .venv that the script did not make is refused, and stays as it is."""
+    theirs = project.root / '.venv' / 'theirs'
+    theirs.parent.mkdir()
+    theirs.touch()
+    answer = project.run('scripts/environment')
+    assert answer.returncode == 1
+    assert 'must be made by this script' in answer.stderr
+    assert theirs.exists()
+
+
+def test_unfit_python_is_refused(project: Project) -> None:
+    """Without a Python 3.11 or 3.12 one sentence says so."""
+    answer = project.run('scripts/environment', PYTHON='/bin/false')
+    assert answer.returncode == 1
+    assert 'Python must be 3.11 or 3.12' in answer.stderr
+
+
+def test_python_without_venv_is_refused(project: Project) -> None:
+    """Where a Debian Python lacks its venv, the package to install is named."""
+    answer = project.run('scripts/environment', HAS_NO_VENV='1')
+    assert answer.returncode == 1
+    assert 'apt install python3-venv' in answer.stderr
+
+
+def test_sourced_jazzy_is_used(project: Project) -> None:
+    """With a Jazzy sourced, its rclpy serves, and no wheel is installed."""
+    seen = project.make('env', ROS_DISTRO='jazzy', HAS_RCLPY='1', PYTHONPATH='/opt/ros')
+    asked = project.asked()
+    assert asked[0] == f'-m venv --system-site-packages {project.root}/.venv'
+    assert asked[-1].endswith(f'--editable {project.root}[audit,docs,test,lint]')
+    assert not any('constraints.txt' in line for line in asked)
+    assert 'PYTHONPATH=/opt/ros\n' in seen
+
+
+@pytest.mark.parametrize('distribution', ['humble', 'jazzy'])
+def test_unfit_ros_is_left_alone(project: Project, distribution: str) -> None:
+    """A ROS that is no Jazzy, or does not import, has no influence; a sentence says so."""
+    answer = project.run(
+        'scripts/environment', 'env', ROS_DISTRO=distribution, PYTHONPATH='/opt/ros'
+    )
+    assert f'({distribution}) is left alone' in answer.stderr
+    assert project.asked()[-1].endswith('[ros,audit,docs,test,lint]')
+    assert not {'ROS_DISTRO', 'PYTHONPATH'} & {
+        line.partition('=')[0] for line in answer.stdout.splitlines()
+    }
+
+
+def test_home_that_is_not_there_is_replaced(project: Project) -> None:
+    """Without a HOME, caches and logs go into the environment."""
+    seen = project.make('env', HOME='/nowhere')
+    assert f'HOME={project.root}/.venv/home\n' in seen
+
+
+def report(**counts: int) -> str:
+    """Write the head of a report as pytest does."""
+    given = {'tests': 4, 'failures': 0, 'errors': 0, 'skipped': 0, **counts}
+    numbers = ' '.join(f'{name}="{count}"' for name, count in given.items())
+    return f'<testsuites><testsuite {numbers}/></testsuites>'
+
+
+@pytest.mark.parametrize(
+    ('status', 'written', 'wrong', 'closing'),
+    [
+        ('0', report(), 'nothing', '9 passed, 0 failed'),
+        ('0', report(skipped=1), 'nothing', '8 passed, 0 failed, 1 skipped'),
+        ('1', report(failures=1, errors=1), 'nothing', '7 passed, 2 failed'),
+        ('0', report(), 'ruff check', '8 passed, 1 failed'),
+        ('0', report(), 'ruff format', '8 passed, 1 failed'),
+        ('0', report(), 'mypy', '8 passed, 1 failed'),
+        ('0', report(), 'sphinx-build', '7 passed, 2 failed'),
+        ('2', report(), 'nothing', '9 passed, 1 failed'),
+        ('5', report(tests=0), 'nothing', '5 passed, 1 failed'),
+        ('3', '', 'nothing', '5 passed, 1 failed'),
+    ],
+    ids=[
+        'all is well',
+        'skipped',
+        'tests fail',
+        'lint fails',
+        'format fails',
+        'types fail',
+        'docs fail',
+        'interrupted',
+        'no tests',
+        'crash',
+    ],
+)
+def test_ci_counts(project: Project, status: str, written: str, wrong: str, closing: str) -> None:
+    """Whatever fails, .ci/run fails, and its last line counts it."""
+    project.write(project.root / 'scripts' / 'environment', CHECKS)
+    project.write(project.root / 'scripts' / 'test', TESTS)
+    answer = project.run(
+        '.ci/run', STATUS=status, REPORT=written, WRONG=wrong, REAL_PYTHON=sys.executable
+    )
+    assert answer.stdout.splitlines()[-1] == closing
+    assert (answer.returncode == 0) == (' 0 failed' in closing)

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts on real recordings are, bit by bit, those that were written down."""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+PROGRAM = Path(__file__).resolve().parents[3] / 'benchmarks' / 'golden.py'
+NAME = 'vlp16_mrpt_mcap'
+
+
+@pytest.fixture(scope='module')
+def golden() -> dict[str, Any]:
+    """Return what the program defines."""
+    return runpy.run_path(str(PROGRAM))
+
+
+@pytest.mark.parametrize('threads', [1, 2])
+def test_few_points(golden: dict[str, Any], threads: int) -> None:
+    """Of all chains, whatever the number of threads."""
+    known = json.loads(golden['GOLDEN'].read_text())
+    found = golden['of_few'](golden['SMALL'], threads)
+    assert len(found) == len(golden['SMALL']) * len(golden['CHAINS'])
+    assert found == {name: known[name] for name in found}
+
+
+@pytest.mark.slow
+def test_a_recording_by_one_thread_and_by_two(golden: dict[str, Any]) -> None:
+    """All of its clouds, by all chains but the one that takes longest."""
+    chains = golden['CHAINS']
+    chains.pop('quadric patches')
+    known = json.loads(golden['GOLDEN'].read_text())
+    for threads in (1, 2):
+        found = golden['of_recordings']((NAME,), threads)
+        assert len(found) == len(chains)
+        assert found == {name: known[name] for name in found}
+
+
+@pytest.mark.slow
+def test_kernels_that_are_not_compiled() -> None:
+    """As plain Python they find what they find compiled."""
+    done = subprocess.run(
+        [sys.executable, str(PROGRAM), '--few', '--recordings', NAME],
+        env={**os.environ, 'NUMBA_DISABLE_JIT': '1'},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith('14 verdicts, 0 different\n')

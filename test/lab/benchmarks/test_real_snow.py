@@ -1,0 +1,341 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The judging of real snow, on a made-up sequence in the same layout: nothing of it is real."""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.evaluation.confusion import Confusion
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / 'benchmarks'))
+command: Any = import_module('real_snow')
+sweeps: Any = import_module('real_snow_sweeps')
+forms: Any = import_module('real_snow_forms')
+peers: Any = import_module('real_snow_peers')
+outdet: Any = import_module('real_snow_outdet')
+page: Any = import_module('real_snow_page')
+
+TABLE = ROOT / 'benchmarks' / 'pandar64.csv'
+SHOTS, EMPTY = 200, range(50, 60)  # shots of a made-up sweep, and those without any return
+SNOW, ROAD, BUILDING = 110, 40, 50
+
+
+class MadeUp(NamedTuple):
+    """A sweep as it is in a file, and what is to be found again; (N,) each."""
+
+    xyz: NDArray[np.float32]
+    label: NDArray[np.uint32]
+    ring: NDArray[np.int64]
+    shot: NDArray[np.int64]
+    second: NDArray[np.bool_]
+    copy: NDArray[np.bool_]
+
+
+def make(seed: int) -> MadeUp:
+    """Fire at a road and a wall 20 m ahead, through snow that some returns are of."""
+    rng = np.random.default_rng(seed)
+    laser = np.loadtxt(TABLE, delimiter=',', skiprows=2)
+    up = np.radians(laser[:, 1] - 0.06)
+    shape = (SHOTS, 64)
+    step = np.arange(SHOTS)[:, None] * 0.2 + rng.choice([0.0, 0.02], (SHOTS, 1))
+    azimuth = np.radians(40.0 + step + laser[:, 2])
+    wall = 20.0 / np.cos(up)
+    road = 1.8 / np.maximum(-np.sin(up), 1e-6)
+    last = np.broadcast_to(np.minimum(wall, road), shape).copy()
+    label = np.broadcast_to(np.where(road < wall, ROAD, BUILDING), shape).copy()
+    returned = rng.random(shape) < 0.9
+    returned[list(EMPTY)] = False
+    returned[[0, -1], 0] = True
+    alone, before = rng.random(shape) < 0.01, rng.random(shape) < 0.03
+    flake = rng.uniform(2.0, 10.0, shape).clip(max=0.9 * last)
+    last, label = np.where(alone, flake, last), np.where(alone, SNOW, label)
+    nearer = before & ~alone
+    first, its = np.where(nearer, flake, last), np.where(nearer, SNOW, label)
+    there = np.stack([returned, returned], axis=1)  # shots, blocks, lasers
+    there[7, 0, 3] = there[8, 1, 4] = False  # as if one of two were missing
+    shot, block, ring = np.nonzero(there)
+    far = np.stack([last, first], axis=1)[shot, block, ring]
+    flat, turned = far * np.cos(up[ring]), azimuth[shot, ring]
+    xyz = np.column_stack([flat * np.sin(turned), flat * np.cos(turned), far * np.sin(up[ring])])
+    copy = (block == 1) & ~nearer[shot, ring] & there[shot, 0, ring]
+    said = np.stack([label, its], axis=1)[shot, block, ring]
+    return MadeUp(xyz.astype(np.float32), said.astype(np.uint32), ring, shot, block == 1, copy)
+
+
+def put(folder: Path, name: str, made: MadeUp) -> Path:
+    """Write a sweep in the layout of the data set; snow is dark."""
+    path = folder / 'sequences' / '36' / 'velodyne' / f'{name}.bin'
+    beside = folder / 'sequences' / '36' / 'labels' / f'{name}.label'
+    for one in (path, beside):
+        one.parent.mkdir(parents=True, exist_ok=True)
+    intensity = np.where(made.label == SNOW, 0.0, 20.0).astype(np.float32)
+    path.write_bytes(np.column_stack([made.xyz, intensity]).astype('<f4').tobytes())
+    beside.write_bytes((made.label + (3 << 16)).astype('<u4').tobytes())  # and an instance
+    return path
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a sequence of three sweeps."""
+    folder = tmp_path_factory.mktemp('snow')
+    for seed in range(3):
+        put(folder, f'{seed:06}', make(seed))
+    return folder
+
+
+def test_sweeps_are_rebuilt(folder: Path) -> None:
+    """Rings, times and returns are those of the making, past shots without any return."""
+    rings = sweeps.read_rings(TABLE)
+    found = sweeps.read_sweeps(folder, rings)
+    begin = sweeps.START
+    for seed, sweep in enumerate(found):
+        made = make(seed)
+        np.testing.assert_array_equal(sweep.xyz, made.xyz)
+        np.testing.assert_array_equal(sweep.label, made.label)
+        np.testing.assert_array_equal(sweep.ring, made.ring)
+        np.testing.assert_array_equal(sweep.second, made.second)
+        np.testing.assert_array_equal(sweep.copy, made.copy)
+        time = begin + 55_560 * made.shot + rings.time[made.ring]
+        np.testing.assert_array_equal(sweep.time, time)
+        begin += SHOTS * 55_560
+
+
+def test_returns_of_a_shot_know_each_other(folder: Path) -> None:
+    """A mate is of the same shot and laser and of the other block; two points have lost theirs."""
+    made, sweep = make(0), sweeps.read_sweeps(folder, sweeps.read_rings(TABLE))[0]
+    with_mate = np.flatnonzero(sweep.mate >= 0)
+    mate = sweep.mate[with_mate]
+    for same in (made.shot, made.ring):
+        np.testing.assert_array_equal(same[with_mate], same[mate])
+    np.testing.assert_array_equal(made.second[with_mate], ~made.second[mate])
+    assert len(made.ring) - len(with_mate) == 2
+
+
+def test_sweeps_left_out_take_time(folder: Path) -> None:
+    """Every second sweep begins 0.1 s after the end of the one before, which is left out."""
+    both = sweeps.read_sweeps(folder, sweeps.read_rings(TABLE), 2)
+    assert [sweep.name for sweep in both] == ['000000.bin', '000002.bin']
+    begins = [sweep.time.min() - sweeps.read_rings(TABLE).time.min() for sweep in both]
+    assert begins[1] - begins[0] == SHOTS * 55_560 + 100_000_000
+
+
+@pytest.mark.parametrize('what', ['bytes', 'labels', 'elevations', 'files', 'missing'])
+def test_what_is_no_sweep_is_refused(tmp_path: Path, what: str) -> None:
+    """With a sentence that says what is wrong."""
+    made = make(0)
+    if what == 'elevations':
+        made = made._replace(xyz=made.xyz + np.array([0, 0, 0.05], np.float32))
+    path = put(tmp_path, '000000', made)
+    label = path.parent.parent / 'labels' / '000000.label'
+    if what == 'bytes':
+        path.write_bytes(path.read_bytes()[:-3])
+    if what == 'labels':
+        label.write_bytes(label.read_bytes()[:-4])
+    if what in {'files', 'missing'}:
+        (path if what == 'files' else label).unlink()
+    with pytest.raises(RecordingError, match='must be') as found:
+        sweeps.read_sweeps(tmp_path, sweeps.read_rings(TABLE))
+    assert {'missing': '000000.label', 'files': 'velodyne'}.get(what, what) in str(found.value)
+
+
+def test_forms(folder: Path) -> None:
+    """Each form has the points that it says; copies know what they are of."""
+    made = make(1)
+    (_, sweep, _) = sweeps.read_sweeps(folder, sweeps.read_rings(TABLE))
+    given = {name: forms.cloud(sweep, form) for name, form in forms.FORMS.items()}
+    assert len(given['both']) == len(made.ring)
+    assert len(given['once']) == np.count_nonzero(~made.copy)
+    pairs = set(zip(made.shot.tolist(), made.ring.tolist(), strict=True))
+    assert len(given['last']) == len(given['xyzi']) == len(pairs)
+    assert given['xyzi'].ring is None
+    assert given['xyzi'].time is None
+    assert (given['xyzi'].xyz != given['last'].xyz).any()
+    for one in given.values():
+        np.testing.assert_array_equal(one.xyz[one.source], one.xyz)
+        copies = one.source != np.arange(len(one))
+        assert np.count_nonzero(copies) == (made.copy.sum() if one is given['both'] else 0)
+    np.testing.assert_array_equal(
+        np.sort(given['xyzi'].xyz.view('f4,f4,f4'), axis=0),
+        np.sort(given['last'].xyz.view('f4,f4,f4'), axis=0),
+    )
+
+
+def cloud_of(xyz: Any, label: Any, source: Any = None, intensity: float = 20.0) -> Any:
+    """Make a cloud without rings and times."""
+    place = np.asarray(xyz, np.float32)
+    own = np.arange(len(place)) if source is None else np.asarray(source)
+    bright = np.full(len(place), intensity, np.float32)
+    return forms.Cloud('one', place, bright, np.asarray(label, np.uint16), None, None, own)
+
+
+def test_figures() -> None:
+    """Worked out by hand: seven points, three of snow, two of these and one other rejected."""
+    xyz = np.zeros((7, 3))
+    xyz[:, 0] = 1.0, 2.0, 2.9, 3.0, 49.0, 50.0, 200.0
+    cloud = cloud_of(xyz, [110, 110, 40, 40, 110, 50, 50])
+    rejected = np.array([True, False, True, False, True, False, False])
+    found = forms.count([cloud], forms.Verdict([rejected], 2.0, 'by hand'))
+    assert found.whole == Confusion(found=2, missed=1, lost=1, kept=3)
+    assert found.whole.f1 == pytest.approx(2 / 3)
+    assert found.classes == {40: (2, 1), 50: (2, 0), 110: (3, 2)}
+    assert found.ranges[0] == (1, 1, 1, 0)
+    assert found.ranges[1] == (0, 0, 0, 1)
+    assert found.ranges[6:] == ((1, 0, 0, 0), (0, 0, 0, 2))
+    assert found.speed == pytest.approx(3.5e-6)
+    assert (found.sweeps, found.setting) == (1, 'by hand')
+
+
+def test_best_threshold() -> None:
+    """Worked out by hand; equal scores are rejected together."""
+    score = np.array([5, 4, 3, 3, 2, 1], np.float32)
+    snow = np.array([True, False, True, False, False, False])
+    assert peers.f1(snow, score >= 5) == pytest.approx(2 / 3)
+    assert peers.f1(snow, score >= 3) == pytest.approx(2 / 3)
+    assert peers.best_threshold(score, snow) == 5
+    snow[4] = True
+    # From 5 on F1 is 2 / (1 + 3), from 3 on 4 / (4 + 3), from 2 on 6 / (5 + 3).
+    assert peers.best_threshold(score, snow) == 2
+
+
+def brute(xyz: NDArray[np.float64]) -> tuple[Any, Any, Any]:
+    """Measure distances, SOR's and LOF's statistics by loops over all pairs."""
+    apart = np.linalg.norm(xyz[:, None] - xyz, axis=2)
+    np.fill_diagonal(apart, np.inf)
+    order = np.argsort(apart, axis=1)[:, :20]
+    near = np.take_along_axis(apart, order, axis=1)
+    mean, density = near.mean(axis=1), np.zeros(len(xyz))
+    for i, others in enumerate(order):
+        density[i] = 1 / np.mean([max(near[j, -1], apart[i, j]) for j in others])
+    lof = [density[others].mean() / density[i] for i, others in enumerate(order)]
+    return near[:, :10], (mean - mean.mean()) / mean.std(), lof
+
+
+def test_neighbours_of_peers() -> None:
+    """They are those of loops; a copy is nobody's neighbour, and has what its own point has."""
+    xyz = np.random.default_rng(1).normal(size=(60, 3)).astype(np.float32)
+    copied = np.array([3, 3, 17])
+    with_copies = np.concatenate([xyz, xyz[copied]])
+    given = cloud_of(with_copies, np.zeros(63), [*range(60), *copied])
+    found, expected = peers.neighbours(given), brute(xyz.astype(np.float64))
+    for mine, its in zip(found, expected, strict=True):
+        np.testing.assert_allclose(mine[:60], its, rtol=1e-5, atol=1e-6)
+        np.testing.assert_array_equal(mine[60:], mine[copied])
+
+
+def test_peers_find_what_their_rules_say() -> None:
+    """A wall of close points and dark flakes before it: who looks at distances finds them all."""
+    y, z = np.divmod(np.arange(1600), 40)
+    wall = np.column_stack([np.full(1600, 10.0), (y - 20) * 0.05, (z - 20) * 0.05])
+    flakes = np.column_stack([np.full(5, 5.0), np.arange(5) - 2.0, np.zeros(5)])
+    cloud = cloud_of(np.concatenate([wall, flakes]), [BUILDING] * 1600 + [SNOW] * 5)
+    cloud.intensity[1600:] = 0.0
+    seen = peers.features([cloud, cloud])
+    for name, judge in peers.PEERS.items():
+        verdict = judge(seen)
+        assert len(verdict.rejected) == 2
+        for mask in verdict.rejected:
+            if name != 'LOF':  # corners of a wall are as lonely for it
+                np.testing.assert_array_equal(mask, cloud.snow, name)
+        assert verdict.setting
+
+
+def test_the_network_is_asked_as_its_own_code_asks() -> None:
+    """Nine neighbours, itself first, 1 m more than their distance; the larger answer counts."""
+    xyz = np.random.default_rng(1).normal(size=(30, 3))
+    asked: dict[str, Any] = {}
+
+    def run(_names: None, given: dict[str, Any]) -> list[Any]:
+        asked.update(given)
+        first = np.arange(30.0) < 4
+        return [np.column_stack([~first, first]).astype(np.float32)]
+
+    verdict = outdet.judge([cloud_of(xyz, np.zeros(30))], SimpleNamespace(run=run))
+    assert np.flatnonzero(verdict.rejected[0]).tolist() == [0, 1, 2, 3]
+    assert asked['dist'].shape == asked['indices'].shape == (30, 9)
+    np.testing.assert_array_equal(asked['indices'][:, 0], np.arange(30))
+    np.testing.assert_array_equal(asked['dist'][:, 0], 1.0)
+    back = asked['points'] * outdet.DEVIATION + outdet.MEAN
+    np.testing.assert_allclose(back[:, 3], 20.0, rtol=1e-6)
+
+
+def test_a_missing_package_is_said(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The network needs one that nothing else needs."""
+    monkeypatch.setattr(outdet, 'find_spec', lambda _name: None)
+    options = ['--judges', '3D-OutDet', '--outdet', 'outdet.onnx']
+    assert command.main([str(folder), *options]) == 1
+    assert capsys.readouterr().err == (
+        'the package onnxruntime must be installed for --outdet, got no such package\n'
+    )
+
+
+def figures(found: int, missed: int, lost: int, kept: int) -> Any:
+    """Make figures whose points are all in the first range, and good ones are of poles."""
+    classes = {SNOW: (found + missed, found), 80: (lost + kept, lost)}
+    return forms.Figures(1, 1.0, '', classes, ((found, missed, lost, kept), *[(0, 0, 0, 0)] * 7))
+
+
+def test_where_a_peer_is_better_is_said() -> None:
+    """By F1, by class and by range; and that nobody is."""
+    own, other = figures(50, 50, 4, 96), figures(80, 20, 2, 98)
+    said = page.worse({'default': own, 'LIOR': other})
+    assert 'a better F1 than the default: LIOR.' in said
+    assert 'loses less: poles, 2.00 % against 4.00 %' in said
+    assert 'more of the snow: 0 to 3 m, 80.00 % against 50.00 %' in said
+    said = page.worse({'default': other, 'LIOR': own})
+    assert 'a better F1 than the default: none.' in said
+    assert said.count(': none') == 4
+    assert 'same sweeps' not in said
+    fewer = forms.Figures(2, 1.0, '', own.classes, own.ranges)
+    assert 'did not judge the same sweeps' in page.worse({'default': other, 'LIOR': fewer})
+
+
+def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Tables of each form are printed and written; kept figures give the same page again."""
+    kept, written, drawn = (tmp_path / name for name in ('kept.json', 'page.md', 'drawn'))
+    written.write_text('# By hand\n', encoding='utf-8')
+    options = ['--figures', str(kept), '--write', str(written)]
+    assert command.main([str(folder), *options, '--every', '2', '--pictures', str(drawn)]) == 0
+    printed, said = capsys.readouterr().out, written.read_text(encoding='utf-8')
+    assert said.startswith(
+        '# By hand\n\n<!-- begin real-snow: written by `benchmarks/real_snow.py`'
+    )
+    assert printed.strip() in said
+    everything = json.loads(kept.read_text(encoding='utf-8'))
+    assert list(everything) == ['both', 'once', 'last', 'xyzi']
+    made = [make(0), make(2)]
+    points = {
+        'both': sum(len(one.ring) for one in made),
+        'once': sum(np.count_nonzero(~one.copy) for one in made),
+    }
+    for form, judged in everything.items():
+        assert list(judged) == ['default', *peers.PEERS]
+        assert {one['sweeps'] for one in judged.values()} == {2}
+        counted = {sum(map(sum, one['ranges'])) for one in judged.values()}
+        assert counted == {points.get(form, counted.copy().pop())}
+        assert (drawn / f'{form}.png').read_bytes().startswith(b'\x89PNG')
+    for name in peers.PEERS:
+        assert everything['xyzi'][name] == everything['last'][name]
+    assert command.main([str(folder), *options, '--judges']) == 0
+    assert written.read_text(encoding='utf-8') == said
+
+
+def test_where_there_is_no_sequence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One sentence, no trace."""
+    assert command.main([str(tmp_path)]) == 1
+    assert capsys.readouterr().err.startswith(f'{tmp_path} must be with files sequences/36')

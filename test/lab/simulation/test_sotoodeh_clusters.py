@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The cloud like Sotoodeh's, its errors beside the paper's, its picture, and the benchmark."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from lidar_outlier_filter.core.detectors import elevation
+from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation import pictures as picture
+from lidar_outlier_filter.parameters.detectors import Hierarchical
+from lidar_outlier_lab.results import sotoodeh_picture as hod_picture
+from lidar_outlier_lab.simulation.papers import sotoodeh_clusters as hod_scene
+from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, Errors, simulate
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+SEEDS = range(20)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_scene(seed: int) -> None:
+    """656 points, 84 of them outliers, single ones where they should be; a seed is a scene."""
+    xyz, outlier = simulate(seed)
+    assert xyz.shape == (656, 3)
+    assert np.count_nonzero(outlier) == 84
+    gap = np.linalg.norm(xyz[outlier][:, None] - xyz[~outlier], axis=2).min(axis=1)
+    assert gap[:36].min() > FAR[0]
+    assert NEAR[0] < gap[36:40].min()
+    assert gap[36:40].max() < NEAR[1]
+    np.testing.assert_array_equal(xyz, simulate(seed).xyz)
+    assert not np.array_equal(xyz, simulate(seed + 1).xyz)
+
+
+def test_errors() -> None:
+    """Of six points, three of them outliers, phase 1 rejects one of each and phase 2 a good one."""
+    outlier = np.array([False, False, False, True, True, True])
+    phase = np.array([1, 2, 0, 1, 0, 0], np.uint8)
+    outcome = ClusterOutcome(np.zeros(6), phase, np.ones(6, np.int64))
+    assert hod_scene.errors(outlier, outcome) == (Errors(6, 1, 2), Errors(4, 1, 2))
+    assert Errors(4, 1, 2).alpha == 0.25
+    assert Errors(4, 1, 2).beta == 0.5
+
+
+def test_errors_of_the_paper() -> None:
+    """Its Table 1: 3 and 9 of 656, 6 and 3 of 578."""
+    first, second = Errors(656, 3, 9), Errors(578, 6, 3)
+    shares = (first.alpha, first.beta, second.alpha, second.beta)
+    np.testing.assert_allclose(shares, hod_scene.PAPER, atol=1e-4)
+
+
+def test_errors_are_like_those_of_the_paper() -> None:
+    """Phase 1 leaves near outliers, phase 2 finds most of them; good points are hardly lost."""
+    alpha_1, beta_1, alpha_2, beta_2 = hod_scene.mean_errors(SEEDS, Hierarchical())
+    assert alpha_1 <= hod_scene.PAPER[0]
+    assert 0.01 < beta_1 < 0.02
+    assert alpha_2 <= hod_scene.PAPER[2]
+    assert beta_2 < 0.008
+    assert hod_scene.table(SEEDS, Hierarchical()).row_count == 4
+
+
+def test_course() -> None:
+    """Each step is made of the one before, and the last one is the answer."""
+    scene, parameters = simulate(0), Hierarchical()
+    steps = hod_picture.course(scene.xyz, parameters)
+    count = len(scene.xyz)
+    assert len(steps.tree) == count - 1
+    tree, pruned_tree, graph, pruned_graph = (
+        {(min(p, q), max(p, q)) for p, q in ends.tolist()} for ends in steps[:4]
+    )
+    assert pruned_tree < tree
+    assert pruned_graph < graph
+    rough = np.flatnonzero(steps.phase != 1)
+    # A minimum spanning tree is part of the Gabriel graph.
+    assert {edge for edge in pruned_tree if edge[0] in rough} < graph
+    assert {p for edge in graph for p in edge} == set(rough.tolist())
+    clean = hierarchical.detect(scene.xyz, parameters)
+    np.testing.assert_array_equal(steps.phase, clean.phase)
+
+
+@pytest.mark.parametrize('least', [100, 400, 1000])
+def test_picture(tmp_path: Path, least: int) -> None:
+    """Six panels, with lost points in their own colour; also where no cluster is large enough."""
+    parameters = replace(Hierarchical(), min_cluster=least)
+    hod_picture.draw(simulate(0), parameters, tmp_path / 'picture.png')
+    with Image.open(tmp_path / 'picture.png') as image:
+        assert image.size == (1400, 900)
+        colours = {colour for _, colour in image.convert('RGB').getcolors(1000) or []}
+    lost = tuple(bytes.fromhex(picture.LOST[1:]))
+    assert (lost in colours) == (least == 400)
+
+
+@pytest.fixture(scope='module')
+def benchmark() -> ModuleType:
+    """Load the benchmark, which is a script."""
+    path = Path(__file__).resolve().parents[3] / 'benchmarks' / 'hierarchical.py'
+    spec = spec_from_file_location('hierarchical_benchmark', path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_benchmark_compares(benchmark: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Right answers pass; wrong ones are not timed."""
+    cloud = benchmark.street(4000)
+    benchmark.compare_hierarchical(cloud)
+    benchmark.compare_elevation(cloud)
+    honest, honest_elevation = hierarchical.detect, elevation.detect
+
+    def wrong(*given: Any) -> ClusterOutcome:
+        outcome = honest(*given)
+        return replace(outcome, phase=np.zeros_like(outcome.phase))
+
+    monkeypatch.setattr(hierarchical, 'detect', wrong)
+    with pytest.raises(FilterError, match="the phases must be those of Qhull's triangulation"):
+        benchmark.compare_hierarchical(cloud)
+    monkeypatch.setattr(elevation, 'detect', lambda *given: honest_elevation(*given) * 1.001)
+    with pytest.raises(FilterError, match="the scores must be those of scipy's kd-tree"):
+        benchmark.compare_elevation(cloud)
+
+
+def test_benchmark_measures(benchmark: ModuleType) -> None:
+    """Time passes; memory is what the work needs, not what was used before."""
+    heap = np.zeros(1 << 24)
+    timing = benchmark.measure('elevation', 20_000)
+    assert timing.seconds > 0
+    assert timing.mebibytes < heap.nbytes / 2**20

@@ -1,0 +1,390 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Weather in real recordings: what it leaves alone stays, and what it adds is where a beam went."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.lib.recfunctions import repack_fields
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.judged import read_recording
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
+from lidar_outlier_lab.simulation.weather.beams import FEWEST
+from lidar_outlier_lab.simulation.weather.clouds import CloudWeather
+from lidar_outlier_lab.simulation.weather.labelled_cloud import LabelledCloud
+from lidar_outlier_lab.simulation.weather.names import RETURN_NAMES, WEATHER_NAMES
+from lidar_outlier_lab.simulation.world.recording import to_message
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points.points import Points
+
+    Rows = NDArray[np.void]
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+CLOUD = 'sensor_msgs/msg/PointCloud2'
+PAGE = Path(__file__).parents[3] / 'doc' / 'evaluate.md'
+TURN = 2 * np.pi
+
+
+class Sensor(NamedTuple):
+    """The field of the times; and how well the time says the azimuth, rad."""
+
+    time: str
+    fineness: float = 0.01
+
+
+# Float32 and float64 times, organised, and missing rows in a list: with 250 times a turn.
+SENSORS = {
+    'vlp16_mrpt_mcap': Sensor('time'),
+    'hesai_xt32_nebula_mcap': Sensor('stamp'),
+    'os0_32.bag': Sensor('t'),
+    'cloudini_lidar_link_mcap': Sensor('timestamp', TURN / 250),
+}
+
+
+def reading(name: str) -> FilterParameters:
+    """Return how the clouds of a sensor are read."""
+    return FilterParameters().changed({'time_field': SENSORS[name].time})
+
+
+def first_cloud(recordings: Path, name: str) -> Any:
+    """Read the first cloud of a recording."""
+    with Recording(recordings / 'bags' / name) as source:
+        for topic, _, data in source.messages():
+            if topic.msgtype == CLOUD:
+                return STORE.deserialize_cdr(data, CLOUD)
+    raise AssertionError(name)
+
+
+def rows(msg: Any) -> Rows:
+    """View the points in a row."""
+    return structured(msg).reshape(-1)
+
+
+def decoded(msg: Any, name: str) -> Points:
+    """Read a cloud as the filter does."""
+    return Decoder(reading(name)).decode(msg)
+
+
+def find(some: Rows, others: Rows, fields: list[str]) -> list[int]:
+    """Say which row each is, by the bytes of these fields."""
+    places = {row.tobytes(): i for i, row in enumerate(repack_fields(others[fields]))}
+    return [places[row.tobytes()] for row in repack_fields(some[fields])]
+
+
+def put(msg: Any, name: str, weather: str, seed: int = 1, returns: str = 'strongest') -> Any:
+    """Put weather into one cloud."""
+    return CloudWeather(weather, seed, returns, reading(name)).put(msg)
+
+
+@pytest.mark.parametrize('weather', WEATHER_NAMES)
+@pytest.mark.parametrize('name', ['vlp16_mrpt_mcap', 'os0_32.bag'])
+def test_what_is_left_alone(recordings: Path, name: str, weather: str) -> None:
+    """Good points are those of the input in their order, but darker; an outlier says its cause."""
+    msg = first_cloud(recordings, name)
+    old, new = rows(msg), rows(put(msg, name, weather))
+    label, fields = new['label'], [n for n in old.dtype.names or () if n not in BRIGHT]
+    there = (new['x'] != 0) | (new['y'] != 0) | (new['z'] != 0)
+    good = there & (label == 0)
+    assert good.mean() > 0.2
+    assert (label[~there] == 0).all()
+    assert len(np.unique(label[label > 0])) == 1
+    where = find(new[good], old, fields)
+    assert where == sorted(where)
+    assert (new['intensity'][good] <= old['intensity'][where]).all()
+    hidden = np.setdiff1d(np.flatnonzero(old['x'] != 0), where)
+    assert len(hidden) <= np.count_nonzero(label) + np.count_nonzero(~there)
+
+
+BRIGHT = ('intensity', 'reflectivity')
+
+
+@pytest.mark.parametrize('name', SENSORS)
+def test_particles_are_where_beams_went(recordings: Path, name: str) -> None:
+    """Each is on its ring, at the azimuth of its time, and what says its range is true."""
+    msg = first_cloud(recordings, name)
+    made = put(msg, name, 'heavy_snow')
+    points, new, old = decoded(made, name), rows(made), decoded(msg, name)
+    snow = new['label'] == Cause.SNOW
+    assert snow.mean() > 0.02
+    assert (points.range[snow] > 0.75).all()
+    assert points.t[snow].min() >= old.t[old.valid].min()
+    assert points.t[snow].max() <= old.t[old.valid].max()
+    azimuth = np.arctan2(points.xyz[:, 1], points.xyz[:, 0])
+    up = points.xyz[:, 2] / np.maximum(points.range, 1e-9)
+    for ring in np.unique(points.line[snow])[::5]:
+        clean = np.flatnonzero((points.line == ring) & points.valid & ~snow)
+        mine = np.flatnonzero((points.line == ring) & snow)
+        assert np.abs(up[mine] - np.median(up[clean])).max() < 0.03
+        order = clean[np.argsort(points.t[clean], kind='stable')]
+        # Turned back as the head turns, azimuths hardly change.
+        turned = [sign * TURN * (points.t[order] - old.t.max()) / 1e8 for sign in (1, -1)]
+        steady = [np.unwrap(azimuth[order] - angle) for angle in turned]
+        best = int(np.argmin([np.abs(np.diff(phase)).sum() for phase in steady]))
+        expected = np.interp(points.t[mine], points.t[order], steady[best])
+        expected += [1, -1][best] * TURN * (points.t[mine] - old.t.max()) / 1e8
+        off = np.angle(np.exp(1j * (expected - azimuth[mine])))
+        inside = (points.t[mine] > points.t[order[0]]) & (points.t[mine] < points.t[order[-1]])
+        assert np.median(np.abs(off[inside])) < SENSORS[name].fineness
+    if 'range' in (new.dtype.names or ()):
+        np.testing.assert_allclose(new['range'][snow], 1000 * points.range[snow], rtol=0.02)
+
+
+@pytest.mark.parametrize('name', SENSORS)
+def test_shape_of_a_cloud(recordings: Path, name: str) -> None:
+    """An organised cloud keeps its shape; a list of points grows by what is added."""
+    msg = first_cloud(recordings, name)
+    made = put(msg, name, 'heavy_snow')
+    assert made.point_step == msg.point_step + 1
+    assert [f.name for f in made.fields] == [*(f.name for f in msg.fields), 'label']
+    if msg.height > 1:
+        assert (made.height, made.width) == (msg.height, msg.width)
+    else:
+        assert (made.height, made.width) == (1, len(rows(made)))
+        assert made.width > msg.width
+
+
+def test_beams_without_a_surface_are_seen(recordings: Path) -> None:
+    """In an organised cloud particles take the places of missing returns, whose times stay."""
+    msg = first_cloud(recordings, 'os0_32.bag')
+    old, new = rows(msg), rows(put(msg, 'os0_32.bag', 'heavy_snow'))
+    filled = (old['x'] == 0) & (new['x'] != 0)
+    assert filled.sum() > 500
+    assert (new['label'][filled] == Cause.SNOW).all()
+    for name in ('t', 'ring'):
+        assert (new[name] == old[name]).all()
+
+
+@pytest.mark.parametrize('returns', RETURN_NAMES)
+def test_returns(recordings: Path, returns: str) -> None:
+    """The first return finds more flakes than the strongest; dual adds to the last."""
+    msg = first_cloud(recordings, 'vlp16_mrpt_mcap')
+    made = {
+        which: rows(put(msg, 'vlp16_mrpt_mcap', 'heavy_snow', returns=which))
+        for which in (returns, 'last')
+    }
+    snow = {which: np.count_nonzero(new['label']) for which, new in made.items()}
+    assert snow[returns] >= snow['last']
+    if returns == 'dual':
+        new, last = made['dual'], made['last']
+        good = new[new['label'] == 0]
+        assert len(good) == np.count_nonzero(last['label'] == 0)
+        assert len(new) > len(last)
+
+
+def test_darker_by_beer_and_lambert(recordings: Path) -> None:
+    """What rain leaves of an intensity falls with the range: e^(-2αR), the same for all."""
+    msg = first_cloud(recordings, 'vlp32_nebula_db3')
+    old, made = rows(msg), CloudWeather('rain', 3, 'last', FilterParameters()).put(msg)
+    new = rows(made)
+    new = new[new['label'] == 0]
+    where = find(new, old, ['x', 'y', 'z', 'ring', 'time'])
+    before = old['intensity'][where].astype(float)
+    bright = before > 5
+    far = np.sqrt(sum(new[axis].astype(float) ** 2 for axis in 'xyz'))[bright]
+    alpha = -np.log(new['intensity'][bright] / before[bright]) / (2 * far)
+    assert alpha.mean() > 1e-4
+    np.testing.assert_allclose(alpha, alpha.mean(), rtol=0.02)
+
+
+def test_weather_stays_while_particles_change(recordings: Path) -> None:
+    """From one sweep to the next, as many flakes are seen, at other places."""
+    msg = first_cloud(recordings, 'vlp16_mrpt_mcap')
+    weather = CloudWeather('light_snow', 1, 'strongest', FilterParameters())
+    one, two = (rows(weather.put(msg)) for _ in range(2))
+    count = [int((new['label'] > 0).sum()) for new in (one, two)]
+    assert abs(count[0] - count[1]) < 5 * np.sqrt(sum(count))
+    assert one.tobytes() != two.tobytes()
+
+
+def test_snow_is_densest_metres_away(recordings: Path) -> None:
+    """Where nothing else came back: most flakes are not those next to the sensor."""
+    msg = first_cloud(recordings, 'os0_32.bag')
+    new = rows(put(msg, 'os0_32.bag', 'heavy_snow'))
+    snow = new[new['label'] == Cause.SNOW]
+    far = np.sqrt(sum(snow[axis].astype(float) ** 2 for axis in 'xyz'))
+    number, edges = np.histogram(far, np.arange(0.0, 20.0, 0.5))
+    assert 1.5 <= edges[np.argmax(number)] <= 6.0
+    assert number[:3].max() < 0.6 * number.max()
+
+
+def test_clouds_without_a_pattern_stay(recordings: Path) -> None:
+    """Empty ones, those without a return, and with too few of them get labels of 0, and count."""
+    msg = first_cloud(recordings, 'vlp16_mrpt_mcap')
+    kept = rows(msg)[: 2 * FEWEST].copy()
+    lost = kept.copy()
+    for axis in 'xyz':
+        lost[axis] = 0
+    weather = CloudWeather('heavy_snow', 1, 'strongest', FilterParameters())
+    for points in (kept[:0], lost, kept):
+        few = replace(
+            msg, width=len(points), row_step=points.nbytes, data=points.view(np.uint8).reshape(-1)
+        )
+        made = weather.put(few)
+        assert made.width == len(points)
+        if len(points):
+            assert rows(made)['label'].tolist() == [0] * len(points)
+            assert rows(made)['x'].tobytes() == points['x'].tobytes()
+    assert weather.counts.untouched == weather.counts.messages == 3
+
+
+@pytest.mark.parametrize(
+    ('kinds', 'missing', 'hidden'),
+    [
+        ('fff', (np.nan, np.nan, np.nan), (np.nan, np.nan, np.nan)),
+        ('fff', (0, 0, 0), (0, 0, 0)),
+        ('fff', (1, 2, 3), (np.nan, np.nan, np.nan)),  # none is missing
+        ('uff', (1, 2, 3), (0, 0, 0)),
+    ],
+)
+def test_hidden_like_what_is_missing(
+    kinds: str, missing: tuple[float, ...], hidden: tuple[float, ...]
+) -> None:
+    """All axes alike; points in a plane through the sensor, at x = 0, are not missing."""
+    points = np.ones(8, [(axis, f'<{kind}4') for axis, kind in zip('xyz', kinds, strict=True)])
+    for row, axis in enumerate('xyz'):
+        points[axis][row] = 0
+    points[3] = missing
+    msg = replace(to_message(10**18, points), height=2, width=4, row_step=48)
+    cloud = LabelledCloud(msg)
+    cloud.hide(np.array([5, 6]))
+    made = rows(cloud.message())
+    np.testing.assert_array_equal([[*row][:3] for row in made[5:7].tolist()], [hidden] * 2)
+    assert [[*row][:3] for row in made[:3].tolist()] == [[0, 1, 1], [1, 0, 1], [1, 1, 0]]
+
+
+def random_cloud(fields: list[tuple[str, str]], count: int = 4000) -> Any:
+    """Make a cloud of points anywhere."""
+    rng = np.random.default_rng(1)
+    points = np.zeros(count, fields)
+    for name, kind in fields:
+        points[name] = np.arange(count) if kind == '<u4' else rng.uniform(1, 9, count)
+    return to_message(10**18, points)
+
+
+XYZ = [(axis, '<f4') for axis in 'xyz']
+
+
+@pytest.mark.parametrize(
+    ('fields', 'returns', 'words'),
+    [
+        ([*XYZ, ('t', '<u4'), ('ring', '<u2')], 'first', 'the lines of a cloud must be rings of a'),
+        ([*XYZ, ('t', '<u4')], 'first', 'a cloud for weather must be one with a field of rings'),
+        ([*XYZ, ('ring', '<u2')], 'first', 'with a field of times'),
+        ([*XYZ, ('label', '|u1')], 'first', "the fields must be without 'label'"),
+        (XYZ, 'second', 'the return must be one of strongest, first, last, dual, got second'),
+    ],
+)
+def test_refused(fields: list[tuple[str, str]], returns: str, words: str) -> None:
+    """Clouds in which no sensor spins, and clouds that do not say when and where it looked."""
+    parameters = FilterParameters().changed({'points_per_second': 1e6})
+    with pytest.raises(FilterError, match=words):
+        CloudWeather('rain', 1, returns, parameters).put(random_cloud(fields))
+
+
+def test_dual_needs_room(recordings: Path) -> None:
+    """An organised cloud has one place for each beam."""
+    msg = first_cloud(recordings, 'os0_32.bag')
+    with pytest.raises(FilterError, match='the return dual must be that of clouds that are not'):
+        put(msg, 'os0_32.bag', 'rain', returns='dual')
+
+
+def excerpt(recordings: Path, folder: Path, count: int = 2) -> Path:
+    """Write the first clouds of a recording, and between them another topic."""
+    other = Topic('/note', 'std_msgs/msg/String', 'string data\n', '', ())
+    with Recording(recordings / 'bags' / 'vlp16_mrpt_mcap') as source, NewBag(folder) as bag:
+        for topic in source.topics:
+            bag.add(topic)
+        bag.add(other)
+        for number, (topic, time, data) in enumerate(source.messages()):
+            if number < count:
+                bag.write(topic, time, data)
+                bag.write(other, time, bytes([0, 1, 0, 0, 2, 0, 0, 0, 65 + number, 0]))
+    return folder
+
+
+def content(bag: Path) -> list[tuple[str, int, bytes]]:
+    """Read all messages."""
+    with Recording(bag) as source:
+        return [(topic.name, time, data) for topic, time, data in source.messages()]
+
+
+def test_recipe(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """The recipe of the documentation runs: weather into a recording, filtered, compared."""
+    part = PAGE.read_text('utf-8').partition('## Put weather into your own recording')[2]
+    code = re.search(r'```bash\n(.*?)```', part, re.DOTALL)
+    assert code is not None
+    lines = code.group(1).replace('\\\n', ' ').splitlines()
+    assert len(lines) <= 5
+    monkeypatch.chdir(tmp_path)
+    excerpt(recordings, tmp_path / 'my_drive')
+    for line in lines:
+        command, *arguments = line.partition('#')[0].split()
+        assert command == 'lidar-outlier-filter'
+        assert main(arguments) == 0, capsys.readouterr().err
+    before, after = (content(tmp_path / name) for name in ('my_drive', 'my_drive_light_snow'))
+    assert [c for c in before if c[0] == '/note'] == [c for c in after if c[0] == '/note']
+    assert [c[:2] for c in before] == [c[:2] for c in after]
+    judged = read_recording(tmp_path / 'my_drive_light_snow_cleaned')
+    snow = judged.code == Cause.SNOW
+    assert judged.rejected[snow].mean() > 0.8
+    assert judged.rejected[~snow].mean() < 0.01
+
+
+def test_same_seed_same_bytes(recordings: Path, tmp_path: Path) -> None:
+    """Of the whole bag; and another seed gives another."""
+    drive = excerpt(recordings, tmp_path / 'drive')
+    made = []
+    for number, seed in enumerate(('3', '3', '4')):
+        folder = tmp_path / str(number) / 'out'
+        folder.parent.mkdir()
+        arguments = ['--onto', str(drive), '--weather', 'spray', '--seed', seed]
+        assert main(['simulate', *arguments, '--output', str(folder)]) == 0
+        made.append([path.read_bytes() for path in sorted(folder.iterdir())])
+    assert made[0] == made[1] != made[2]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        ([], 'the arguments must be a PRESET, or --onto RECORDING --weather WEATHER, got neither'),
+        (['leslar-b', '--onto', 'x'], 'got both'),
+        (['--onto', 'x'], '--weather must be one of light_snow, .*, got None'),
+        (['--onto', 'x', '--weather', 'hail'], '--weather must be one of .*, got hail'),
+        (['leslar-b', '--weather', 'rain'], "--weather must be given with --onto, got 'rain'"),
+        (['--onto', 'x', '--weather', 'rain', '--share', '0.1'], '--share must be given with a'),
+        (['--onto', 'DRIVE', '--weather', 'rain', '--topic', '/x'], "a topic for weather .*'/x'"),
+        (['--onto', 'DRIVE', '--weather', 'rain', '--seed', '-1'], 'the seed must be at least 0'),
+        (
+            ['--onto', 'DRIVE', '--weather', 'rain', '--set', 'line_source=message'],
+            'the topic /velodyne_points must be one that weather can be put into, got "a cloud for',
+        ),
+    ],
+)
+def test_refused_in_a_sentence(
+    recordings: Path, tmp_path: Path, capsys: Any, arguments: list[str], sentence: str
+) -> None:
+    """And nothing is written."""
+    drive = str(recordings / 'bags' / 'vlp16_mrpt_db3')
+    given = [drive if argument == 'DRIVE' else argument for argument in arguments]
+    assert main(['simulate', *given, '--output', str(tmp_path / 'out')]) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert re.search(sentence, error)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,215 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is kept of what was sent is bounded, whatever is sent: names, layouts, reasons, frames."""
+
+from __future__ import annotations
+
+import copy
+import tracemalloc
+from typing import TYPE_CHECKING, Any
+
+from helpers.clouds import SECOND, STAMP, cloud, table
+from helpers.nodes import NO_CLOUD, hold_up, line, wait_for_kernels, wait_for_thread
+from helpers.tf_buffer import transform
+from rclpy.serialization import serialize_message
+
+from lidar_outlier_filter.errors import LONGEST, CloudError
+from lidar_outlier_filter.messages.cloud import MOST_LAYOUTS
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.ros.tf_links import LONGEST_NAME, MOST_FRAMES, Links
+from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_filter.stream.statistics import MOST_KINDS, OTHERS, Kinds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from helpers.nodes import Ros
+    from sensor_msgs.msg import PointCloud2
+
+LONG = 300_000  # characters of a name
+COUNT = 60  # clouds with such names
+
+
+def named(name: str, **changes: int) -> PointCloud2:
+    """Make a cloud with a field more, of this name, and perhaps of a wrong type or count."""
+    msg = line(0)
+    field = copy.copy(msg.fields[-1])
+    field.name = name
+    msg.fields.append(field)
+    for key, value in changes.items():
+        setattr(field, key, value)
+    return msg
+
+
+def hostile_clouds() -> Iterator[PointCloud2]:
+    """Make clouds that are refused, or judged, each with long names that no other has."""
+    for number in range(COUNT):
+        name = f'{number:05d}' * (LONG // 5)
+        yield (
+            named(name, datatype=99),
+            named(name, count=0),
+            named(name, offset=10**6),
+            named(name),
+        )[number % 4]
+
+
+def test_what_is_kept_of_names() -> None:
+    """Less than what two clouds bring, of all; and no sentence is longer than one can read."""
+    said: list[str] = []
+    clean = CloudFilter({'chain': ['sor'], 'block': 0.02}, said.append, said.append)
+    clean.refuse = lambda err: said.append(str(err))
+    clean.push(line(0))
+    clean.flush()
+    tracemalloc.start()
+    for msg in hostile_clouds():
+        try:
+            clean.push(msg)
+        except CloudError as err:
+            said.append(str(err))
+        clean.flush()
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 2 * LONG
+    assert max(map(len, said)) < 4 * LONGEST
+    assert clean.statistics.refused == COUNT * 3 // 4
+    assert set(clean.statistics.refusals) == {
+        'the datatype of a field',
+        'the count of a field',
+        'point_step',
+    }
+
+
+def test_diagnostics_go_on(ros: Ros) -> None:
+    """They come while such clouds do, and are small."""
+    node = ros.filter('-p', 'chain:=[alpha_beta_gamma]', '-p', 'max_delay:=60.0')
+    node.start()
+    wait_for_kernels(node)
+    for msg in hostile_clouds():
+        node.channels[0].receiver._take(serialize_message(msg))
+    found = ros.diagnosis(lambda one: one['refused'] == COUNT * 3 // 4)
+    assert sum(len(key) + len(value) for key, value in found.values.items()) < 10_000
+    assert found['refused for the datatype of a field'] == COUNT // 4
+
+
+def test_layouts() -> None:
+    """Those that came last are known, and read as before; the log does not grow with them."""
+    informed: list[str] = []
+    warned: list[str] = []
+    decoder = Decoder(FilterParameters(), informed.append, warned.append)
+    for number in range(3 * MOST_LAYOUTS):
+        decoder.decode(named(f'name {number}'))
+        decoder.decode(line(0))  # the sensor's own, all the time
+    assert len(decoder._found) == MOST_LAYOUTS
+    assert len(informed) == MOST_LAYOUTS
+    assert warned == [
+        f'more than {MOST_LAYOUTS} layouts of clouds: how others are read is not said'
+    ]
+    # A layout that is known is read as its first cloud was, whatever the times of others look like.
+    late = table(3, y=('f4', [1.0, 2.0, 3.0]), t=('f8', [0.0, 0.05, 11.5]))
+    early = table(3, y=('f4', [1.0, 2.0, 3.0]), t=('f8', [0.0, 0.05, 0.1]))
+    assert decoder.decode(cloud(early, STAMP)).t.tolist()[-1] == STAMP + SECOND // 10
+    for number in range(MOST_LAYOUTS - 1):
+        decoder.decode(named(f'other name {number}'))
+    assert decoder.decode(cloud(late, STAMP)).t.tolist()[-1] == STAMP + 23 * SECOND // 2
+
+
+def test_kinds() -> None:
+    """Beyond the bound all that is new is one kind, and what is known is still counted."""
+    kinds = Kinds()
+    for number in range(3 * MOST_KINDS):
+        kinds.note(str(number))
+    kinds.note('7', 2)
+    assert len(kinds) == MOST_KINDS + 1
+    assert (kinds['7'], kinds[OTHERS], kinds.total()) == (3, 2 * MOST_KINDS, 3 * MOST_KINDS + 2)
+
+
+def test_sentences() -> None:
+    """Beginning and end are there of what is quoted; short ones are whole."""
+    err = CloudError('a' * LONG, 'b' * LONGEST, 'c' + 'd' * LONG + 'e')
+    assert len(str(err)) < 4 * LONGEST
+    assert 'b' * LONGEST in str(err)
+    assert str(err)[-2:] == 'de'
+    assert ', got cd' in str(err)
+    assert len(err.what) <= LONGEST + 1
+
+
+def test_many_fields_are_looked_at_soon() -> None:
+    """A name is compared with few others, however many there are."""
+    compared: list[str] = []
+
+    class Name(str):
+        __slots__ = ()
+        __hash__ = str.__hash__
+
+        def __eq__(self, other: object) -> bool:
+            compared.append(self)
+            return str.__eq__(self, other)
+
+    msg, count = line(0), 2000
+    for number in range(count):
+        field = copy.copy(msg.fields[-1])
+        field._name = Name(f'name {number}')
+        msg.fields.append(field)
+    Decoder(FilterParameters()).view(msg)
+    assert len(compared) < 10 * count
+
+
+def test_bytes_that_are_no_cloud(ros: Ros) -> None:
+    """While a block takes long they are counted, and wait as one however many come."""
+    node = ros.filter('-p', 'chain:=[alpha_beta_gamma]')
+    node.start()
+    wait_for_kernels(node)
+    worker = node.channels[0].worker
+    go_on = hold_up(node)
+    for _ in range(500):
+        node.channels[0].receiver._take(NO_CLOUD)
+    assert len(worker.inbox._commands) == 1
+    go_on.set()
+    wait_for_thread(node)
+    assert node.statistics.refused == 500
+    node.channels[0].receiver._take(NO_CLOUD)
+    wait_for_thread(node)
+    assert node.statistics.refused == 501
+
+
+class Buffer:
+    """Counts what it is given."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def set_transform(self, *_: Any) -> None:
+        """Count."""
+        self.count += 1
+
+    set_transform_static = set_transform
+
+
+POSE = (0.0, 0, 0, 0, 0, 0, 1)
+
+
+def test_transforms_of_a_clock_that_stands_still() -> None:
+    """The same time again adds nothing, also where it is not the last one."""
+    links = Links(Buffer(), 1.0)
+    for _ in range(1000):
+        for t in (STAMP, STAMP + SECOND, STAMP + SECOND // 2):
+            links.note(transform('odom', 'base', t, POSE))
+    assert len(links) == 3
+    assert links.gaps('odom', 'base', STAMP, STAMP + SECOND, SECOND // 2 - 1)
+    assert not links.gaps('odom', 'base', STAMP, STAMP + SECOND, SECOND // 2)
+
+
+def test_frames() -> None:
+    """No more of them than any tree has, and no names longer than any is; the rest is refused."""
+    buffer, refused = Buffer(), Kinds()
+    links = Links(buffer, 1.0)
+    links.refuse = refused.note
+    for number in range(MOST_FRAMES + 5):
+        links.set_transform(transform('odom', f'frame {number}', STAMP, POSE), '')
+    assert buffer.count == MOST_FRAMES == len(links)
+    links.set_transform(transform('odom', 'frame 0', STAMP + 1, POSE), '')
+    links.set_transform_static(transform('odom', 'another', 0, POSE), '')
+    links.set_transform(transform('o' * (LONGEST_NAME + 1), 'frame 0', STAMP + 2, POSE), '')
+    assert buffer.count == MOST_FRAMES + 1
+    assert refused == {'the number of frames': 6, 'the name of a frame': 1}

@@ -1,0 +1,562 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The decoder: every maker's time and lines are found, and what cannot be true is refused."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.clouds import SECOND, STAMP, cloud, dump, table, to_rosbags
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.messages.decoder import (
+    LINE_NAMES,
+    TIME_NAMES,
+    Decoder,
+    guess_unit,
+    to_nanoseconds,
+)
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sensor_msgs.msg import PointCloud2
+
+    from lidar_outlier_filter.core.points.points import Points
+
+CONFIG = Path(__file__).parents[2] / 'config'
+COUNT = 1000
+FACTOR = {'s': SECOND, 'us': 1000, 'ns': 1}
+
+
+def decoder(values: dict[str, object] | None = None) -> tuple[Decoder, list[str], list[str]]:
+    """Make a decoder, and the lists of what it informs and warns of."""
+    informed: list[str] = []
+    warned: list[str] = []
+    parameters = FilterParameters().changed(values or {})
+    return Decoder(parameters, informed.append, warned.append), informed, warned
+
+
+def decode(msg: PointCloud2, **values: object) -> Points:
+    """Read one cloud with the parameters given."""
+    return decoder(values)[0].decode(msg)
+
+
+def exact(values: Any, unit: str, start: int = 0) -> list[int]:
+    """Turn times into whole nanoseconds by exact arithmetic."""
+    return [start + round(Fraction(value.item()) * FACTOR[unit]) for value in values]
+
+
+# Time -------------------------------------------------------------------------------------------
+
+SWEEP = np.linspace(0, 0.1, COUNT)
+NANOSECONDS = np.rint(SWEEP * 1e9)
+EPOCH = 1.7e9
+
+CONVENTIONS = {
+    'Velodyne': ('time', 'f4', SWEEP, 's', STAMP),
+    'Velodyne, stamped at the end': ('time', 'f4', SWEEP - 0.1, 's', STAMP),
+    'Ouster': ('t', 'u4', NANOSECONDS, 'ns', STAMP),
+    'Hesai, Robosense': ('timestamp', 'f8', EPOCH + SWEEP, 's', 0),
+    'Hesai, unsynchronised': ('timestamp', 'f8', 4321.5 + SWEEP, 's', 0),
+    'Livox': ('timestamp', 'f8', (EPOCH + SWEEP) * 1e9, 'ns', 0),
+    'Livox, older': ('offset_time', 'u4', NANOSECONDS, 'ns', STAMP),
+    'Autoware': ('time_stamp', 'u4', NANOSECONDS, 'ns', STAMP),
+    'PCL, relative': ('t_offset', 'u8', NANOSECONDS, 'ns', STAMP),
+    'PCL, absolute': ('timestamp', 'u8', (STAMP + NANOSECONDS), 'ns', 0),
+    'float64 seconds': ('time_offset', 'f8', SWEEP, 's', STAMP),
+    'float64 nanoseconds': ('time_offset', 'f8', NANOSECONDS, 'ns', STAMP),
+}
+
+
+@pytest.mark.parametrize('order', ['<', '>'])
+@pytest.mark.parametrize('maker', CONVENTIONS)
+def test_time_conventions(maker: str, order: str) -> None:
+    """The time of every maker is found by itself, to the nanosecond."""
+    name, kind, times, unit, start = CONVENTIONS[maker]
+    rows = table(COUNT, order, ring=('u2', 0), **{name: (kind, times)})
+    reader, informed, warned = decoder()
+    points = reader.decode(cloud(rows))
+    assert points.t.dtype == np.int64
+    assert points.t.tolist() == exact(rows[name], unit, start)
+    reference = 'from the header stamp' if start else 'absolute'
+    assert informed == [
+        f"times from field '{name}' ({unit}, {reference}), scan lines by field 'ring'"
+    ]
+    assert not warned
+
+
+FAMILIES = {
+    'velodyne': {'time': ('f4', SWEEP - 0.1), 'ring': ('u2', 3)},
+    'ouster': {'t': ('u4', NANOSECONDS), 'ring': ('u1', 3)},
+    'hesai': {'timestamp': ('f8', EPOCH + SWEEP), 'ring': ('u2', 3)},
+    'robosense': {'timestamp': ('f8', EPOCH + SWEEP), 'ring': ('u2', 3)},
+    'livox': {'timestamp': ('f8', (EPOCH + SWEEP) * 1e9), 'line': ('u1', 3)},
+    'autoware': {'time_stamp': ('u4', NANOSECONDS), 'channel': ('u2', 3)},
+}
+
+
+@pytest.mark.parametrize('family', FAMILIES)
+def test_families(family: str) -> None:
+    """The file of a sensor family says of its clouds what is found without it."""
+    msg = cloud(table(COUNT, **FAMILIES[family]))
+    reader, informed, warned = decoder(read_yaml(CONFIG / f'{family}.yaml'))
+    found, by_itself, _ = decoder()
+    points, expected = reader.decode(msg), found.decode(msg)
+    assert points.t.tolist() == expected.t.tolist()
+    assert set(points.line.tolist()) == {3}
+    assert informed == by_itself
+    assert not warned
+
+
+def test_nebula_stamp() -> None:
+    """What the file for Hesai says of a field with another name is true."""
+    assert '`stamp`' in (CONFIG / 'hesai.yaml').read_text(encoding='utf-8')
+    values = read_yaml(CONFIG / 'hesai.yaml') | {'time_field': 'stamp'}
+    rows = table(COUNT, stamp=('f8', 1.56e9 + SWEEP), ring=('u2', 3))
+    assert decode(cloud(rows), **values).t.tolist() == exact(rows['stamp'], 's')
+
+
+def test_nanoseconds_survive() -> None:
+    """Absolute stamps keep what they hold: a float64's seconds, a uint64's last nanosecond."""
+    fine = EPOCH + np.arange(COUNT) * 2.0**-22
+    t = decode(cloud(table(COUNT, timestamp=('f8', fine)))).t
+    np.testing.assert_array_equal(np.abs(np.diff(t) - 1e9 * 2.0**-22) < 1, True)  # noqa: FBT003
+    finest = STAMP + np.arange(COUNT) * 7
+    t = decode(cloud(table(COUNT, timestamp=('u8', finest)))).t
+    assert t.tolist() == finest.tolist()
+
+
+def test_stamp_keeps_nanoseconds() -> None:
+    """The header stamp meets no float either."""
+    msg = cloud(table(3, t=('u4', [0, 1, 2])), STAMP + 123_456_789)
+    assert decode(msg).t.tolist() == [STAMP + 123_456_789 + i for i in range(3)]
+
+
+@pytest.mark.parametrize(('reference', 'start'), [('stamp', STAMP), ('absolute', 0)])
+@pytest.mark.parametrize('unit', FACTOR)
+@pytest.mark.parametrize('kind', ['u4', 'f4', 'f8'])
+def test_parameters_override(kind: str, unit: str, reference: str, start: int) -> None:
+    """Field, unit and reference are as the parameters say, whatever it looks like."""
+    rows = table(4, time=('f4', 5), clock=(kind, [1, 2, 3, 400]))
+    values = {'time_field': 'clock', 'time_unit': unit, 'time_reference': reference}
+    assert decode(cloud(rows), **values).t.tolist() == exact(rows['clock'], unit, start)
+
+
+@pytest.mark.parametrize('name', TIME_NAMES)
+def test_time_names(name: str) -> None:
+    """Each usual name is found."""
+    points = decode(cloud(table(3, **{name: ('u4', [7, 8, 9])})))
+    assert points.t.tolist() == [STAMP + 7, STAMP + 8, STAMP + 9]
+
+
+def test_time_names_of_several_numbers() -> None:
+    """A usual name with several numbers in a point is no time field; the next is taken."""
+    rows = np.zeros(3, [(n, 'f4') for n in 'xyz'] + [('t', 'u4', (2,)), ('time', 'u4')])
+    rows['x'], rows['t'], rows['time'] = 1, 5, [1, 2, 3]
+    assert decode(cloud(rows)).t.tolist() == [STAMP + 1, STAMP + 2, STAMP + 3]
+
+
+def test_units_of_functions() -> None:
+    """The guess depends on type and size, as its docstring says; invalid points count nothing."""
+    guesses = [
+        ('f4', 0.1, 's'),
+        ('f4', 1e8, 's'),
+        ('f8', 10.0, 's'),
+        ('f8', 10.5, 's'),
+        ('f8', 11.0, 'ns'),
+        ('f8', 1e9, 's'),
+        ('f8', 9.9e13, 's'),
+        ('f8', 1e14, 'ns'),
+        ('u4', 5, 'ns'),
+        ('u8', 5, 'ns'),
+    ]
+    for kind, size, unit in guesses:
+        assert guess_unit(np.dtype(kind), np.array([0.0, size])) == unit, (kind, size)
+    values = np.array([1.5, np.nan, -0.25])
+    valid = np.array([True, False, True])
+    assert to_nanoseconds(values, valid, 'us').tolist() == [1500, 0, -250]
+
+
+# Missing fields ---------------------------------------------------------------------------------
+
+
+def test_without_time() -> None:
+    """Without a time field the order counts, and one warning names the parameter for it."""
+    reader, _, warned = decoder({'points_per_second': 1000.0})
+    msg = cloud(table(4, ring=('u1', 0)))
+    for _ in range(3):
+        assert reader.decode(msg).t.tolist() == [STAMP + i * 1_000_000 for i in range(4)]
+    assert len(warned) == 1
+    assert 'no time field' in warned[0]
+    assert 'points_per_second 1000' in warned[0]
+    assert 'line' not in warned[0]
+
+
+def test_without_time_organised() -> None:
+    """The points of a column of an organised cloud are fired together."""
+    msg = cloud(table(6, ring=('u1', 0)).reshape(2, 3))
+    t = decode(msg, points_per_second=1000.0).t - STAMP
+    assert t.tolist() == [0, 2_000_000, 4_000_000] * 2
+
+
+def test_without_line() -> None:
+    """Without a line field each message is a line, and one warning names the parameter for it."""
+    reader, _, warned = decoder()
+    msg = cloud(table(4, t=('u4', range(4))))
+    lines = [set(reader.decode(msg).line.tolist()) for _ in range(3)]
+    assert [len(line) for line in lines] == [1, 1, 1]
+    assert len(set.union(*lines)) == 3
+    assert len(warned) == 1
+    assert 'no line field: each message is a scan line (line_source)' in warned[0]
+    assert 'time' not in warned[0]
+
+
+def test_without_line_organised() -> None:
+    """In an organised cloud each row is a line."""
+    reader, _, warned = decoder()
+    msg = cloud(table(6, t=('u4', range(6))).reshape(2, 3))
+    for _ in range(2):
+        assert reader.decode(msg).line.tolist() == [0, 0, 0, 1, 1, 1]
+    assert len(warned) == 1
+    assert 'each row is a scan line (line_source)' in warned[0]
+
+
+def test_without_time_and_line() -> None:
+    """One warning names both parameters, and the fields there are."""
+    reader, informed, warned = decoder()
+    for _ in range(3):
+        reader.decode(cloud(table(4, intensity=('f4', 0))))
+    assert len(warned) == 1
+    for word in ('x, y, z, intensity', 'points_per_second', 'line_source'):
+        assert word in warned[0]
+    assert informed == ['times from points_per_second, scan lines by message']
+
+
+def test_no_warning_where_it_was_asked_for() -> None:
+    """Whoever sets the line source to rows is not warned that rows are lines."""
+    reader, _, warned = decoder({'line_source': 'row'})
+    reader.decode(cloud(table(4, t=('u4', range(4)))))
+    assert not warned
+
+
+def test_missing_fields_refused() -> None:
+    """A field that a parameter asks for must be there, and be a single number."""
+    rows = np.zeros(3, [(n, 'f4') for n in 'xyz'] + [('t', 'f4'), ('pair', 'u4', (2,))])
+    rows['x'] = 1
+    msg = cloud(rows)
+    asked: list[tuple[dict[str, object], str]] = [
+        (
+            {'time_field': 'tick'},
+            "^time_field 'tick' must be one of the fields x, y, z, t, pair, got none of them$",
+        ),
+        ({'time_field': 'pair'}, "field 'pair' must be a single number"),
+        (
+            {'line_field': 'lane'},
+            "^line_field 'lane' must be one of the fields x, y, z, t, pair, got none",
+        ),
+        ({'line_field': 't'}, "field 't' must be a single whole number, got float32"),
+        ({'line_source': 'field'}, 'the line field must be one of ring, channel, line, laser_id'),
+        (
+            {'line_source': 'angle', 'angle_field': 'phi'},
+            "^angle_field 'phi' must be one of the fields",
+        ),
+        (
+            {'alpha_beta_gamma.sigma_field': 's'},
+            r"^alpha_beta_gamma\.sigma_field 's' must be one of the fields",
+        ),
+    ]
+    for values, sentence in asked:
+        with pytest.raises(CloudError, match=sentence):
+            decode(msg, **values)
+
+
+def test_no_time_can_be_refused() -> None:
+    """With points_per_second 0 a cloud without time is refused, and said what would serve."""
+    with pytest.raises(
+        CloudError, match=r'the time field must be one of t, time, .* got the fields x'
+    ):
+        decode(cloud(table(3, ring=('u1', 0))), points_per_second=0.0)
+
+
+# Lines ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('kind', ['u1', 'u2'])
+@pytest.mark.parametrize('name', LINE_NAMES)
+def test_line_names(name: str, kind: str) -> None:
+    """Each usual name is found, with the types that drivers give it."""
+    msg = cloud(table(3, t=('u4', 0), **{name: (kind, [0, 7, 255])}))
+    reader, _, warned = decoder()
+    points = reader.decode(msg)
+    assert points.line.tolist() == [0, 7, 255]
+    assert points.line.dtype == np.int64
+    assert not warned
+
+
+def test_line_parameters_override() -> None:
+    """The field or source that the parameters name is taken, though there is a ring."""
+    msg = cloud(table(6, t=('u4', 0), ring=('u2', 9), group=('u2', range(6))).reshape(2, 3))
+    assert decode(msg, line_field='group').line.tolist() == list(range(6))
+    assert decode(msg, line_source='row').line.tolist() == [0, 0, 0, 1, 1, 1]
+    assert len(set(decode(msg, line_source='message').line.tolist())) == 1
+
+
+def turns(count: int, per_turn: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Make the angles of a mirror that turns, in [-π, π), and begins at none of its ends."""
+    angle = 1.0 + np.arange(count) * (2 * np.pi / per_turn)
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def naive_lines(angle: np.ndarray[Any, np.dtype[np.float64]]) -> list[int]:
+    """Count the wraps so far."""
+    lines = [0]
+    for i in range(1, len(angle)):
+        lines.append(lines[-1] + int(abs(angle[i] - angle[i - 1]) > np.pi))
+    return lines
+
+
+PLANES = ('xy', 'yz', 'zx')
+
+
+@pytest.mark.parametrize('way', [*PLANES, 'rad', 'deg', 'rad backwards', 'whole degrees'])
+@pytest.mark.parametrize('cuts', [(), (5, 5, 17, 130, 131, 499), tuple(range(1, 500))])
+def test_angle_wraps(way: str, cuts: tuple[int, ...]) -> None:
+    """A line ends where the angle wraps, by field or by plane, however the points are cut."""
+    angle = turns(500, 37)
+    values: dict[str, object] = {'line_source': 'angle'}
+    if way in PLANES:
+        columns: dict[str, Any] = {way[0]: ('f4', np.cos(angle)), way[1]: ('f4', np.sin(angle))}
+        values['angle_plane'] = way
+    else:
+        angle = angle[::-1] if 'backwards' in way else angle
+        given = np.rad2deg(angle) if 'deg' in way else angle
+        given, kind = (np.rint(given), 'i2') if 'whole' in way else (given, 'f8')
+        columns = {'phi': (kind, given)}
+        values |= {'angle_field': 'phi', 'angle_unit': 'rad' if 'rad' in way else 'deg'}
+    rows = table(500, t=('u4', range(500)), **columns)
+    reader = decoder(values)[0]
+    parts = np.split(rows, cuts)
+    lines = np.concatenate([reader.decode(cloud(part)).line for part in parts])
+    assert len(parts) == len(cuts) + 1
+    assert (lines - lines[0]).tolist() == naive_lines(angle)
+    assert lines[-1] - lines[0] >= 13
+
+
+def test_angle_of_missing_returns() -> None:
+    """A missing return has no angle: it is in the line it stands in, and wraps nothing."""
+    angle = turns(500, 37)
+    rows = table(500, t=('u4', range(500)), y=('f4', np.cos(angle)), z=('f4', np.sin(angle)))
+    missing = np.random.default_rng(4).uniform(size=500) < 0.2
+    for name in 'xyz':
+        rows[name][missing] = 0
+    lines = decode(cloud(rows), line_source='angle').line
+    assert (lines[~missing]).tolist() == naive_lines(angle[~missing])
+    np.testing.assert_array_equal(np.diff(lines) >= 0, True)  # noqa: FBT003
+    np.testing.assert_array_equal(lines[1:][missing[1:]], lines[:-1][missing[1:]])
+
+
+# What is not valid ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('order', ['<', '>'])
+@pytest.mark.parametrize('kind', ['f4', 'f8'])
+def test_missing_returns(kind: str, order: str) -> None:
+    """NaN and Inf in any coordinate and 0 0 0 are missing returns; 0 in one or two are points."""
+    nan, inf = np.nan, np.inf
+    missing: list[tuple[float, float, float]] = [
+        (nan, 1, 1),
+        (1, nan, 1),
+        (1, 1, nan),
+        (inf, 1, 1),
+        (1, -inf, 1),
+        (0, -0.0, 0),
+    ]
+    points: list[tuple[float, float, float]] = [(0, 0, 1e-30), (1, 0, 0), (0, -1, 1), (1e9, 1, 1)]
+    rows = np.zeros(10, [(name, order + kind) for name in 'xyz'] + [('t', order + 'u4')])
+    for i, point in enumerate(missing + points):
+        for name, value in zip('xyz', point, strict=True):
+            rows[name][i] = value
+    read = decode(cloud(rows))
+    assert read.valid.tolist() == [False] * 6 + [True] * 4
+    np.testing.assert_array_equal(read.xyz[6:], np.array(points, kind).astype(float))
+
+
+@pytest.mark.parametrize('kind', ['f4', 'f8'])
+def test_signalling_nan(kind: str) -> None:
+    """A NaN that signals is a NaN like any other, in any field: nothing is warned of."""
+    bits, signalling = {'f4': ('u4', 0x7FA00001), 'f8': ('u8', 0x7FF4000000000001)}[kind]
+    rows = np.ones(3, [(name, kind) for name in ('x', 'y', 'z', 'time', 'std', 'phi')])
+    values = {'alpha_beta_gamma.sigma_field': 'std', 'angle_field': 'phi', 'line_source': 'angle'}
+    for name in rows.dtype.names or ():
+        rows[name].view(bits)[1] = signalling
+    assert decode(cloud(rows), **values).valid.tolist() == [True, False, True]
+    rows['x'] = rows['y'] = rows['z'] = 1
+    with pytest.raises(CloudError, match='the time of a point must be finite'):
+        decode(cloud(rows), **values)
+    rows['time'] = 1
+    with pytest.raises(CloudError, match="field 'std' must be from 1e-09 to 1e\\+09 m, got nan"):
+        decode(cloud(rows), **values)
+
+
+@pytest.mark.parametrize('kind', ['f4', 'f8'])
+@pytest.mark.parametrize('axis', 'xyz')
+def test_absurd_coordinates(axis: str, kind: str) -> None:
+    """A return farther away than the Moon was never measured; beside a NaN nobody looks at it."""
+    reader, informed, _ = decoder()
+    rows = np.ones(3, [(name, kind) for name in 'xyz'] + [('t', 'u4')])
+    for sign in (1, -1):
+        rows[axis][1] = sign * 1e9
+        assert decode(cloud(rows)).valid.all()
+        rows[axis][1] = sign * np.nextafter(rows[axis].dtype.type(1e9), np.inf)
+        with pytest.raises(CloudError, match=r'the coordinates of a point must be within 1e\+09 m'):
+            reader.decode(cloud(rows))
+        assert not informed
+        rows[axis][1] = sign * np.finfo(kind).max
+        with pytest.raises(CloudError, match='NaN or Inf, got'):
+            reader.decode(cloud(rows))
+    rows['xyz'['xyz'.index(axis) - 1]][1] = np.nan
+    assert reader.decode(cloud(rows)).valid.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize('wrong', [0, -1, 9e-10, 1e-170, 1.1e9, 1e170, np.inf])
+def test_absurd_sigma(wrong: float) -> None:
+    """What no standard deviation can be is refused; that of a missing return is not looked at."""
+    rows = table(4, t=('u4', 0), std=('f8', [1e-9, 1e9, 1, wrong]))
+    with pytest.raises(CloudError, match=r"^field 'std' must be from 1e-09 to 1e\+09 m, got "):
+        decode(cloud(rows), **{'alpha_beta_gamma.sigma_field': 'std'})
+    rows['x'][3] = 0
+    assert decode(cloud(rows), **{'alpha_beta_gamma.sigma_field': 'std'}).valid.sum() == 3
+
+
+def test_ten_seconds_are_relative() -> None:
+    """Times up to exactly ten seconds count from the stamp, and no later ones."""
+    for last, start in ((10.0, STAMP), (np.nextafter(10.0, 11.0), 0)):
+        rows = table(2, time=('f8', [0.0, last]))
+        read = decode(cloud(rows), time_unit='s')
+        assert read.t.tolist() == [start, start + 10 * SECOND]
+
+
+def test_whole_coordinates() -> None:
+    """Coordinates may be of any type."""
+    rows = np.ones(2, [('x', 'i2'), ('y', 'u1'), ('z', 'f8'), ('t', 'u4')])
+    rows['x'] = [-300, 4]
+    assert decode(cloud(rows)).xyz.tolist() == [[-300, 1, 1], [4, 1, 1]]
+
+
+@pytest.mark.parametrize('kind', ['f4', 'f8'])
+@pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf, 1e30, -1e30])
+def test_bad_stamps(kind: str, bad: float) -> None:
+    """A point's time must be finite and possible; that of a missing return is not looked at."""
+    reader = decoder()[0]
+    rows = table(5, time=(kind, [0, 0.01, 0.02, bad, 0.04]))
+    with pytest.raises(CloudError, match='the time of a point must be finite and within 73 years'):
+        reader.decode(cloud(rows))
+    rows['x'][3] = 0
+    expected = exact(rows['time'][[0, 1, 2, 4]], 's', STAMP)
+    assert reader.decode(cloud(rows)).t.tolist() == [*expected[:3], 0, expected[3]]
+
+
+@pytest.mark.parametrize('bad', [np.nan, np.inf, 1e308])
+def test_refused_cloud_decides_no_convention(bad: float) -> None:
+    """How clouds are read is found out from the first one that is taken, and said then."""
+    reader, informed, warned = decoder()
+    rows = table(3, timestamp=('f8', bad))
+    for _ in range(2):
+        with pytest.raises(CloudError, match='the time of a point'):
+            reader.decode(cloud(rows))
+    assert not informed
+    assert not warned
+    rows['timestamp'] = EPOCH
+    assert reader.decode(cloud(rows)).t.tolist() == [1_700_000_000 * SECOND] * 3
+    assert len(informed) == len(warned) == 1
+
+
+def test_invalid_points_decide_nothing() -> None:
+    """A cloud of missing returns is read, but what a time means is found out from points."""
+    reader, informed, warned = decoder()
+    rows = table(3, timestamp=('f8', 0), ring=('u1', [1, 2, 3]))
+    rows['x'] = np.nan
+    points = reader.decode(cloud(rows))
+    assert not points.valid.any()
+    assert not informed
+    rows['x'], rows['timestamp'] = 1, EPOCH
+    rows['timestamp'][2], rows['x'][2] = 1e300, np.inf
+    points = reader.decode(cloud(rows))
+    assert points.t.tolist() == [1_700_000_000 * SECOND] * 2 + [0]
+    assert len(informed) == 1
+    assert not warned
+
+
+def test_sigma_field() -> None:
+    """A point's own standard deviation comes along; of a valid point it must be more than 0."""
+    name = {'alpha_beta_gamma.sigma_field': 'std'}
+    rows = table(3, t=('u4', 0), std=('f4', [0.25, 0, 0.5]))
+    rows['x'][1] = 0
+    sigma = decode(cloud(rows), **name).sigma
+    assert sigma is not None
+    assert sigma.tolist() == [0.25, 0, 0.5]
+    assert decode(cloud(rows)).sigma is None
+    for bad in (0, -1, np.nan, np.inf):
+        rows['std'][0] = bad
+        with pytest.raises(CloudError, match="field 'std' must be from 1e-09 to 1e\\+09 m, got"):
+            decode(cloud(rows), **name)
+
+
+@pytest.mark.parametrize('shape', [(0,), (0, 4), (4, 0)])
+def test_empty_cloud(shape: tuple[int, ...]) -> None:
+    """A cloud without points has none, and decides nothing; it need not even have fields."""
+    reader, informed, warned = decoder()
+    empty = cloud(table(0, t=('u4', 0)).reshape(shape))
+    blank = cloud(table(0))
+    blank.fields, blank.point_step = [], 0
+    for msg in (empty, blank):
+        points = reader.decode(msg)
+        assert len(points) == 0
+        assert points.xyz.shape == (0, 3)
+    assert not informed
+    assert not warned
+
+
+@pytest.mark.parametrize(
+    'rows',
+    [
+        table(3, outlier_score=('f4', 0)),
+        table(3, outlier_detectors=('u2', 0)),
+        table(3, outlier_detector_number=('u1', 0)),
+    ],
+)
+@pytest.mark.parametrize('count', [0, 3])
+def test_scores_are_not_overwritten(rows: Any, count: int) -> None:
+    """A cloud that has scores already is refused where they are to be added, without points too."""
+    with pytest.raises(CloudError, match='must be without outlier_score, outlier_detectors, '):
+        decode(cloud(rows[:count]), scores=True)
+    assert len(decode(cloud(rows[:count]))) == count
+
+
+def test_holes_need_floats() -> None:
+    """An organised cloud of whole coordinates cannot have NaN where points are taken out."""
+    rows = np.ones((2, 3), [('x', 'i2'), ('y', 'f4'), ('z', 'f4')])
+    with pytest.raises(CloudError, match="field 'x' must be a float, to become NaN"):
+        decode(cloud(rows), keep_organized=True)
+    assert len(decode(cloud(rows.reshape(-1)), keep_organized=True)) == 6
+
+
+@pytest.mark.parametrize('kind', [lambda msg: msg, to_rosbags], ids=['ros', 'rosbags'])
+def test_message_untouched(kind: Callable[..., Any]) -> None:
+    """Reading changes nothing, big-endian or not, and keeps no hold on the data."""
+    for order in '<>':
+        rows = table(12, order, t=('u4', range(12)), ring=('u2', range(12))).reshape(3, 4)
+        msg = kind(cloud(rows, row_padding=3))
+        before = dump(msg)
+        points = decode(msg)
+        assert dump(msg) == before
+        assert points.line.tolist() == list(range(12))
+        for column in (points.xyz, points.t, points.line):
+            assert not np.shares_memory(column, np.frombuffer(msg.data, np.uint8))

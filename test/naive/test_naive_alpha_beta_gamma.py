@@ -1,0 +1,467 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The naive twin against numbers worked out by hand: who else would test the reference."""
+
+import math
+from math import nan, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
+
+from naive import alpha_beta_gamma as naive
+
+# Critical values as printed in any table, for a significance of 0.001.
+NORMAL = 3.290526731
+CHI2_3 = 16.266236196
+
+FIVE = [-2.0, -1.0, 0.0, 1.0, 2.0]
+ONES = [1.0] * 5
+SECOND = 1_000_000_000
+
+HAND: dict[str, Any] = {
+    'before': 2,
+    'after': 2,
+    'order': 1,
+    'significance': 0.001,
+    'sides': 'both',
+    'test': 'each',
+    'sigma': 1.0,
+    'sigma_floor': 0.005,
+    'min_window': 2,
+    'passes': 10,
+}
+
+
+def run(
+    z: list[float], own_sigma: list[float] | None = None, **changed: Any
+) -> tuple[NDArray[np.float64], list[int], int]:
+    """Judge one segment with a shot each second, x = y = 0; gives scores, rejected, passes."""
+    count = len(z)
+    zeros = np.zeros(count, np.int64)
+    xyz = np.zeros((count, 3))
+    xyz[:, 2] = z
+    own = None if own_sigma is None else np.array(own_sigma)
+    scores, rejected, passes = naive.alpha_beta_gamma(
+        np.arange(count) * SECOND, xyz, zeros, zeros, own_sigma=own, **{**HAND, **changed}
+    )
+    return scores, np.flatnonzero(rejected).tolist(), passes
+
+
+# Lines and segments ---------------------------------------------------------------------------
+
+
+def test_scan_order_keeps_ties_in_their_order_of_arrival() -> None:
+    """Line 0 holds points 1, 3, 4 at 5, 5, 2 ns; line 7 holds points 0, 2."""
+    assert naive.scan_order([9, 5, 3, 5, 2], [7, 0, 7, 0, 0]) == [4, 1, 3, 2, 0]
+
+
+def test_shot_interval_is_the_median_of_the_positive_differences() -> None:
+    """Differences 10, 0, 10, 20: the median without the 0 is 10; of 10, 20 it is 15."""
+    assert naive.shot_interval([0, 10, 10, 20, 40]) == 10
+    assert naive.shot_interval([0, 10, 30]) == 15
+
+
+def test_shot_interval_of_a_line_without_positive_differences() -> None:
+    """Nothing, one point, and two at one time have no interval."""
+    assert naive.shot_interval([]) is None
+    assert naive.shot_interval([5]) is None
+    assert naive.shot_interval([5, 5]) is None
+
+
+def test_segment_ends_only_above_the_gap_factor() -> None:
+    """Interval 10: a difference of exactly 1.5 × 10 does not end a segment, one of 16 does."""
+    assert naive.segments([0, 10, 20, 35], [0] * 4, 1.5) == [0, 0, 0, 0]
+    assert naive.segments([0, 10, 20, 36], [0] * 4, 1.5) == [0, 0, 0, 1]
+
+
+def test_segments_end_with_their_lines() -> None:
+    """Line 1 starts a segment; its interval of 100 is its own; line 4 has one instant only."""
+    t = [0, 10, 20, 30, 130, 230, 8, 8]
+    assert naive.segments(t, [0, 0, 0, 1, 1, 1, 4, 4], 1.5) == [0, 0, 0, 1, 1, 1, 2, 2]
+
+
+def test_segments_of_nothing() -> None:
+    """No points, no segments."""
+    assert naive.segments([], [], 1.5) == []
+
+
+def angle_lines(*degrees: float) -> list[int]:
+    """Give the lines of angles in degrees."""
+    return naive.angle_lines([math.radians(one) for one in degrees])
+
+
+def test_a_line_begins_where_the_angle_wraps() -> None:
+    """At any time where the step is more than half a turn; the first angle ever is no wrap."""
+    assert angle_lines() == []
+    assert angle_lines(170) == [0]
+    assert angle_lines(170, -170) == [0, 1]
+    assert angle_lines(350, 10, 20) == [0, 1, 1]
+    assert angle_lines(90, -90, 90) == [0, 0, 0]
+
+
+def test_a_line_begins_where_the_angle_jumps_back() -> None:
+    """Once the steps have gone 30° one way, a jump back by more than that begins a line."""
+    assert angle_lines(0, 20, 40, 5, 25) == [0, 0, 0, 1, 1]
+    assert angle_lines(0, -20, -40, -5, -25) == [0, 0, 0, 1, 1]
+    assert angle_lines(0, 20, 40, 10, 30) == [0] * 5  # 30°, no more
+    assert angle_lines(0, 20, 29, -10, 10) == [0] * 5  # no sense yet
+    assert angle_lines(0, 20, 40, 110, 180) == [0] * 5  # forwards
+
+
+def test_noise_at_the_wrap_begins_one_line() -> None:
+    """Behind a wrap, the way back over it and the next wrap are noise."""
+    assert angle_lines(140, 160, 175, -175, 178, -178, -170) == [0, 0, 0, 1, 1, 1, 1]
+
+
+def test_small_steps_back_are_followed() -> None:
+    """More than 30° behind the furthest angle, those small steps have led back over the wrap."""
+    assert angle_lines(120, 140, 160, 179, -179, 170, 150, 130) == [0, 0, 0, 0, 1, 1, 2, 2]
+
+
+# Windows ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('p', 'm', 'window'),
+    [
+        (4, 10, [2, 3, 5, 6, 7]),
+        (1, 10, [0, 2, 3, 4, 5]),
+        (0, 10, [1, 2, 3, 4, 5]),
+        (7, 10, [4, 5, 6, 8, 9]),
+        (9, 10, [4, 5, 6, 7, 8]),
+        (1, 4, [0, 2, 3]),
+        (0, 1, []),
+    ],
+)
+def test_centred_window_is_shifted_inwards(p: int, m: int, window: list[int]) -> None:
+    """2 in front and 3 behind: six with the point itself, wherever it is."""
+    assert naive.centred_window(p, m, 2, 3) == window
+
+
+def test_one_sided_windows_are_cut_at_the_ends() -> None:
+    """2 in front, 3 behind, of ten."""
+    assert naive.before_window(4, 2) == [2, 3]
+    assert naive.before_window(1, 2) == [0]
+    assert naive.before_window(0, 2) == []
+    assert naive.after_window(4, 10, 3) == [5, 6, 7]
+    assert naive.after_window(8, 10, 3) == [9]
+    assert naive.after_window(9, 10, 3) == []
+
+
+# The smoother -----------------------------------------------------------------------------------
+
+
+def test_weights_of_five_equidistant_points() -> None:
+    """Sums of δ⁰, δ², δ⁴ are 5, 10, 34, so λ = (34, 0, -10) / (5 × 34 - 10²).
+
+    That is a = (17 - 5 δ²) / 35, and likewise b = δ / 10 and, twice (13), c = 2 (δ² - 2) / 14:
+    the well-known weights of Savitzky and Golay.
+    """
+    a, b, c = naive.smoother_weights(FIVE, ONES, 2)
+    assert_allclose(a, np.array([-3, 12, 17, 12, -3]) / 35, atol=1e-15)
+    assert_allclose(b, np.array([-2, -1, 0, 1, 2]) / 10, atol=1e-15)
+    assert_allclose(c, np.array([2, -1, -2, -1, 2]) / 7, atol=1e-15)
+
+
+def test_weights_without_acceleration() -> None:
+    """Order 1 on five equidistant points: the mean, and the slope."""
+    a, b = naive.smoother_weights(FIVE, ONES, 1)
+    assert_allclose(a, np.full(5, 1 / 5), atol=1e-15)
+    assert_allclose(b, np.array([-2, -1, 0, 1, 2]) / 10, atol=1e-15)
+
+
+def test_weights_do_not_depend_on_the_unit_of_variance() -> None:
+    """A variance common to all points cancels."""
+    same = naive.smoother_weights(FIVE, [0.0004] * 5, 2)
+    assert_allclose(same, naive.smoother_weights(FIVE, ONES, 2), rtol=1e-12, atol=1e-15)
+
+
+def test_state_of_a_fall_with_its_variances() -> None:
+    """Height 7 + 3 t + ½ 4 t²: state 7, 3, 4; variances Σ a², Σ b², Σ c² are 17/35, 1/10, 2/7.
+
+    (7) with the weights (13) as printed would give 2, half the acceleration of (1).
+    """
+    t = np.array(FIVE)
+    z = np.stack([7 + 3 * t + 2 * t**2, -t, 0 * t], axis=1)
+    state, variance = naive.smoothed_state(FIVE, z, ONES, 2)
+    assert_allclose(state, [[7, 0, 0], [3, -1, 0], [4, 0, 0]], atol=1e-14)
+    assert_allclose(variance, [17 / 35, 1 / 10, 2 / 7], rtol=1e-14)
+
+
+def test_state_variances_with_unequal_sigma() -> None:
+    """The mean of variances 1 and 3 at one time has the weights 3/4, 1/4 and the variance 3/4.
+
+    Points at -1 (variance 1), 1 (variance 1), 1 (variance 3), order 1. In the middle the position
+    is ½ z(-1) + ½ (¾, ¼), its variance ¼ (1 + ¾) = 7/16; the slope is half the difference.
+    """
+    a, b = naive.smoother_weights([-1.0, 1.0, 1.0], [1.0, 1.0, 3.0], 1)
+    assert_allclose(a, [1 / 2, 3 / 8, 1 / 8], atol=1e-15)
+    assert_allclose(b, [-1 / 2, 3 / 8, 1 / 8], atol=1e-15)
+    _, variance = naive.smoothed_state([-1.0, 1.0, 1.0], np.zeros((3, 3)), [1.0, 1.0, 3.0], 1)
+    assert_allclose(variance, [7 / 16, 7 / 16], rtol=1e-14)
+
+
+def weights_of_prediction(
+    delta: list[float], variance: list[float], own: float, order: int
+) -> tuple[NDArray[np.float64], float]:
+    """Predict unit impulses at the points one by one: the weights of (15), and q."""
+    weights, q = [], nan
+    for i in range(len(delta)):
+        impulse = np.zeros((len(delta), 3))
+        impulse[i] = 1.0
+        position, q = naive.predict(delta, impulse, variance, own, order)
+        weights.append(position[0])
+    return np.array(weights), q
+
+
+PREDICTIONS = {
+    # a without its middle, over 1 - 17/35; q = a_0 / (1 - a_0) = 17/18
+    'five equidistant': ([-2.0, -1.0, 1.0, 2.0], 2, [-1 / 6, 2 / 3, 2 / 3, -1 / 6], 17 / 18),
+    # 2 z(-1) - z(-2), and the third difference is 0: 3 z(-1) - 3 z(-2) + z(-3)
+    'end of a line': ([-2.0, -1.0], 1, [-1.0, 2.0], 5.0),
+    'end of a parabola': ([-3.0, -2.0, -1.0], 2, [1.0, -3.0, 3.0], 19.0),
+    # interpolation between -1 and 2; Lagrange's polynomials of -1, 1, 2 at 0
+    'irregular line': ([-1.0, 2.0], 1, [2 / 3, 1 / 3], 5 / 9),
+    'irregular parabola': ([-1.0, 1.0, 2.0], 2, [1 / 3, 1.0, -1 / 3], 11 / 9),
+}
+
+
+@pytest.mark.parametrize('name', PREDICTIONS)
+@pytest.mark.parametrize('own', [1.0, 100.0])
+def test_prediction(name: str, own: float) -> None:
+    """(15) and the second term of (16), whatever the tested point's own variance is."""
+    delta, order, weights, q = PREDICTIONS[name]
+    got, got_q = weights_of_prediction(delta, [1.0] * len(delta), own, order)
+    assert_allclose(got, weights, atol=1e-12)
+    assert got_q == pytest.approx(q, rel=1e-12)
+
+
+def test_prediction_with_unequal_sigma() -> None:
+    """Variances 1 at -1 s, 1 and 3 at 1 s: as worked out for the state above."""
+    weights, q = weights_of_prediction([-1.0, 1.0, 1.0], [1.0, 1.0, 3.0], 2.0, 1)
+    assert_allclose(weights, [1 / 2, 3 / 8, 1 / 8], atol=1e-12)
+    assert q == pytest.approx(7 / 16)
+
+
+@pytest.mark.parametrize(
+    ('delta', 'order', 'singular'),
+    [
+        ([], 1, True),
+        ([0.0, 0.0, 0.0], 1, True),
+        ([2.0, 2.0, 2.0], 1, True),
+        ([1.0, 2.0], 1, False),
+        ([1.0, 1.0, 2.0, 2.0], 2, True),
+        ([-1.0, 0.0, 0.0, 1.0], 2, False),
+        # Order 1, times 1 and 1 - e: det = e², of a diagonal 2 × 2; the limit is e = 2e-5.
+        ([1.0, 1.0 - 1.9e-5], 1, True),
+        ([1.0, 1.0 - 2.1e-5], 1, False),
+    ],
+)
+def test_singular_windows(delta: list[float], order: int, *, singular: bool) -> None:
+    """Too few different times, in any unit of time, cannot predict."""
+    ones = [1.0] * len(delta)
+    assert naive.is_singular(delta, ones, order) is singular
+    assert naive.is_singular([d * 1e-6 for d in delta], ones, order) is singular
+
+
+# The test ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('residual', 'each', 'joint'),
+    [
+        ([3.0, -4.0, 0.0], 4 / NORMAL, 5 / sqrt(CHI2_3)),
+        ([-4.0, 0.0, 0.0], 4 / NORMAL, 4 / sqrt(CHI2_3)),
+    ],
+)
+def test_window_score(residual: list[float], each: float, joint: float) -> None:
+    """Largest coordinate, length, or what is worse of the two, in critical values; σ_δz is 1."""
+    for test, score in {'each': each, 'joint': joint, 'both': max(each, joint)}.items():
+        got = naive.window_score(np.array(residual), np.ones(3), 0.001, test)
+        assert got == pytest.approx(score, rel=1e-9)
+
+
+def test_window_score_divides_each_coordinate_by_its_own_sigma() -> None:
+    """Standardised (1, 2, 1.5): the largest is the second."""
+    got = naive.window_score(np.array([5.0, 2.0, 3.0]), np.array([5.0, 1.0, 2.0]), 0.001, 'each')
+    assert got == pytest.approx(2 / NORMAL)
+
+
+def test_robust_sigma() -> None:
+    """Ten residuals 0 to 9 (x), halved where 1 + q = 4; constant (y); below the floor (z).
+
+    Reduced x: 0, 1, 2, 3, 4 and 5/2, 6/2, 7/2, 8/2, 9/2: median (3 + 3) / 2.
+    """
+    residuals = [np.array([-float(i), 7.0, 0.001]) for i in range(10)]
+    qs = [0.0] * 5 + [3.0] * 5
+    for r, q in zip(residuals, qs, strict=True):
+        r[1] *= sqrt(1 + q)
+    sigma = naive.robust_sigma(residuals, qs, 0.005)
+    assert_allclose(sigma, [1.4826 * 3, 1.4826 * 7, 0.005])
+
+
+def test_robust_sigma_of_nine_residuals_is_unknown() -> None:
+    """Ten are the fewest."""
+    assert np.isnan(naive.robust_sigma([np.ones(3)] * 9, [0.0] * 9, 0.005)).all()
+
+
+# Passes -----------------------------------------------------------------------------------------
+
+
+def test_peak_is_the_first_of_equals_within_reach() -> None:
+    """Two on either side are looked at; NaN is no rival."""
+    scores = [2.0, 3.0, nan, 3.0, 4.0, 1.0, 4.0]
+    assert [p for p in range(7) if scores[p] > 1 and naive.is_peak(p, scores, 2)] == [1, 4]
+    assert [p for p in range(7) if scores[p] > 1 and naive.is_peak(p, scores, 1)] == [1, 4, 6]
+
+
+def test_outlier_of_ten_sigma_in_one_pass() -> None:
+    """Seven points, the fourth 10 high, straight line through four others, σ = 1.
+
+    Fourth: predicted 0 with q = 1/4. Third: from -2, -1, 1, 2 s, 10/4 with q = 1/4. Second: from
+    -1, 1, 2, 3 s the weight at 2 is (15 - 5 × 2) / 35 = 1/7, q = 15/35. First: from 1, 2, 3, 4 s
+    the weight at 3 is (30 - 10 × 3) / 20 = 0.
+    """
+    scores, rejected, passes = run([0, 0, 0, 10, 0, 0, 0], passes=1)
+    third = 2.5 / sqrt(5 / 4) / NORMAL
+    second = (10 / 7) / sqrt(10 / 7) / NORMAL
+    fourth = 10 / sqrt(5 / 4) / NORMAL
+    assert_allclose(scores, [0, second, third, fourth, third, second, 0], rtol=1e-9, atol=1e-15)
+    assert rejected == [3]
+    assert passes == 1
+
+
+def test_outlier_is_taken_out_of_the_windows_of_its_neighbours() -> None:
+    """The same line: the second pass sees six zeros, and finds nothing more."""
+    scores, rejected, passes = run([0, 0, 0, 10, 0, 0, 0])
+    assert_allclose(scores, [0, 0, 0, 10 / sqrt(5 / 4) / NORMAL, 0, 0, 0], rtol=1e-9, atol=1e-15)
+    assert rejected == [3]
+    assert passes == 2
+
+
+def test_good_point_between_two_equal_outliers_is_saved() -> None:
+    """Outliers of 10 at 3 and 5 s: both are 7.5 from prediction, point 4 is 5 from it, a candidate.
+
+    Pass 1 rejects the first of the equals. Pass 2 predicts point 4 from -3, -2, 1, 2 s, where the
+    weight at 1 is (18 + 2) / 68 and q = 18/68; point 5 from -3, -1, 1, 2 s with q = 15/59, all 0.
+    Pass 3 has nothing left to reject.
+    """
+    z: list[float] = [0, 0, 0, 10, 0, 10, 0, 0, 0]
+    scores, rejected, passes = run(z)
+    assert rejected == [3, 5]
+    assert passes == 3
+    assert scores[3] == pytest.approx(7.5 / sqrt(5 / 4) / NORMAL)
+    assert scores[5] == pytest.approx(10 / sqrt(74 / 59) / NORMAL)
+    assert_allclose(scores[[0, 1, 2, 4, 6, 7, 8]], 0, atol=1e-12)
+
+    scores, rejected, passes = run(z, passes=2)
+    assert rejected == [3, 5]
+    assert passes == 2
+    assert scores[4] == pytest.approx((10 * 20 / 68) / sqrt(86 / 68) / NORMAL)
+
+    scores, rejected, passes = run(z, passes=1)
+    assert rejected == [3, 4, 5]
+    assert passes == 1
+    assert scores[4] == pytest.approx(5 / sqrt(5 / 4) / NORMAL)
+
+
+def test_corner_agrees_with_one_side() -> None:
+    """A roof, |t - 5|: its ridge is predicted from either side exactly, and from both 5/4 too high.
+
+    Windows of -2, -1, 1, 2 s: heights 2, 1, 1, 2 have the mean 3/2, with q = 1/4.
+    """
+    z = [float(abs(i - 5)) for i in range(11)]
+    scores, rejected, _ = run(z, sigma=0.01, sides='either')
+    assert_allclose(scores, 0, atol=1e-9)
+    assert rejected == []
+    scores, rejected, _ = run(z, sigma=0.01, sides='both', passes=1)
+    assert 5 in rejected
+    assert scores[5] == pytest.approx(1.5 / (0.01 * sqrt(5 / 4)) / NORMAL)
+
+
+def test_either_falls_back_to_the_window_around_the_point() -> None:
+    """Five points, four others are needed: only the ends have them on one side.
+
+    Ends: from 1, 2, 3, 4 s the weight at 2 is (30 - 20) / 20, q = 30/20. The middle one has the
+    window around it: 10 from 0, with q = 1/4.
+    """
+    scores, _, _ = run([0, 0, 10, 0, 0], sides='either', before=4, after=4, min_window=4, passes=1)
+    assert scores[2] == pytest.approx(10 / sqrt(5 / 4) / NORMAL)
+    assert_allclose(scores[[0, 4]], 5 / sqrt(5 / 2) / NORMAL)
+    assert np.isfinite(scores[[1, 3]]).all()
+
+
+@pytest.mark.parametrize('where', range(24))
+@pytest.mark.parametrize('order', [1, 2])
+@pytest.mark.parametrize('sides', ['both', 'either'])
+def test_gross_outlier_takes_no_neighbour_along(sides: str, order: int, where: int) -> None:
+    """Wherever it is: at an end of the segment, beside it, or at the end of a shifted window."""
+    z = [0.0] * 24
+    z[where] = 100.0
+    _, rejected, _ = run(z, sides=sides, order=order, before=5, after=5, min_window=4)
+    assert rejected == [where]
+
+
+def test_too_few_neighbours_leave_points_untested() -> None:
+    """Four points have three others each."""
+    scores, rejected, passes = run([0, 0, 1000, 0], min_window=4, before=4, after=4)
+    assert np.isnan(scores).all()
+    assert rejected == []
+    assert passes == 1
+
+
+@pytest.mark.parametrize(('count', 'tested'), [(9, False), (10, True)])
+def test_estimated_sigma_needs_ten_residuals(count: int, *, tested: bool) -> None:
+    """A line of nine points gives nine residuals."""
+    scores, rejected, _ = run([0.0] * (count - 4) + [1.0, 0, 0, 0], sigma=0.0)
+    assert np.isfinite(scores).all() == tested
+    assert rejected == ([count - 4] if tested else [])
+
+
+def test_estimated_sigma_is_the_lines_not_the_segments() -> None:
+    """Two segments of five in one line have ten residuals; in two lines, five each.
+
+    All are exactly on their lines, so the floor of 5 mm is σ: the 10 mm of the last one, predicted
+    from -4, -3, -2, -1 s with q = 30/20, are 2 / √2.5.
+    """
+    t = np.array([0, 1, 2, 3, 4, 10, 11, 12, 13, 14]) * SECOND
+    xyz = np.zeros((10, 3))
+    xyz[9, 0] = 0.01
+    segment = np.array([0] * 5 + [1] * 5)
+    same = np.zeros(10, np.int64)
+    hand = {**HAND, 'sigma': 0.0, 'passes': 1}
+    scores, _, _ = naive.alpha_beta_gamma(t, xyz, segment, same, **hand)
+    assert scores[9] == pytest.approx(2 / sqrt(5 / 2) / NORMAL)
+    scores, _, _ = naive.alpha_beta_gamma(t, xyz, segment, segment, **hand)
+    assert np.isnan(scores).all()
+
+
+def test_estimated_sigma_of_a_part_of_the_line() -> None:
+    """Residuals of 1 m, then of 9 m: two parts of ten have a σ each, one of 20 that of both.
+
+    A point between two others differs from their mean; windows of one on a side see z0 ± 2 r.
+    """
+    z = [float(r * (-1) ** k) for r in (1, 9) for k in range(12)]
+    hand: dict[str, Any] = {'sigma': 0.0, 'before': 1, 'after': 1, 'passes': 1}
+    parts, _, _ = run(z, **hand, sigma_part=12)
+    whole, _, _ = run(z, **hand)
+    # 2 r ÷ √1.5 is every residual ÷ √(1 + q); its median is itself.
+    assert parts[4] == pytest.approx(1 / 1.4826 / NORMAL)
+    assert parts[18] == pytest.approx(1 / 1.4826 / NORMAL)
+    assert whole[4] < parts[4] < whole[18]
+
+
+def test_own_sigma_goes_before_the_parameter() -> None:
+    """σ = 1, 2, 3 and a window of one on each side: σ²_δz = 4 + (1 + 9) / 4."""
+    scores, _, _ = run([0, 10, 0], own_sigma=[1.0, 2.0, 3.0], before=1, after=1, passes=1)
+    assert scores[1] == pytest.approx(10 / sqrt(6.5) / NORMAL)
+
+
+def test_nothing_in_nothing_out() -> None:
+    """No points: one pass, no verdicts."""
+    scores, rejected, passes = run([])
+    assert_array_equal(scores, [])
+    assert (rejected, passes) == ([], 1)

@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The naive elevation test against numbers worked out by hand."""
+
+from __future__ import annotations
+
+from math import isnan, sqrt
+
+import pytest
+
+from naive import elevation as naive
+
+# Five points in a row on the map, the middle one raised by 6.
+ROW = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 6.0), (3.0, 0.0, 0.0), (4.0, 0.0, 0.0)]
+
+
+def test_set_apart() -> None:
+    """Of ten points three may go on either side; a step of exactly the gap does not part."""
+    z = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 12.0, 13.0, -9.0]
+    assert naive.set_apart(z, 5.0, 0.3) == [0, 0, 0, 0, 0, 0, 0, 6, 7, 9]
+    assert naive.set_apart(z, 6.0, 0.3) == [0, 0, 0, 0, 0, 0, 0, 0, 0, 9]
+    # One point may always go, but the two above are more than one.
+    assert naive.set_apart(z, 5.0, 0.1) == [0, 0, 0, 0, 0, 0, 0, 0, 0, 9]
+    assert naive.set_apart(z, 0.0, 0.3) == [0] * 10
+
+
+def test_the_innermost_gap_counts() -> None:
+    """Points beyond several gaps are all set apart, as far as there are few enough."""
+    z = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 20.0, 100.0]
+    assert naive.set_apart(z, 5.0, 0.2) == [0] * 8 + [13, 93]
+    assert naive.set_apart(z, 5.0, 0.1) == [0] * 9 + [80]
+
+
+def test_nothing_to_be_set_apart_from() -> None:
+    """Of two points each would be beyond the other."""
+    assert naive.set_apart([0.0, 100.0], 5.0, 0.4) == [0, 0]
+    assert naive.set_apart([0.0, 100.0, 101.0], 5.0, 0.4) == [100, 0, 0]
+
+
+def test_nearest() -> None:
+    """The two nearest on the map, whatever their elevation; ties for the last place count too."""
+    assert naive.nearest(ROW, 2, 2) == [1, 3]
+    assert naive.nearest(ROW, 2, 1) == [1, 3]
+    assert naive.nearest(ROW, 0, 2) == [1, 2]
+    assert naive.nearest([(0, 0, 0), (0, 0, 5), (0, 0, 9)], 0, 1) == [1, 2]
+    assert naive.nearest([(0, 0, 0), (0, 0, 5), (0, 0, 9)], 0, 1, 3) == [1]
+
+
+def test_difference() -> None:
+    """Mean of the others less one's own: 3, 3, -6, 3, 3 with two neighbours."""
+    assert [naive.difference(ROW, p, 2) for p in range(5)] == [3, 3, -6, 3, 3]
+
+
+def test_scores() -> None:
+    """Mean 1.2, deviations 1.8 four times and -7.2: variance (12.96 + 51.84) / 4 = 16.2."""
+    limit = 3.0 * sqrt(16.2)
+    expected = [1.8 / limit] * 2 + [-7.2 / limit] + [1.8 / limit] * 2
+    low = naive.scores(ROW, 2, 3.0, 'low', 0.0, 0.001, 0.005)
+    assert low == pytest.approx(expected)
+    assert naive.scores(ROW, 2, 3.0, 'high', 0.0, 0.001, 0.005) == pytest.approx(
+        [-one for one in expected]
+    )
+    assert naive.scores(ROW, 2, 3.0, 'both', 0.0, 0.001, 0.005) == pytest.approx(
+        [abs(one) for one in expected]
+    )
+    # A floor of 5 m instead of 4.02 m.
+    floor = naive.scores(ROW, 2, 3.0, 'low', 0.0, 0.001, 5.0)
+    assert floor == pytest.approx([one / 15 for one in (1.8, 1.8, -7.2, 1.8, 1.8)])
+
+
+def test_scores_of_what_is_set_apart() -> None:
+    """The middle one is 6 m above the others, with a gap of 5: 1.2; the others are flat."""
+    assert naive.scores(ROW, 2, 3.0, 'both', 5.0, 0.001, 0.005) == [0, 0, 1.2, 0, 0]
+
+
+def test_too_few_points() -> None:
+    """Without k others there is no score, neither at first nor after the histogram."""
+    assert all(map(isnan, naive.scores(ROW, 5, 3.0, 'both', 5.0, 0.001, 0.005)))
+    four = naive.scores(ROW, 4, 3.0, 'both', 5.0, 0.001, 0.005)
+    assert four[2] == 1.2
+    assert all(isnan(four[i]) for i in (0, 1, 3, 4))

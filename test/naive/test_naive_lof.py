@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The naive local outlier factor against numbers worked out by hand."""
+
+from __future__ import annotations
+
+from math import isnan
+
+import pytest
+
+from naive import lof as naive
+
+
+def on_a_line(*x: float) -> list[tuple[float, float, float]]:
+    """Put points on the x axis."""
+    return [(float(one), 0.0, 0.0) for one in x]
+
+
+def test_two_loose_points_behind_two_close_ones() -> None:
+    """With k = 1: k-distances 1, 1, 2, 4; neighbours 1, 0, 1, 3; densities 1, 1, 1/2, 1/4."""
+    cloud = on_a_line(0, 1, 3, 7)
+    assert [naive.k_distance_squared(cloud, p, 1) for p in range(4)] == [1, 1, 4, 16]
+    assert naive.local_outlier_factors(cloud, 1) == [1, 1, 2, 2]
+
+
+def test_the_reach_distance_is_the_larger_of_two() -> None:
+    """With k = 2 of 0, 1, 3, 7: k-distances 3, 2, 3, 6.
+
+    Mean reach distances: 0 to 1, 3: (2 + 3) / 2; 1 to 0, 3: (3 + 3) / 2; 3 to 0, 1, which are
+    3 and 2 away: (3 + 2) / 2; 7 to 3, 1, which are 4 and 6 away: (4 + 6) / 2.
+    """
+    cloud = on_a_line(0, 1, 3, 7)
+    expected = [
+        2.5 * (1 / 3 + 1 / 2.5) / 2,
+        3 * (1 / 2.5 + 1 / 2.5) / 2,
+        2.5 * (1 / 2.5 + 1 / 3) / 2,
+        5 * (1 / 2.5 + 1 / 3) / 2,
+    ]
+    assert naive.local_outlier_factors(cloud, 2) == pytest.approx(expected, rel=1e-15)
+
+
+def test_ties_are_neighbours_too() -> None:
+    """With k = 1: the point at 0 has two neighbours, 2 away: densities 1/2, 1/2, 1, 1.
+
+    With either of the two alone its factor would be 1 or 2.
+    """
+    cloud = on_a_line(-2, 0, 2, 3)
+    assert naive.neighbourhood(cloud, 1, 4.0) == [0, 2]
+    assert naive.local_outlier_factors(cloud, 1) == [1, 1.5, 1, 1]
+
+
+def test_more_coincident_points_than_k() -> None:
+    """With k = 2, three points at 0: their 2-distinct-distance is 3, to the second other place.
+
+    Mean reach distances: each at 0: (3 + 3 + 1 + 3) / 4; at 1, whose neighbours are those at 0:
+    (3 + 3 + 3) / 3; at 3, which has all four: (2 + 3 + 3 + 3) / 4.
+    """
+    cloud = on_a_line(0, 0, 0, 1, 3)
+    assert [naive.k_distance_squared(cloud, p, 2) for p in range(5)] == [9, 9, 9, 1, 9]
+    stack = (2 / 2.5 + 1 / 3 + 4 / 11) / 4 * 2.5
+    expected = [stack, stack, stack, 3 / 2.5, (3 / 2.5 + 1 / 3) / 4 * 11 / 4]
+    assert naive.local_outlier_factors(cloud, 2) == pytest.approx(expected, rel=1e-15)
+
+
+def test_exactly_k_coincident_points() -> None:
+    """With k = 2, two points at 0: the plain definition does, with 2-distances 1, 1, 1, 3.
+
+    Mean reach distances: at 0: (1 + 1) / 2; at 1: (1 + 1) / 2; at 3: 2 and twice 3: 8 / 3.
+    """
+    cloud = on_a_line(0, 0, 1, 3)
+    assert [naive.k_distance_squared(cloud, p, 2) for p in range(4)] == [1, 1, 1, 9]
+    expected = [1, 1, 1, 8 / 3]
+    assert naive.local_outlier_factors(cloud, 2) == pytest.approx(expected, rel=1e-15)
+
+
+def test_fewer_other_places_than_k() -> None:
+    """With k = 3: all that four points at 0 can reach is the one at 5, and the other way round."""
+    cloud = on_a_line(0, 0, 5, 0, 0)
+    assert [naive.k_distance_squared(cloud, p, 3) for p in range(5)] == [25] * 5
+    assert naive.local_outlier_factors(cloud, 3) == [1, 1, 1, 1, 1]
+
+
+def test_where_all_coincide() -> None:
+    """Nothing stands out."""
+    assert naive.local_outlier_factors(on_a_line(2, 2, 2), 2) == [1, 1, 1]
+
+
+def test_too_few_points() -> None:
+    """Three points have two others each: enough for k = 2, not for 3."""
+    assert not any(isnan(one) for one in naive.local_outlier_factors(on_a_line(0, 1, 3), 2))
+    assert all(isnan(one) for one in naive.local_outlier_factors(on_a_line(0, 1, 3), 3))
+    assert naive.local_outlier_factors([], 1) == []
+
+
+def test_scores() -> None:
+    """Factors 1, 1, 2, 2 have the median 1.5, from which each is 0.5 away."""
+    cloud = on_a_line(0, 1, 3, 7)
+    assert naive.scores(cloud, 1, 1.25, 'lof') == [0.8, 0.8, 1.6, 1.6]
+    assert naive.scores(cloud, 1, 0.25, 'lof2') == [2, 2, 2, 2]

@@ -1,0 +1,251 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The naive twin of the quadric detector gives the numbers that are worked out by hand."""
+
+from __future__ import annotations
+
+from math import isnan, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import t
+
+from naive import quadric as naive
+from naive.quadric import Fit, Frame, Growth, Rules
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+ROOT2 = sqrt(2)
+H = 0.1
+LEVEL = naive.Plane(
+    np.eye(3)[::-1].copy(), np.zeros(3), np.ones(3), 1.0
+)  # z = 0, x and y as they are
+
+
+def corners() -> Floats:
+    """Put two points on every corner of a square, H above it and H below."""
+    return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-H, H)], float)
+
+
+def frame(points: Floats) -> Frame:
+    """Give points unit variances, in the frame they are in."""
+    return Frame(LEVEL, points, np.array([np.eye(3)] * len(points)))
+
+
+def on_plane(points: Floats) -> Fit:
+    """Fit a plane to the points, and measure it there and at (0, 0, 3 H)."""
+    plane = naive.fit_plane(points, np.ones(len(points)))
+    everywhere = np.vstack([points, [0, 0, 3 * H]])
+    fit = naive.measure_plane(plane, everywhere, np.array([np.eye(3)] * len(everywhere)))
+    fit.kept = list(range(len(points)))
+    return fit
+
+
+def test_row_and_gradient() -> None:
+    """Rows are (23) with products times √2, gradients (25)-(27) those of their sum."""
+    assert_allclose(
+        naive.row(np.array([2, 3, 5])),
+        [1, 2, 3, 5, 4, 6 * ROOT2, 9, 10 * ROOT2, 15 * ROOT2, 25],
+    )
+    a = np.array([0, 1, 0, 0, 1, ROOT2 / 2, 1, 0, 0, 3])  # x + x² + xy + y² + 3 z²
+    assert_allclose(naive.gradient(a, np.array([2, 3, 5])), [1 + 4 + 3, 2 + 6, 30])
+
+
+def test_plane() -> None:
+    """Moments of the square are 8 and 8: Q is 1/8 for the height and for both tilts."""
+    fit = on_plane(corners())
+    assert_allclose(abs(fit.residual), [H] * 8 + [3 * H])
+    assert_allclose(fit.lever, [3 / 8] * 8 + [1 / 8])
+    assert_allclose(naive.deviation(fit), sqrt(8 * H**2 / 5))
+
+
+def test_plane_by_weights() -> None:
+    """Weights 3 and 1 put it at a quarter of the way."""
+    heavy = np.where(corners()[:, 2] < 0, 3.0, 1.0)
+    plane = naive.fit_plane(corners(), heavy)
+    assert_allclose(plane.mean, [0, 0, -H / 2], atol=1e-15)
+    assert_allclose(plane.moments, [16 * 0.75 * H**2, 16, 16])
+
+
+def test_statistic() -> None:
+    """σ̂0² = 8 H² / 5 and q_vv = 5/8: T = 1. Without its own part σ̂0² q_vv is H²: T = 1 too."""
+    fit = on_plane(corners())
+    outside = 3 / sqrt(8 / 5 * 9 / 8)
+    paper = naive.scores_of(fit, Rules(0.05, 0, robust=False), Growth(0))
+    assert paper is not None
+    assert_allclose(paper, np.append(np.ones(8), outside) / t.isf(0.025, 5))
+    robust = naive.scores_of(fit, Rules(0.05, 0), Growth(0))
+    assert robust is not None
+    assert_allclose(robust, [*np.ones(8) / t.isf(0.025, 4), outside / t.isf(0.025, 5)])
+
+
+def test_statistic_of_one_among_many() -> None:
+    """Taking the point's own part out is fitting without the point, exactly."""
+    points = np.vstack([corners(), [0.3, -0.2, 5 * H]])
+    fit = on_plane(points)
+    inside = naive.scores_of(fit, Rules(0.05, 0), Growth(0))
+    fit.residual, fit.lever = fit.residual.copy(), fit.lever.copy()
+    normal = naive.fit_plane(points, np.ones(9)).axes[0]
+    design = np.column_stack([np.ones(8), points[:8, :2]])
+    others = np.linalg.lstsq(design, points[:8, 2], rcond=None)
+    at = np.array([1, 0.3, -0.2])
+    lever = at @ np.linalg.inv(design.T @ design) @ at
+    # By heights rather than distances; the plane leans by 0.01 only.
+    statistic = (5 * H - at @ others[0]) / sqrt(others[1][0] / 5 * (1 + lever))
+    assert abs(normal[2]) > 0.999
+    assert inside is not None
+    assert_allclose(inside[8], statistic / t.isf(0.025, 5), rtol=0.01)
+
+
+def test_floor() -> None:
+    """A standard deviation of at least 2 H halves T."""
+    scores = naive.scores_of(on_plane(corners()), Rules(0.05), Growth(2 * H))
+    assert scores is not None
+    assert_allclose(scores[:8], 0.5 / t.isf(0.025, 4))
+
+
+@pytest.mark.parametrize(
+    ('noise', 'held'), [(H, H * sqrt(8 / 5)), (H / 2, 0.75 * H), (2 * H, 2 * H)]
+)
+def test_another_surface_is_held(noise: float, held: float) -> None:
+    """σ̂0 is between that of the first surface and 1.5 times as much, with the freedom of both."""
+    scores = naive.scores_of(on_plane(corners()), Rules(0.05), Growth(0, noise, 10))
+    assert scores is not None
+    assert_allclose(scores[:8], H / (held * sqrt(5 / 8)) / t.isf(0.025, 15))
+
+
+def test_two_degrees_of_freedom_are_needed() -> None:
+    """Of four points none can be said to be wrong."""
+    assert naive.scores_of(on_plane(corners()[::2]), Rules(), Growth(0)) is None
+
+
+def test_step() -> None:
+    """Heights ±H over a square, the half of it at 2 H: the step lifts the plane, and Q is known."""
+    points = corners()
+    points[:, 2] += 2 * H
+    solution = frame(points).step(np.eye(10)[3], np.ones(8), 4)
+    assert solution is not None
+    assert_allclose(solution.change, [-2 * H, 0, 0, 0], atol=1e-15)
+    assert_allclose(solution.cofactor, np.diag([1 / 8, 1 / 8, 1 / 8, 0]), atol=1e-15)
+    assert_allclose([solution.before, solution.after], [8 * (H**2 + 4 * H**2), 8 * H**2])
+
+
+def test_step_that_is_ambiguous() -> None:
+    """Corners of a square have x² = y² = 1: there is no saying them apart."""
+    assert frame(corners()).step(np.eye(10)[3], np.ones(8), 7) is None
+
+
+def test_paraboloid() -> None:
+    """Over a grid z = x² / 2 is found at once: 2 z - x² = 0."""
+    grid = np.array([[x, y, x * x / 2] for x in range(-2, 3) for y in range(-2, 3)], float)
+    fit = frame(grid).adjust(np.eye(10)[3], list(range(25)), 7)
+    assert fit is not None
+    assert_allclose(fit.a / fit.a[3], [0, 0, 0, 1, -0.5, 0, 0, 0, 0, 0], atol=1e-9)
+    assert_allclose(fit.slope / abs(fit.a[3]), np.sqrt(1 + grid[:, 0] ** 2))
+
+
+def ball(radius: float) -> Floats:
+    """Spread points over a ball around (0, 0, 0): along three axes and towards eight corners."""
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    towards = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / sqrt(3)
+    between = np.array([[3, 4, 0], [0, -3, 4], [-4, 0, 3]]) / 5
+    return radius * np.vstack([axes, towards, between])
+
+
+def test_ball() -> None:
+    """Algebraic start: x² + y² + z² = R² exactly; residual ÷ slope is (r² - R²) / 2 r."""
+    points = np.vstack([ball(2.0), [0, 0, 2.2]])
+    there = frame(points)
+    kept = list(range(17))
+    a, gap = there.algebraic(kept)
+    assert_allclose(a / a[4], [-4, 0, 0, 0, 1, 0, 1, 0, 0, 1], atol=1e-9)
+    assert gap > 1e9
+    slope, sigma2 = there.spread(a, kept)
+    assert_allclose(abs(there.rows @ a / slope)[17], (2.2**2 - 4) / 4.4)
+    assert_allclose(sigma2, slope**2)
+
+
+def test_plane_is_no_quadric() -> None:
+    """A noisy plane is far from z² = 0 as it is from z = 0, to first order: the gap is small."""
+    rng = np.random.default_rng(1)
+    points = np.column_stack([rng.uniform(-1, 1, (50, 2)), rng.normal(0, 0.02, 50)])
+    assert frame(points).algebraic(list(range(50)))[1] < 2
+
+
+def test_two_sheets_are_not_flat() -> None:
+    """Through points at ±H ± e."""
+    a = np.zeros(10)
+    a[9], a[0] = 1, -(H**2)
+    points = np.array([[x, 0, z] for x in range(3) for z in (-1.5 * H, -0.2 * H, 0.2 * H, 1.5 * H)])
+    there = frame(points)
+    kept = list(range(12))
+    slope, sigma2 = there.spread(a, kept)
+    fit = Fit(10, kept, there.rows @ a, sigma2, slope, slope, a, slope)
+    assert not naive.is_flat(fit)
+    fit.residual = fit.residual / 100
+    assert naive.is_flat(fit)
+
+
+def test_better() -> None:
+    """F(3, 10) at 5 % is 3.708."""
+    rules = Rules(0.05)
+    assert naive.is_better(10 + 3 * 3.709, 10, 10, rules)
+    assert not naive.is_better(10 + 3 * 3.707, 10, 10, rules)
+    assert not naive.is_better(100, 0, 0, rules)
+
+
+def test_judge_of_a_plane() -> None:
+    """A grid of ±1 cm: σ̂ 1 cm; a point 20 cm over its middle fails, the others do not."""
+    grid = [[x / 5, y / 5, 0.01 * (-1) ** (x + y)] for x in range(6) for y in range(6)]
+    scores = naive.judge([*grid, [0.5, 0.5, 0.2]], Rules())
+    assert max(scores[:36]) < 1
+    predicted = 0.01 * sqrt(36 / 33 * (1 + 1 / 36))
+    assert_allclose(scores[36], 0.2 / predicted / t.isf(5e-7, 33), rtol=1e-3)
+
+
+def test_undecided() -> None:
+    """Nothing is said of too few points, of one place, of a line, and of a volume."""
+    line = [[i / 10, 0, 0] for i in range(30)]
+    volume = np.random.default_rng(2).normal(size=(60, 3))
+    for points in (line[:11], [[1, 2, 3]] * 30, line, volume):
+        assert all(isnan(score) for score in naive.judge(points, Rules()))
+
+
+def test_window() -> None:
+    """The box of a core is grown by a quarter of its extent, and doubled until there are enough."""
+    points = np.array([[float(i), 0, 0] for i in range(100)])
+    assert naive.section_window(points, 40, 61, 16) == [*range(35, 66)]  # margin 20 / 4
+    assert naive.section_window(points, 40, 45, 5) == [*range(39, 46)]
+    assert naive.section_window(points, 40, 45, 16) == [*range(32, 53)]  # margin 8
+
+
+def test_window_of_a_single_place() -> None:
+    """Its margin begins at 2⁻²⁰ of the cloud's extent: 128 × 2⁻²⁰ × 2¹⁷ = 16."""
+    points = np.array([[float(i), 0, 0] for i in range(129)])
+    assert naive.section_window(points, 64, 65, 20) == [*range(48, 81)]
+
+
+def test_window_with_a_rim_of_too_many() -> None:
+    """Of 96 on the rim every second one counts where 48 may."""
+    away = [1 - i / 1000 for i in range(48)]
+    points = np.array([[-x, 0, 0] for x in away] + [[0, 0, 0]] + [[x, 0, 0] for x in away])
+    window = naive.section_window(points, 48, 49, 16)
+    assert window == [*range(0, 48, 2), 48, *range(49, 97, 2)]
+
+
+def test_acquittal() -> None:
+    """A core's points that fail there are acquitted by another window that explains them."""
+    rng = np.random.default_rng(3)
+    road = np.column_stack([rng.uniform(0, 0.3, (60, 2)), rng.normal(0, 0.005, 60)])
+    wall = np.column_stack([rng.normal(0, 0.005, 60), rng.uniform(0, [0.3, 1], (60, 2))])
+    foot = wall[:, 2] < 0.1
+    points = np.vstack([road, wall[foot], wall[~foot]])
+    first = 60 + int(foot.sum())
+    alone = naive.judge(points[:first], Rules())
+    assert sum(score > 1 for score in alone) >= 4
+    assert max(naive.sections(points, [(0, first), (first, 120)], 60, Rules())) <= 1

@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The naive tests of the distance to the nearest neighbours against numbers worked out by hand."""
+
+from __future__ import annotations
+
+from math import inf, isnan, sqrt
+
+import pytest
+
+from naive import sor as naive
+
+
+def on_a_line(*x: float) -> list[tuple[float, float, float]]:
+    """Put points on the x axis."""
+    return [(float(one), 0.0, 0.0) for one in x]
+
+
+FOUR = on_a_line(0, 1, 2, 7)  # mean distances to two others: 1.5, 1, 1.5, 5.5
+
+
+def test_mean_distance() -> None:
+    """From 7 to 2 and 1; of three coincident points to the twins."""
+    assert [naive.mean_distance(FOUR, p, 2) for p in range(4)] == [1.5, 1, 1.5, 5.5]
+    assert naive.mean_distance(on_a_line(0, 0, 0, 9), 0, 2) == 0
+
+
+def test_sor() -> None:
+    """Mean 2.375, squared deviations 0.765625, 1.890625, 0.765625, 9.765625: variance 13.1875/3."""
+    limit = 2.375 + 0.5 * sqrt(13.1875 / 3)
+    expected = [1.5 / limit, 1 / limit, 1.5 / limit, 5.5 / limit]
+    assert naive.sor(FOUR, 2, 0.5) == pytest.approx(expected, rel=1e-15)
+    assert naive.sor(FOUR, 2, 0.0) == pytest.approx(
+        [1.5 / 2.375, 1 / 2.375, 1.5 / 2.375, 5.5 / 2.375], rel=1e-15
+    )
+
+
+def test_sor2() -> None:
+    """The median is 1.5, from which the mean distances are 0, 0.5, 0 and 4 away."""
+    assert naive.sor2(FOUR, 2, 0.5) == [0, 1, 0, 8]
+
+
+def test_radius() -> None:
+    """The second other is 2, 1, 2, 6 away; at exactly the radius it is within."""
+    assert naive.radius(FOUR, 2, 2.0) == [1, 0.5, 1, 3]
+    assert [naive.neighbours_within(FOUR, p, 2.0) for p in range(4)] == [2, 2, 2, 0]
+
+
+def test_limits_that_grow_with_the_range() -> None:
+    """Each point has its own: sor and sor2 times so much, radius at least so much."""
+    plain = naive.sor(FOUR, 2, 1.0)
+    grown = naive.sor(FOUR, 2, 1.0, [2, 1, 0.5, 4])
+    assert grown == pytest.approx([plain[0] / 2, plain[1], plain[2] * 2, plain[3] / 4], rel=1e-15)
+    assert naive.sor2(FOUR, 2, 0.5, [2, 1, 0.5, 4]) == [0, 1, 0, 2]
+    assert naive.radius(FOUR, 2, 2.0, [1, 2, 4, 3]) == [1, 0.5, 0.5, 2]
+
+
+def test_limit_of_nothing() -> None:
+    """Coincident points are within a limit of 0, all others beyond it."""
+    assert naive.sor(on_a_line(3, 3, 3), 2, 2.0) == [0, 0, 0]
+    assert naive.sor(FOUR, 2, 1.0, [0, 0, 0, 0]) == [inf, inf, inf, inf]
+    assert naive.sor2(FOUR, 2, 1.0, [0, 0, 0, 0]) == [0, inf, 0, inf]
+
+
+def test_too_few_points() -> None:
+    """No mean distance of two others is known of two points; no radius holds two others."""
+    two = on_a_line(0, 1)
+    assert all(isnan(one) for one in naive.sor(two, 2, 1.0) + naive.sor2(two, 2, 1.0))
+    assert naive.radius(two, 2, 5.0) == [inf, inf]
+    assert naive.radius(two, 1, 5.0) == [0.2, 0.2]
+    assert naive.sor([], 1, 1.0) == naive.sor2([], 1, 1.0) == naive.radius([], 1, 1.0) == []

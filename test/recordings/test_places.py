@@ -1,0 +1,255 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings on a store: found, read by ranges, copied within limits, published whole or not."""
+
+from __future__ import annotations
+
+import errno
+import io
+import pickle
+import shutil
+from typing import TYPE_CHECKING, cast
+
+import pytest
+from helpers.stores import Store, running_store
+
+from lidar_outlier_filter.archive import places
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.recordings import remote_path
+from lidar_outlier_filter.recordings.bags import NewBag, Recording
+from lidar_outlier_filter.recordings.remote_path import RemotePath
+from lidar_outlier_filter.recordings.replay import replay
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+MCAP, BAG, DATABASE = 'vlp16_mrpt_mcap', 'vlp16_mrpt.bag', 'vlp16_mrpt_db3'
+
+FAST = {'chain': ['alpha_beta_gamma']}
+
+
+@pytest.fixture(scope='module')
+def store(recordings: Path) -> Iterator[Store]:
+    """Run a store with a bucket of three recordings: the same sweeps in three formats."""
+    with running_store() as store:
+        drives = store.new_bucket('drives')
+        for name in (MCAP, BAG, DATABASE):
+            put(store, recordings / 'bags' / name, f'{drives}/2026/{name}')
+        store.put(f'{drives}/2026/notes.txt', b'rain')
+        store.put(f'{drives}/2026/.{MCAP}.partial-1/metadata.yaml', b'left by a run')
+        yield store
+
+
+def put(store: Store, recording: Path, address: str) -> None:
+    """Put a recording to a store, by another client than the one that reads it."""
+    for file in recording.iterdir() if recording.is_dir() else [recording]:
+        target = f'{address}/{file.name}' if recording.is_dir() else address
+        store.put(target, file.read_bytes())
+
+
+def content(path: remote_path.RecordingPath) -> list[tuple[str, int, bytes]]:
+    """Read all of a recording."""
+    with Recording(path) as recording:
+        return [(topic.name, time, data) for topic, time, data in recording.messages()]
+
+
+@pytest.mark.parametrize('pattern', ['', '/2026', '/2026/*', '/2*/vlp*'])
+def test_recordings_are_found(store: Store, pattern: str) -> None:
+    """A bucket, a folder and patterns give every recording once; nothing else."""
+    found = places.find([f's3://drives{pattern}', 's3://drives/2026/'])
+    names = [f's3://drives/2026/{name}' for name in (BAG, DATABASE, MCAP)]
+    assert [str(place.path) for place in found] == names
+    assert [place.by_ranges for place in found] == [False, False, True]
+    (etag,) = {
+        one['ETag'].strip('"')
+        for one in store.client.list_objects_v2(Bucket='drives', Prefix=f'2026/{BAG}')['Contents']
+    }
+    assert found[0].state == f'etag:{etag}'
+
+
+def test_local_recordings_are_found_alike(recordings: Path) -> None:
+    """A folder of this machine gives what its copy on a store gives, with the same sizes."""
+    bags = recordings / 'bags'
+    found = places.find([str(bags / 'vlp16*'), str(bags / MCAP)])
+    assert [place.path for place in found] == [bags / BAG, bags / DATABASE, bags / MCAP]
+    sizes = [sum(f.stat().st_size for f in (bags / n).iterdir()) for n in (DATABASE, MCAP)]
+    assert [place.size for place in found] == [(bags / BAG).stat().st_size, *sizes]
+    assert places.find([f'file://{bags / MCAP}']) == found[2:]
+
+
+@pytest.mark.parametrize('name', [MCAP, BAG, DATABASE])
+def test_a_store_gives_the_same_messages(store: Store, recordings: Path, name: str) -> None:
+    """Every message of a recording is read from a store as from this machine."""
+    (place,) = places.find([f's3://drives/2026/{name}'])
+    with places.staged(place) as path:
+        assert isinstance(path, RemotePath) == (name == MCAP)
+        assert content(path) == content(recordings / 'bags' / name)
+    assert isinstance(path, RemotePath) or not path.exists()
+    assert store.uploads('drives') == []
+
+
+def test_ranges_are_read_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opening reads the ends of a file; reading all fetches hardly more ranges than it has."""
+    monkeypatch.setattr(remote_path, 'BLOCK', 2**17)
+    (place,) = places.find([f's3://drives/2026/{MCAP}'])
+    file = f'GET /drives/2026/{MCAP}/{MCAP}.mcap'
+    before = store.requests.count(file)
+    with Recording(place.path) as recording:
+        opened = store.requests.count(file) - before
+        assert list(recording.messages())
+    ranges = place.size // 2**17 + 1
+    assert opened <= 5
+    assert store.requests.count(file) - before < ranges + opened + 2
+
+
+@pytest.mark.usefixtures('store')
+def test_a_path_goes_to_another_process() -> None:
+    """A place is the same after it was packed and unpacked."""
+    (place,) = places.find([f's3://drives/2026/{MCAP}'])
+    again = pickle.loads(pickle.dumps(place))  # noqa: S301  packed here
+    assert again == place
+    assert content(again.path) == content(place.path)
+
+
+def test_a_damaged_end_is_walked(store: Store, recordings: Path) -> None:
+    """A file without its end, or without an index, is refused or read as from this machine."""
+    data = (recordings / 'bags' / MCAP / f'{MCAP}.mcap').read_bytes()
+    store.new_bucket('damaged')
+    address = store.put('s3://damaged/cut.mcap', data[:-100])
+    with pytest.raises(RecordingError, match=r's3://damaged/cut\.mcap must be readable, got "a'):
+        content(places.path_at(address))
+    # The footer names no summary: all that is known is in the records.
+    bare = bytearray(data)
+    bare[-28:-12] = bytes(16)
+    address = store.put('s3://damaged/bare.mcap', bytes(bare))
+    assert content(places.path_at(address)) == content(recordings / 'bags' / MCAP)
+
+
+def test_a_large_recording_is_not_copied(store: Store, tmp_path: Path) -> None:
+    """What has more bytes than a copy may have is refused, before a byte is copied."""
+    (place,) = places.find([f's3://drives/2026/{BAG}'])
+    before = store.requests.count('GET /drives/2026')
+    refused = pytest.raises(RecordingError, match=f'of at most 1000 bytes.*, got {place.size}')
+    with refused, places.staged(place, tmp_path, most=1000):
+        pass
+    assert store.requests.count('GET /drives/2026') == before
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_change_is_noticed(
+    store: Store, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording that is replaced while it is read is refused, on a store and here."""
+    data = (recordings / 'bags' / MCAP / f'{MCAP}.mcap').read_bytes()
+    address = store.put(f'{store.new_bucket("changing")}/one.mcap', data)
+    local = tmp_path / 'one.mcap'
+    local.write_bytes(data)
+    monkeypatch.setattr(remote_path, 'BLOCK', 2**15)
+    found = places.find([address, str(local)])
+    for place in found:
+        place.check_unchanged()
+    with Recording(found[1].path) as reading:
+        next(messages := reading.messages())
+        store.put(address, data[::-1])
+        with pytest.raises(RecordingError, match=r'must be readable, got "The remote .* no lo'):
+            list(messages)
+    local.write_bytes(data[::-1])
+    for place in found:
+        with pytest.raises(RecordingError, match='must be unchanged while it is read, got 1'):
+            place.check_unchanged()
+
+
+def _replay_and_fail(recording: Path, output: Path) -> None:
+    replay(recording, output, parameters=FAST)
+    raise ZeroDivisionError
+
+
+def test_publish_whole_or_not(store: Store, recordings: Path, tmp_path: Path) -> None:
+    """A bag appears at the end, metadata last; after an error nothing is there, nor any part."""
+    store.new_bucket('cleaned')
+    target = places.path_at('s3://cleaned/2026/drive')
+    with pytest.raises(ZeroDivisionError), places.published(target, tmp_path) as path:
+        _replay_and_fail(recordings / 'bags' / MCAP, path)
+    assert (store.keys('cleaned'), store.uploads('cleaned')) == ([], [])
+    with places.published(target, tmp_path) as path:
+        replay(recordings / 'bags' / MCAP, path, parameters=FAST)
+        expected = content(path)
+        assert store.keys('cleaned') == []
+    assert content(target) == expected
+    assert store.uploads('cleaned') == []
+    done = [line for line in store.requests.lines if line.startswith('POST /cleaned/')]
+    names = [line.split('?uploadId')[0] for line in done if '?uploadId' in line]
+    assert names == [
+        'POST /cleaned/2026/drive/drive.mcap',
+        'POST /cleaned/2026/drive/metadata.yaml',
+    ]
+    assert not list(tmp_path.iterdir())
+    refused = pytest.raises(RecordingError, match=r'a new folder, got s3://cleaned/2026/drive, w')
+    with refused, places.published(target, tmp_path):
+        pass
+
+
+class _Torn(io.BytesIO):
+    """A file of which 12 MiB can be read, on a disk that fails then."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        if not data:
+            raise OSError(errno.EIO, 'Input/output error')
+        return data
+
+
+class _TornFile:
+    @staticmethod
+    def open(_mode: str) -> io.BytesIO:
+        return _Torn(bytes(12 * 2**20))
+
+
+def test_an_upload_that_fails_is_given_up(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that fails while parts are sent leaves nothing on the store, nor any part."""
+    monkeypatch.setattr(places, 'PART', 5 * 2**20)
+    target = places.path_at(f'{store.new_bucket("full")}/drive/a.mcap')
+    assert isinstance(target, RemotePath)
+    sent = store.requests.count('PUT /full/drive/a.mcap?partNumber=')
+    with pytest.raises(OSError, match='Input/output error'):
+        places._upload(cast('Path', _TornFile()), target)
+    assert store.requests.count('PUT /full/drive/a.mcap?partNumber=') > sent
+    assert (store.keys('full'), store.uploads('full')) == ([], [])
+
+
+def test_what_fails_to_be_published_is_no_recording(store: Store, tmp_path: Path) -> None:
+    """An error between two files costs one sentence; without metadata there is no recording."""
+    target = places.path_at(f'{store.new_bucket("half")}/drive')
+    refused = pytest.raises(RecordingError, match='s3://half/drive must be written in full, got')
+    with refused, places.published(target, tmp_path) as path:
+        path.mkdir()
+        (path / 'a.mcap').write_bytes(b'')
+        (path / 'b.mcap').mkdir()  # no file
+        (path / 'metadata.yaml').write_bytes(b'')
+    assert store.keys('half') == ['drive/a.mcap']
+
+
+@pytest.mark.parametrize(
+    ('address', 'sentence'),
+    [
+        ('s3://no-such-bucket/drive.mcap', 'the place s3://.* must be reached, got ".*bucket'),
+        ('s3://drives/2027', 'what is at s3://drives/2027 must be a recording, a folder of'),
+        ('s3://drives/2026/*.mcap', 'what is at .* must be a recording, .*, got no recording'),
+        ('nosuch://drives/2026', 'the place nosuch://drives/2026 must be reached, got "Protocol'),
+        ('/nosuch/*.mcap', 'what is at /nosuch.* must be a recording, .*, got no recording'),
+    ],
+)
+@pytest.mark.usefixtures('store')
+def test_what_is_not_there(address: str, sentence: str) -> None:
+    """No bucket, no recording and no such store are refused in one sentence each."""
+    with pytest.raises(RecordingError, match=sentence) as caught:
+        places.find([address])
+    assert '\n' not in str(caught.value)
+
+
+def test_local_output_is_built_in_place(tmp_path: Path) -> None:
+    """A folder of this machine is written as ever: the bag itself hides until it is whole."""
+    with places.published(tmp_path / 'out') as path, NewBag(path):
+        assert path == tmp_path / 'out'
+    shutil.rmtree(path)

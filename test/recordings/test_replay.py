@@ -1,0 +1,344 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Replay: every cloud gets its answer, and everything else stays as it is."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import yaml
+from helpers.replays import (
+    DOOR,
+    PERIOD,
+    REAL,
+    ROW,
+    STORE,
+    STRING,
+    cdr,
+    check_answers,
+    cloud,
+    content,
+    topic_of,
+    write_drive,
+)
+from rclpy.serialization import serialize_message
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.recordings.bags import NewBag, Recording
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.stream.topics import CLOUD
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    Content = dict[str, list[tuple[int, bytes]]]
+
+STORE.register(get_types_from_msg('string name\nfloat64 angle\n', DOOR))
+
+
+@pytest.mark.parametrize('name', REAL)
+def test_real_recording(recordings: Path, tmp_path: Path, name: str) -> None:
+    """Of each real recording, every point is in one answer, and every message is copied."""
+    strict = {'evidence.threshold': 0.75}  # or next to nothing is rejected
+    report = replay(recordings / 'bags' / name, tmp_path / 'out', parameters=strict)
+    assert report.is_complete
+    before, after = content(recordings / 'bags' / name), content(tmp_path / 'out')
+    assert {topic: after[topic] for topic in before} == before
+    (topic,) = report.topics
+    assert topic.messages == len(before[topic.topic])
+    assert 0 < topic.rejected < 0.2 * topic.points
+    check_answers(before, after, topic.topic)
+
+
+@pytest.mark.parametrize(
+    'twins',
+    [
+        ('vlp16_mrpt.bag', 'vlp16_mrpt_db3', 'vlp16_mrpt_mcap'),
+        ('vlp32_nebula.bag', 'vlp32_nebula_db3'),
+    ],
+)
+def test_same_clouds_in_other_containers(
+    recordings: Path, tmp_path: Path, twins: tuple[str, ...]
+) -> None:
+    """ROS 1, sqlite3 and MCAP with the same clouds give the same bytes."""
+    contents = []
+    for name in twins:
+        replay(recordings / 'bags' / name, tmp_path / name)
+        contents.append(content(tmp_path / name))
+    assert all(found == contents[0] for found in contents)
+
+
+def test_everything_else_is_copied(tmp_path: Path) -> None:
+    """Texts, an own type and a silent topic are in the output, which other readers understand."""
+    source = write_drive(tmp_path / 'drive', map(cloud, range(12)))
+    seen: list[tuple[int, int]] = []
+    report = replay(
+        source, tmp_path / 'out', progress=lambda done, total: seen.append((done, total))
+    )
+    before, after = content(source), content(tmp_path / 'out')
+    assert {topic: after[topic] for topic in before} == before
+    assert set(after) - set(before) == {'/lidar/cleaned', '/lidar/outliers'}
+    check_answers(before, after, '/lidar')
+    (topic,) = report.topics
+    assert (topic.messages, topic.points, topic.refused) == (12, 2400, 0)
+    assert topic.rejected >= 30
+    assert seen == [(done, 25) for done in range(1, 26)]
+    with AnyReader([tmp_path / 'out']) as reader:
+        types = {connection.topic: connection.msgtype for connection in reader.connections}
+        assert types['/lidar/cleaned'] == types['/lidar/outliers'] == CLOUD
+        (door,) = [c for c in reader.connections if c.topic == '/door']
+        messages = [reader.deserialize(data, DOOR) for _, _, data in reader.messages([door])]
+    assert [message.angle for message in messages] == [0.5]  # type: ignore[attr-defined]
+    with Recording(tmp_path / 'out') as recording:
+        (qos,) = next(t.qos for t in recording.topics if t.name == '/lidar/cleaned')
+    assert (qos.reliability, qos.durability) == (QosReliability.RELIABLE, QosDurability.VOLATILE)
+    assert qos.depth == 10
+
+
+def test_each_topic_is_its_own_stream(tmp_path: Path) -> None:
+    """Two lidars with the same clouds, one of them chosen or both, give the same answers."""
+    source = write_drive(tmp_path / 'drive', map(cloud, range(6)), ('/left', '/right'))
+    both = replay(source, tmp_path / 'both', drop_input=True)
+    one = replay(source, tmp_path / 'one', ['/left', '/left'], drop_input=True)
+    assert [topic.topic for topic in both.topics] == ['/left', '/right']
+    assert [topic.topic for topic in one.topics] == ['/left']
+    in_both, in_one = content(tmp_path / 'both'), content(tmp_path / 'one')
+    assert in_both['/left/cleaned'] == in_both['/right/cleaned'] == in_one['/left/cleaned']
+    assert in_both['/left/outliers'] == in_both['/right/outliers'] == in_one['/left/outliers']
+    assert not {'/left', '/right'} & set(in_both)
+    assert in_one['/right'] == content(source)['/right']
+    assert '/left' not in in_one
+
+
+def test_refused_clouds_are_counted(tmp_path: Path) -> None:
+    """A cloud that lies and one that is no cloud have no answer; all others have theirs."""
+    liar = cloud(2)
+    liar.data = liar.data[:-1]
+    clouds = [cloud(0), cloud(1), liar, b'\0\1\0\0nothing', cloud(4), cloud(5)]
+    source = write_drive(tmp_path / 'drive', clouds)
+    report = replay(source, tmp_path / 'out')
+    (topic,) = report.topics
+    assert not report.is_complete
+    assert (topic.messages, topic.refused) == (6, 2)
+    assert topic.refusals == {'data': 1, 'the CDR bytes': 1}
+    before, after = content(source), content(tmp_path / 'out')
+    assert {name: after[name] for name in before} == before
+    del before['/lidar'][2:4]
+    check_answers(before, after, '/lidar')
+
+
+@pytest.mark.parametrize(
+    ('points', 'value', 'because'),
+    [
+        (3, 1.0, 'alpha_beta_gamma needs longer scan lines, sor needs more points'),
+        (30, np.nan, 'all are missing returns'),
+        (0, 1.0, 'its clouds have none'),
+    ],
+)
+def test_no_point_is_tested(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    points: int,
+    value: float,
+    because: str,
+) -> None:
+    """Where no point of a topic could be tested, it is said why, and the exit status is 3."""
+    clouds = []
+    for index in range(2):
+        msg = cloud(index)
+        rows = np.frombuffer(bytes(msg.data), ROW)[:points].copy()
+        rows['x'] *= np.float32(value)
+        msg.data, msg.width, msg.row_step = rows.tobytes(), points, rows.nbytes
+        clouds.append(msg)
+    source = write_drive(tmp_path / 'drive', clouds)
+    command = ['replay', str(source), '--set', 'chain=[alpha_beta_gamma, sor]']
+    assert main(command) == 3
+    assert f'no point of /lidar could be tested: {because}\n' in capsys.readouterr().err
+
+
+def test_two_types_on_one_topic(tmp_path: Path) -> None:
+    """What else comes on the topic of the clouds is copied; it is no cloud, and not refused."""
+    source = tmp_path / 'drive'
+    clouds, texts = topic_of('/lidar', CLOUD), topic_of('/lidar', STRING)
+    with NewBag(source) as bag:
+        bag.add(texts)
+        bag.add(clouds)
+        for index in range(6):
+            bag.write(texts, index * PERIOD, cdr(STRING, f'cloud {index}'))
+            bag.write(clouds, index * PERIOD, serialize_message(cloud(index)))
+    report = replay(source, tmp_path / 'out')
+    (topic,) = report.topics
+    assert report.is_complete
+    assert (topic.messages, topic.points, topic.refusals) == (6, 1200, {})
+    one_type = write_drive(tmp_path / 'one', map(cloud, range(6)))
+    replay(one_type, tmp_path / 'alone')
+    both, alone = content(tmp_path / 'out'), content(tmp_path / 'alone')
+    assert both['/lidar'] == content(source)['/lidar']
+    for answer in ('/lidar/cleaned', '/lidar/outliers'):
+        assert both[answer] == alone[answer]
+    replay(source, tmp_path / 'without', drop_input=True)
+    assert [data for _, data in content(tmp_path / 'without')['/lidar']] == [
+        cdr(STRING, f'cloud {index}') for index in range(6)
+    ]
+
+
+@pytest.mark.parametrize('blocks', ['auto', 'message', 'time'])
+@pytest.mark.parametrize('answered', ['at once', 'at the end'])
+def test_a_cloud_stands_before_its_answers(tmp_path: Path, blocks: str, answered: str) -> None:
+    """At one time a cloud is in the output before what was made of it: cleaned, then outliers."""
+    long = {'block': 60.0, 'max_delay': 100.0} if answered == 'at the end' else {}
+    source = write_drive(tmp_path / 'drive', map(cloud, range(6)))
+    replay(source, tmp_path / 'out', parameters={'blocks': blocks, **long})
+    with Recording(tmp_path / 'out') as recording:
+        order = [(time, topic.name) for topic, time, _ in recording.messages()]
+    names = ('/lidar', '/lidar/cleaned', '/lidar/outliers')
+    assert [item for item in order if item[1] in names] == [
+        (index * PERIOD, name) for index in range(6) for name in names
+    ]
+
+
+def test_lost_messages_are_counted(tmp_path: Path) -> None:
+    """A recording that counts more messages than it has gives an incomplete output."""
+    source = write_drive(tmp_path / 'drive', map(cloud, range(2)))
+    metadata = source / 'metadata.yaml'
+    information = yaml.safe_load(metadata.read_text())
+    information['rosbag2_bagfile_information']['topics_with_message_count'][0]['message_count'] += 3
+    metadata.write_text(yaml.safe_dump(information))
+    report = replay(source, tmp_path / 'out')
+    assert report.unread == 3
+    assert not report.is_complete
+
+
+def test_what_cannot_be_replayed(tmp_path: Path) -> None:
+    """No clouds, an unknown topic, a taken name and a wrong parameter: one sentence, no output."""
+    source = write_drive(tmp_path / 'drive', [cloud(0)], ('/lidar', '/lidar/cleaned'))
+    clouds = write_drive(tmp_path / 'none', [], ())
+    output = tmp_path / 'out'
+    with pytest.raises(
+        RecordingError, match=r'PointCloud2, got /text \(std_msgs/msg/String\), /door'
+    ):
+        replay(clouds, output)
+    with pytest.raises(RecordingError, match="one of /lidar, /lidar/cleaned, got '/text'"):
+        replay(source, output, ['/text'])
+    with pytest.raises(RecordingError, match='answer to /lidar must be a topic that'):
+        replay(source, output)
+    with pytest.raises(ParameterError, match=r'alpha_beta_gamma\.before must be'):
+        replay(source, output, ['/lidar/cleaned'], {'alpha_beta_gamma.before': -1})
+    with pytest.raises(RecordingError, match='must be a new folder'):
+        replay(source, source, ['/lidar/cleaned'])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['drive', 'none']
+    replay(source, output, ['/lidar/cleaned'])
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['512x10_raw.bag', 'continental_ars548', 'example.bag', 'example-bz2.bag', 'example-lz4.bag'],
+)
+def test_real_recording_without_clouds(recordings: Path, tmp_path: Path, name: str) -> None:
+    """Raw packets, radar and turtles are no clouds; the sentence says what is there instead."""
+    with pytest.raises(
+        RecordingError, match=r'must be one with a topic of type .*, got /\w+'
+    ) as no:
+        replay(recordings / 'not_lidar' / name, tmp_path / 'out')
+    assert '\n' not in str(no.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('name', ['out', 'deep/out', '../drive/out'])
+def test_output_within_the_recording(tmp_path: Path, name: str) -> None:
+    """A recording stays as it is: nothing is written into its folder."""
+    source = write_drive(tmp_path / 'drive', [cloud(0)])
+    before = sorted(source.iterdir())
+    with pytest.raises(RecordingError, match=r'the output must be outside of .*drive, which'):
+        replay(source, source / name)
+    assert sorted(source.iterdir()) == before
+
+
+def test_name_that_only_ros1_allows(tmp_path: Path) -> None:
+    """A topic that cannot be named in ROS 2 is refused in a sentence."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer1(tmp_path / 'old.bag') as writer:
+        writer.add_connection('/lidar/0/points', CLOUD, typestore=store)
+        text = writer.add_connection('/text', STRING, typestore=store)
+        writer.write(text, 0, store.serialize_ros1(store.types[STRING]('hello'), STRING))
+    with pytest.raises(
+        RecordingError, match='must be a name that ROS 2 allows, got /lidar/0/points'
+    ):
+        replay(tmp_path / 'old.bag', tmp_path / 'out')
+
+
+WITHOUT_ROS = """
+import sys
+for name in ('rclpy', 'sensor_msgs', 'nav_msgs', 'std_msgs', 'builtin_interfaces'):
+    sys.modules[name] = None
+from lidar_outlier_filter.cli.main import main
+sys.exit(main(['replay', sys.argv[1], '--output', sys.argv[2], '--set', 'chain=[sor]']))
+"""
+
+
+def test_replay_needs_no_ros(tmp_path: Path) -> None:
+    """Where rclpy cannot be imported a replay gives the same bytes; it leaves signals alone."""
+    source = write_drive(tmp_path / 'drive', [cloud(0)])
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+    replay(source, tmp_path / 'one', parameters={'chain': ('sor',)})
+    assert [signal.getsignal(number) for number in numbers] == before
+    command = [sys.executable, '-c', WITHOUT_ROS, source, tmp_path / 'two']
+    subprocess.run(list(map(str, command)), check=True, capture_output=True)
+    assert content(tmp_path / 'one') == content(tmp_path / 'two')
+
+
+REPLAY = """
+import sys
+from pathlib import Path
+from lidar_outlier_filter.recordings.replay import replay
+
+def look(done, total):
+    if done % 1200 == 0:
+        print(Path('/proc/self/status').read_text())
+
+replay(Path(sys.argv[1]), Path(sys.argv[2]), progress=look)
+"""
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow(tmp_path: Path) -> None:
+    """An hour at 10 clouds and 10 texts a second takes less than 500 MB.
+
+    Foretold from five minutes: what is taken after the first of them, and how it grows from there.
+    """
+    source = write_drive(tmp_path / 'drive', (cloud(index) for index in range(3000)))
+    command = [sys.executable, '-c', REPLAY, str(source), str(tmp_path / 'out')]
+    said = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+    minutes = [int(kilobytes) for kilobytes in re.findall(r'VmHWM:\s+(\d+) kB', said)]
+    assert len(minutes) == 5
+    growth = (minutes[-1] - minutes[0]) / 4
+    assert minutes[0] + 59 * max(growth, 0.0) < 500_000
+
+
+@pytest.mark.slow
+def test_detectors_of_a_chain_are_counted(recordings: Path, tmp_path: Path) -> None:
+    """What each detector rejects, and cannot judge, of a real recording; thresholds change it."""
+    source = recordings / 'bags' / 'vlp16_mrpt.bag'
+    chain = {'chain': ['alpha_beta_gamma', 'quadric', 'lof']}
+    (plain,) = replay(source, tmp_path / 'plain', parameters=chain).topics
+    assert list(plain.rejected_by) == list(plain.undecided_by) == chain['chain']
+    assert all(0 < count < plain.points / 5 for count in plain.rejected_by.values())
+    assert sum(plain.rejected_by.values()) == plain.rejected
+    assert 0 < plain.undecided_by['alpha_beta_gamma'] < plain.points / 5
+    assert plain.untested <= min(plain.undecided_by.values())
+    strict: dict[str, object] = {'alpha_beta_gamma.significance': 1e-3, 'lof.threshold': 1.1}
+    (harder,) = replay(source, tmp_path / 'harder', parameters=chain | strict).topics
+    for name in ('alpha_beta_gamma', 'lof'):
+        assert harder.rejected_by[name] > plain.rejected_by[name]

@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What viewers are said to show is what the node publishes."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+from helpers.nodes import flush, line, process
+
+from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.messages.cloud import NUMBER, first_numbers
+from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
+from lidar_outlier_filter.ros.health import PLOTTED
+
+if TYPE_CHECKING:
+    from helpers.nodes import Ros
+
+CONFIG = Path(__file__).parents[2] / 'config'
+# What rviz_default_plugins of Jazzy reads of a PointCloud2 display
+OF_EVERY_CLOUD = {
+    'Class',
+    'Name',
+    'Enabled',
+    'Value',
+    'Topic',
+    'Selectable',
+    'Style',
+    'Size (Pixels)',
+    'Size (m)',
+    'Alpha',
+    'Decay Time',
+    'Position Transformer',
+    'Color Transformer',
+}
+OF_A_TOPIC = {
+    'Value',
+    'Depth',
+    'History Policy',
+    'Reliability Policy',
+    'Durability Policy',
+    'Filter size',
+}
+OF_A_COLOUR = {
+    'FlatColor': {'Color'},
+    'Intensity': {
+        'Channel Name',
+        'Use rainbow',
+        'Invert Rainbow',
+        'Autocompute Intensity Bounds',
+        'Min Intensity',
+        'Max Intensity',
+    },
+}
+
+
+def published(ros: Ros) -> tuple[dict[str, str], set[str]]:
+    """Return the topics of a node with their types, and the fields of its outlier clouds."""
+    node = ros.filter(parameters={'scores': True})
+    process(node, line(0.0))
+    (answer,) = flush(node)
+    fields = {str(field.name) for field in answer.outliers.fields}
+    node.start()
+    listed = node.get_publisher_names_and_types_by_node(NODE_NAME, '/')
+    return {name: kinds[0] for name, kinds in listed}, fields
+
+
+def rainbow(share: float) -> tuple[float, float, float]:
+    """Return the colour that both viewers give to a value: red at 0, over green to magenta at 1."""
+    sector = 5 * min(max(share, 0.0), 1.0)
+    rising = sector % 1
+    return (
+        (1.0, rising, 0.0),
+        (1 - rising, 1.0, 0.0),
+        (0.0, 1.0, rising),
+        (0.0, 1 - rising, 1.0),
+        (rising, 0.0, 1.0),
+        (1.0, 0.0, 1.0),
+    )[int(sector)]
+
+
+def refuse_alike(low: float, high: float) -> None:
+    """Refuse a range of the numbers of the detectors in which two of them look alike."""
+    numbers = first_numbers(np.array(list(BITS.values()), np.uint16)).tolist()
+    assert (low, high) == (min(numbers), max(numbers))
+    colours = [rainbow((number - low) / (high - low)) for number in numbers]
+    assert min(math.dist(*two) for two in combinations(colours, 2)) > 0.5
+
+
+def test_sums_of_bits_look_alike() -> None:
+    """They were the channel before: this is what the number is for."""
+    colours = [rainbow((bit - 1) / 63) for bit in BITS.values()]
+    assert min(math.dist(*two) for two in combinations(colours, 2)) < 0.1
+
+
+def test_rviz(ros: Ros) -> None:
+    """Both clouds, received however they are sent; outliers in a colour for each detector."""
+    topics, fields = published(ros)
+    tree = yaml.safe_load((CONFIG / 'filter.rviz').read_text())
+    displays = tree['Visualization Manager']['Displays']
+    shown = {item['Topic']['Value']: item for item in displays if 'Topic' in item}
+    assert set(shown) == {'/points/cleaned', '/points/outliers'}
+    for topic, display in shown.items():
+        assert display['Class'] == 'rviz_default_plugins/PointCloud2'
+        assert topics[topic] == 'sensor_msgs/msg/PointCloud2'
+        assert display['Topic']['Reliability Policy'] == 'Best Effort'
+    assert shown['/points/cleaned']['Color Transformer'] == 'FlatColor'
+    outliers = shown['/points/outliers']
+    assert outliers['Color Transformer'] == 'Intensity'
+    assert outliers['Channel Name'] == NUMBER
+    assert NUMBER in fields
+    assert outliers['Use rainbow']
+    assert not outliers['Invert Rainbow'] | outliers['Autocompute Intensity Bounds']
+    refuse_alike(outliers['Min Intensity'], outliers['Max Intensity'])
+
+
+def test_rviz_knows_what_is_set() -> None:
+    """A display has no property that RViz does not read: it would pass over it without a word."""
+    tree = yaml.safe_load((CONFIG / 'filter.rviz').read_text())
+    for display in tree['Visualization Manager']['Displays']:
+        if display['Class'] == 'rviz_default_plugins/PointCloud2':
+            read = OF_EVERY_CLOUD | OF_A_COLOUR[display['Color Transformer']]
+            assert set(display) <= read
+            assert set(display['Topic']) == OF_A_TOPIC
+
+
+def test_foxglove(ros: Ros) -> None:
+    """Both clouds in the same way, the diagnostics, and the values that the plots name."""
+    topics, fields = published(ros)
+    layout = json.loads((CONFIG / 'foxglove.json').read_text())
+    panels = layout['configById']
+    shown = panels['3D!clouds']['topics']
+    assert {topics[name] for name in shown} == {'sensor_msgs/msg/PointCloud2'}
+    outliers = shown['/points/outliers']
+    assert outliers['colorField'] == NUMBER
+    assert NUMBER in fields
+    assert (outliers['colorMode'], outliers['colorMap']) == ('colormap', 'rainbow')
+    refuse_alike(outliers['minValue'], outliers['maxValue'])
+    result = topics[panels['DiagnosticSummary!health']['topicToRender']]
+    assert result == 'diagnostic_msgs/msg/DiagnosticArray'
+    for name in ('Plot!delay', 'Plot!points'):
+        for path in panels[name]['paths']:
+            found = re.fullmatch(r'(.+)\.data\[(\d+)\]', path['value'])
+            assert found is not None
+            assert topics[found[1]] == 'std_msgs/msg/Float64MultiArray'
+            assert PLOTTED[int(found[2])] == path['label']
+    assert set(_leaves(layout['layout'])) == set(panels)
+
+
+def _leaves(tree: Any) -> list[str]:
+    """List the panels of a layout."""
+    return [tree] if isinstance(tree, str) else _leaves(tree['first']) + _leaves(tree['second'])
+
+
+def test_the_page_names_the_colours() -> None:
+    """Its table has every detector, in the order of the numbers."""
+    numbers = ' | '.join(str(number) for number in range(1, len(BITS) + 1))
+    names = ' | '.join(f'`{name}`' for name in BITS)
+    page = (CONFIG.parent / 'doc' / 'live.md').read_text(encoding='utf-8')
+    assert f'| {numbers} |\n' in page
+    assert f'| {names} |\n' in page

@@ -1,0 +1,336 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated time: a clock that is slow, that jumps, that stops, and that is another."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+import rclpy
+from helpers.clouds import SECOND, STAMP
+from helpers.live import PATIENCE
+from helpers.nodes import Ros, Sensor, hold_up, line, wait_for_thread
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+
+from lidar_outlier_filter.ros.backlog import Received
+from lidar_outlier_filter.ros.clocks import DelayClock
+
+if TYPE_CHECKING:
+    from rclpy.publisher import Publisher
+
+    from lidar_outlier_filter.ros.node import OutlierFilterNode
+
+# Chain that says the outlier of 10 ms of a line that is alone.
+SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
+
+
+class Player:
+    """What plays a recording: a clock and a sensor."""
+
+    def __init__(self, ros: Ros, *arguments: str, simulated: bool = True) -> None:
+        self.ros = ros
+        self.node: OutlierFilterNode = ros.filter(
+            '-p', f'use_sim_time:={str(simulated).lower()}', *SMOOTHER, *arguments
+        )
+        self.node.start()
+        self._clock: Publisher = ros.client.create_publisher(Clock, '/clock', 10)
+        self.sensor = Sensor(ros, '/points')
+        self.sensor.wait_for_filter(self.node)
+        while simulated and not self._clock.get_subscription_count():
+            ros.executor.spin_once(0.05)
+        self.sent = 0
+
+    def set(self, seconds: float) -> None:
+        """Publish a time, after the beginning; serve until the node and its thread have it."""
+        self.set_node(seconds)
+        wait_for_thread(self.node)
+
+    def set_node(self, seconds: float) -> None:
+        """Publish a time, and serve until the node has it."""
+        now = STAMP + round(seconds * SECOND)
+        msg = Clock()
+        msg.clock.sec, msg.clock.nanosec = divmod(now, SECOND)
+        self._clock.publish(msg)
+        while self.node.get_clock().now().nanoseconds != now:
+            self.ros.executor.spin_once(0.05)
+
+    def send(self, seconds: float) -> None:
+        """Send 10 ms of a line, and serve until the node has filtered or keeps it."""
+        self.sent += 1
+        self.sensor.publish(line(seconds), expected=10**9)
+        while self.node.waiting + self.node.statistics.messages < self.sent:
+            self.ros.executor.spin_once(0.05)
+        wait_for_thread(self.node)
+
+    def answered(self) -> int:
+        """Count the clouds that were answered."""
+        wait_for_thread(self.node)
+        return self.node.statistics.messages
+
+    def stop_the_clock(self) -> None:
+        """End the program that says the time."""
+        self.ros.client.destroy_publisher(self._clock)
+
+
+def test_a_recording_played_slowly_hurries_nobody(ros: Ros) -> None:
+    """Simulated time counts: until max_delay is over on /clock, a cloud waits for its block."""
+    player = Player(ros, '-p', 'max_delay:=0.4')
+    player.set(0.0)
+    player.send(0.0)
+    began = time.monotonic()
+    seconds = 0.0
+    while time.monotonic() < began + 0.5:
+        seconds += 0.001
+        player.set(min(seconds, 0.19))  # half of max_delay is kept for the verdict, at most
+        assert player.answered() == 0
+    player.set(0.37)
+    player.set(0.371)  # the thread was woken by the one before
+    assert player.answered() == 1
+    assert player.node.statistics.outliers == 1
+
+
+def test_delay_and_age_of_a_cloud(ros: Ros) -> None:
+    """The delay counts from when it was received, the age from its stamp, by the same clock."""
+    player = Player(ros, '-p', 'max_delay:=60.0')
+    player.node._diagnostics._timer.cancel()
+    player.set(0.25)
+    player.send(0.137)
+    player.set(0.75)
+    player.send(5.0)
+    assert player.answered() == 1
+    tally = player.node.channels[0].health._tally
+    assert tally.delays == pytest.approx([0.5], abs=1e-6)
+    assert tally.ages == pytest.approx([0.75 - 0.137], abs=1e-6)
+
+
+def test_without_simulated_time_real_time_counts(ros: Ros) -> None:
+    """Whatever somebody says on /clock."""
+    player = Player(ros, '-p', 'max_delay:=0.3', simulated=False)
+    player.send(0.0)
+    while not player.answered():
+        ros.executor.spin_once(0.05)
+
+
+def test_back_to_the_beginning(ros: Ros) -> None:
+    """A recording that loops: what waits is answered, the stream begins anew; counted once."""
+    player = Player(ros, '-p', 'max_delay:=5.0')
+    for _ in range(3):
+        player.set(0.0)
+        player.send(0.0)
+        player.set(10.0)
+        player.send(10.0)
+    assert player.answered() == 5
+    assert player.node.statistics.resets == 2
+    assert player.node.statistics.refused == 0
+    player.node.finish()
+    assert player.node.statistics.messages == 6
+    assert player.node.statistics.rejected == {'alpha_beta_gamma': 6}
+
+
+def test_clouds_that_come_before_the_clock_goes_back(ros: Ros) -> None:
+    """The first clouds of the next loop may overtake its clock: they stay with those after them."""
+    player = Player(ros, '-p', 'max_delay:=5.0')
+    player.set(10.0)
+    player.send(10.0)
+    player.send(0.0)  # the sensor's clock goes back
+    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+    player.set(0.0)
+    player.send(0.01)
+    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+    player.send(0.2)
+    assert player.answered() == 3
+
+
+def test_the_clock_alone_goes_back(ros: Ros) -> None:
+    """What waits is answered before a cloud shows it, and the stream begins anew."""
+    player = Player(ros, '-p', 'max_delay:=60.0')
+    player.set(10.0)
+    player.send(10.0)
+    assert player.answered() == 0
+    player.set(0.0)
+    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+
+
+def test_clouds_that_wait_while_the_clock_goes_back(ros: Ros) -> None:
+    """The new beginning comes in its turn among them, and they were received by the new clock."""
+    player = Player(ros, '-p', 'max_delay:=60.0')
+    inbox = player.node.channels[0].worker.inbox
+    player.set(10.0)
+    go_on = hold_up(player.node)
+    for seconds in (10.0, 0.0):
+        player.set_node(seconds)
+        player.sensor.publish(line(seconds), expected=10**9)
+        clouds = inbox.clouds
+        while inbox.clouds == clouds:
+            ros.executor.spin_once(0.05)
+    received = [item.at - STAMP for item in inbox._items if isinstance(item, Received)]
+    assert received == [0, 0]
+    go_on.set()
+    assert (player.answered(), player.node.statistics.resets) == (1, 1)
+
+
+def test_the_thread_is_woken_when_a_cloud_has_waited_enough(ros: Ros) -> None:
+    """By the clock alone, and not before."""
+    player = Player(ros, '-p', 'max_delay:=10.0')
+    inbox = player.node.channels[0].worker.inbox
+    player.set(0.0)
+    player.send(0.0)
+    woken: list[int] = []
+    wake = inbox.wake
+
+    def note() -> None:
+        woken.append(player.node.get_clock().now().nanoseconds - STAMP)
+        wake()
+
+    inbox.wake = note  # type: ignore[method-assign]
+    for seconds in (1.0, 4.0, 9.5):
+        player.set_node(seconds)
+    while not player.node.statistics.messages:
+        ros.executor.spin_once(0.05)
+    assert woken == [9_500_000_000]
+
+
+def test_a_clock_that_goes_back_twice_at_once(ros: Ros) -> None:
+    """Within time_jump of real time that is one new beginning."""
+    player = Player(ros)
+    clock = player.node.channels[0]._clock
+    now = clock.steady_now()
+    clock.steady_now = lambda: now  # type: ignore[method-assign]
+    for resets, seconds in ((0, 10.0), (1, 0.0), (1, 10.0), (1, 0.0)):
+        player.set(seconds)
+        assert player.answered() == 0
+        assert player.node.statistics.resets == resets
+    now += 60 * SECOND
+    player.set(-1.0)
+    player.answered()
+    assert player.node.statistics.resets == 2
+
+
+def test_a_jump_ahead(ros: Ros) -> None:
+    """What waits is answered: it has waited too long; what comes is another segment."""
+    player = Player(ros, '-p', 'max_delay:=0.5')
+    player.set(0.0)
+    player.send(0.0)
+    player.set(1000.0)
+    player.set(1000.001)
+    assert player.answered() == 1
+    player.send(1000.0)
+    player.send(1000.2)
+    assert player.answered() == 2
+    assert player.node.statistics.rejected == {'alpha_beta_gamma': 2}
+    assert player.node.statistics.resets == 0
+
+
+def test_the_clock_ends(ros: Ros) -> None:
+    """At the end of a recording nothing can come any more: all is answered, and the node warns."""
+    player = Player(ros, '-p', 'max_delay:=5.0')
+    player.set(0.0)
+    player.send(0.0)
+    player.stop_the_clock()
+    found = ros.diagnosis(lambda found: found['messages'] == 1)
+    assert 'use_sim_time is set and nobody publishes /clock' in found.message
+    assert player.node.statistics.outliers == 1
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_another_clock(ros: Ros, *, simulated: bool) -> None:
+    """What waits by one clock is answered when another is set; then that one counts."""
+    player = Player(ros, '-p', 'max_delay:=5.0', simulated=simulated)
+    if simulated:
+        player.set(0.0)
+    player.send(0.0)
+    player.node.set_parameters([Parameter('use_sim_time', value=not simulated)])
+    assert player.answered() == 1
+    assert player.node.channels[0]._clock.is_simulated != simulated
+    player.send(0.3)
+    assert player.answered() == 1
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_clouds_that_wait_while_the_clock_changes(ros: Ros, *, simulated: bool) -> None:
+    """They were received when it was changed, by the new one."""
+    player = Player(ros, '-p', 'max_delay:=60.0', simulated=simulated)
+    if simulated:
+        player.set(0.0)
+    channel = player.node.channels[0]
+    go_on = hold_up(player.node)
+    player.sensor.publish(line(0.0), expected=10**9)
+    while not channel.worker.inbox.clouds:
+        ros.executor.spin_once(0.05)
+    item = channel.worker.inbox._items[0]
+    assert isinstance(item, Received)
+    player.node.set_parameters([Parameter('use_sim_time', value=not simulated)])
+    assert 0 <= channel._clock.now() - item.at < PATIENCE * SECOND
+    go_on.set()
+    wait_for_thread(player.node)
+
+
+class Watched:
+    """A clock without a filter, and what it has called back."""
+
+    def __init__(self, ros: Ros, *, simulated: bool) -> None:
+        self.ros = ros
+        given = [Parameter('use_sim_time', value=simulated)]
+        self.node = rclpy.create_node('watched', context=ros.context, parameter_overrides=given)
+        ros.executor.add_node(self.node)
+        self.publisher: Publisher = ros.client.create_publisher(Clock, '/clock', 10)
+        self.clock = DelayClock(self.node)
+        self.calls: list[str] = []
+        add = self.calls.append
+        self.clock.watch(lambda: add('on'), lambda: add('back'), lambda: add('changed'))
+
+    def set(self, now: int) -> None:
+        """Publish the time, nanoseconds, and serve until the node has it."""
+        while not self.publisher.get_subscription_count():
+            self.ros.executor.spin_once(0.05)
+        msg = Clock()
+        msg.clock.sec, msg.clock.nanosec = divmod(now, SECOND)
+        self.publisher.publish(msg)
+        while self.clock.ros_now() != now:
+            self.ros.executor.spin_once(0.05)
+
+    def take_calls(self) -> list[str]:
+        """Return what was called back since this was asked last."""
+        calls, self.calls[:] = list(self.calls), []
+        return calls
+
+
+def test_each_change_of_the_clock_is_noticed(ros: Ros) -> None:
+    """By a nanosecond and by an hour, forth and back; the first time is another clock."""
+    watched = Watched(ros, simulated=True)
+    watched.take_calls()
+    found = []
+    for now in (5 * SECOND, 5 * SECOND + 1, 5 * SECOND, 3605 * SECOND, 5 * SECOND):
+        watched.set(now)
+        found.append(watched.take_calls())
+    assert found == [['changed'], ['on'], ['back'], ['on'], ['back']]
+    for simulated in (False, True):
+        watched.node.set_parameters([Parameter('use_sim_time', value=simulated)])
+        assert watched.take_calls() == ['changed']
+    watched.clock.stop()
+    watched.set(9 * SECOND)
+    assert watched.take_calls() == []
+    watched.node.destroy_node()
+
+
+def test_which_clock_counts(ros: Ros) -> None:
+    """That of /clock under use_sim_time, while somebody publishes it; else one nobody sets."""
+    watched = Watched(ros, simulated=False)
+    clock = watched.clock
+    steady = [clock.steady_now(), clock.now(), clock.steady_now()]
+    assert steady == sorted(steady)
+    assert abs(clock.ros_now() - time.time_ns()) < 100 * SECOND
+    ros.client.destroy_publisher(watched.publisher)
+    while watched.node.count_publishers('/clock'):
+        ros.executor.spin_once(0.05)
+    stopped = [clock.has_stopped]
+    watched.node.set_parameters([Parameter('use_sim_time', value=True)])
+    stopped.append(clock.has_stopped)
+    watched.publisher = ros.client.create_publisher(Clock, '/clock', 10)
+    watched.set(7 * SECOND)
+    assert (clock.now(), clock.ros_now()) == (7 * SECOND, 7 * SECOND)
+    assert [*stopped, clock.has_stopped] == [False, True, False]
+    watched.node.destroy_node()

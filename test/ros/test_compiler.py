@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters wait for their kernels beside the filter, and those that are wanted last win."""
+
+from __future__ import annotations
+
+import queue
+import threading
+
+import pytest
+from helpers.live import PATIENCE
+
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.ros import compiler
+from lidar_outlier_filter.ros.compiler import Compiler
+
+FIRST, SECOND, THIRD = (
+    FilterParameters().changed({'chain': (name,)}) for name in ('lof', 'sor', 'quadric')
+)
+
+
+class Loading:
+    """Stands in for loading kernels, which takes until it is let go on, and for what is ready."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.begun: queue.SimpleQueue[FilterParameters] = queue.SimpleQueue()
+        self.go_on = threading.Semaphore(0)
+        self.ready: list[FilterParameters] = []
+        self.error: Exception | None = None
+        monkeypatch.setattr(compiler, 'load', self.load)
+        monkeypatch.setattr(compiler, 'is_ready', lambda parameters: parameters in self.ready)
+
+    def load(self, parameters: FilterParameters) -> bool:
+        """Wait, and be ready."""
+        self.begun.put(parameters)
+        assert self.go_on.acquire(timeout=PATIENCE)
+        if self.error is not None:
+            raise self.error
+        self.ready.append(parameters)
+        return True
+
+
+class Beside(Compiler):
+    """Notes what takes over, and what is warned of."""
+
+    def __init__(self) -> None:
+        self.taken: queue.SimpleQueue[FilterParameters] = queue.SimpleQueue()
+        self.warned: list[str] = []
+        super().__init__(self.taken.put, str, self.warned.append)
+
+
+@pytest.fixture
+def loading(monkeypatch: pytest.MonkeyPatch) -> Loading:
+    """Stand in for kernels."""
+    return Loading(monkeypatch)
+
+
+def test_what_is_ready_takes_over_at_once(loading: Loading) -> None:
+    """In the thread that wants it."""
+    loading.ready.append(FIRST)
+    beside = Beside()
+    beside.want(FIRST)
+    assert beside.taken.get_nowait() == FIRST
+    assert (beside.reply, beside.compiling) == ('', '')
+
+
+def test_the_old_one_answers_until_then(loading: Loading) -> None:
+    """The reply names both; before there is an old one, there is nothing to say."""
+    loading.ready.append(FIRST)
+    beside = Beside()
+    beside.want(SECOND)
+    assert beside.reply == ''
+    assert 'sor' in beside.compiling
+    loading.go_on.release()
+    assert beside.taken.get(timeout=PATIENCE) == SECOND
+    beside.want(THIRD)
+    assert beside.reply.startswith('quadric takes over when its kernels are ready')
+    assert beside.reply.endswith('sor answers until then')
+    loading.go_on.release()
+    assert beside.taken.get(timeout=PATIENCE) == THIRD
+    beside.stop()
+    assert (beside.reply, beside.compiling) == ('', '')
+
+
+def test_the_last_wins(loading: Loading) -> None:
+    """Whatever is loaded already; what was wanted before never takes over."""
+    beside = Beside()
+    beside.want(FIRST)
+    assert loading.begun.get(timeout=PATIENCE) == FIRST
+    beside.want(SECOND)
+    beside.want(THIRD)
+    loading.go_on.release(2)
+    assert beside.taken.get(timeout=PATIENCE) == THIRD
+    beside.want(SECOND)
+    assert loading.begun.get(timeout=PATIENCE) == THIRD
+    assert loading.begun.get(timeout=PATIENCE) == SECOND
+    beside.want(FIRST)  # is ready: SECOND is not wanted any more
+    assert beside.taken.get(timeout=PATIENCE) == FIRST
+    loading.go_on.release()
+    beside.stop()
+    assert beside.taken.empty()
+
+
+def test_an_error_does_not_keep_it_waiting(loading: Loading) -> None:
+    """It is warned of, and the first block raises it again."""
+    loading.error = ValueError('no such thing')
+    beside = Beside()
+    beside.want(FIRST)
+    loading.go_on.release()
+    assert beside.taken.get(timeout=PATIENCE) == FIRST
+    assert beside.warned == ['a detector raised an error while it was compiled: no such thing']

@@ -1,0 +1,185 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the node says of itself, and what it does only where somebody listens."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from helpers.clouds import SECOND
+from helpers.live import PATIENCE
+from helpers.nodes import Ros, Sensor, broken, flush, process, wait_for_thread
+from rclpy.time import Time
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool
+
+from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
+
+if TYPE_CHECKING:
+    from helpers.nodes import Diagnosis
+
+    from lidar_outlier_filter.ros.health import Report
+
+
+def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Counts, reasons, rates and times, as the node itself has them, under its name and topic."""
+    smoother = ('-p', 'chain:=[alpha_beta_gamma]')
+    node = ros.filter('-p', 'max_delay:=0.5', *smoother, namespace='front')
+    node.start()
+    sensor = Sensor(ros, '/front/points')
+    sensor.wait_for_filter(node)
+    for number, msg in enumerate(sweeps, 1):
+        sensor.publish(msg, expected=number)
+        sensor.publish(broken(), expected=number)
+        sensor.wait_for_answers()
+    counts = node.statistics
+    looks: list[Diagnosis] = []
+
+    def is_all(found: Diagnosis) -> bool:
+        looks.append(found)
+        return found['messages'] == found['refused'] == 4
+
+    found = ros.diagnosis(is_all)
+    result = ros.wait_for_message(DiagnosticArray, '/diagnostics', bool)
+    age = node.get_clock().now() - Time.from_msg(result.header.stamp)
+    assert 0 <= age.nanoseconds < PATIENCE * SECOND
+    assert found.name == 'front/outlier_filter_node: /front/points'
+    assert found['points'] == counts.points == sum(msg.width for msg in sweeps)
+    assert found['rejected by alpha_beta_gamma'] == counts.outliers == found['outliers'] > 0
+    assert found['untested'] == counts.untested
+    assert found['invalid'] == counts.invalid
+    assert found['refused'] == found['refused for point_step'] == 4
+    for name in ('delay since received', 'processing time'):
+        for look in looks:
+            assert look[f'{name}, p50, ms'] <= look[f'{name}, p95, ms'] <= look[f'{name}, max, ms']
+        assert max(look[f'{name}, p50, ms'] for look in looks) > 0
+    # The stamps are of the day that the clouds were recorded.
+    assert max(look['delay since stamp, p50, ms'] for look in looks) > 1e9
+
+
+@pytest.mark.slow
+def test_once_in_a_second(ros: Ros) -> None:
+    """Of real time; silent, then a warning, then an error."""
+    node = ros.filter('-p', 'health.silence_warn:=0.0', '-p', 'health.silence_error:=4.9')
+    node.start()
+    received = [(ros.diagnosis(), time.monotonic()) for _ in range(5)]
+    times = np.array([at for _, at in received])
+    assert np.median(np.diff(times)) == pytest.approx(1.0, abs=0.2)
+    assert [found.level for found, _ in received][-2:] == [WARN, ERROR]
+    assert received[-2][0].message.startswith('no cloud for ')
+
+
+def test_rates_are_of_the_time_since_the_last_look(ros: Ros) -> None:
+    """However long that is."""
+    node = ros.filter()
+    node.start()
+    diagnostics, channel = node._diagnostics, node.channels[0]
+    diagnostics._timer.cancel()
+    found: list[float] = []
+    look = channel.look
+
+    def note(seconds: float) -> Report:
+        found.append(seconds)
+        return look(seconds)
+
+    channel.look = note  # type: ignore[method-assign]
+    began = time.monotonic()
+    diagnostics._last = diagnostics._steady.now().nanoseconds - 4 * SECOND
+    diagnostics._look()
+    diagnostics._look()
+    elapsed = time.monotonic() - began
+    assert 4 <= found[0] <= 4 + elapsed
+    assert 0 < found[1] <= elapsed
+
+
+def test_statistics_are_a_table(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """A row for the topic, and a column for each value, under its name."""
+    node = ros.filter('-p', 'max_delay:=0.5')
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    sensor.publish(sweeps[0], expected=1)
+    topic = '/outlier_filter_node/statistics'
+    table = ros.wait_for_message(Float64MultiArray, topic, lambda table: table.data[0] > 0)
+    rows, columns = table.layout.dim
+    assert (rows.label, rows.size, rows.stride) == ('points', 1, len(PLOTTED))
+    assert (columns.size, columns.stride) == (len(PLOTTED), len(PLOTTED))
+    values = dict(zip(columns.label.split(','), table.data, strict=True))
+    assert list(values) == list(PLOTTED)
+    # One cloud in about a second.
+    assert 0.3 < values['clouds_per_second'] <= 1.1
+    points = values['points_per_second'] / values['clouds_per_second']
+    assert points == pytest.approx(sweeps[0].width)
+
+
+def test_what_is_disabled_is_said(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """A node that lets everything pass warns of it, until it filters again."""
+    node = ros.filter('-p', 'health.silence_warn:=1e5', '-p', 'health.silence_error:=1e5')
+    node.start()
+    ros.call(SetBool, 'enable', SetBool.Request(data=False))
+
+    def is_disabled(found: Diagnosis) -> bool:
+        return 'disabled: clouds pass unfiltered' in found.message
+
+    assert ros.diagnosis(is_disabled).level == WARN
+    node.channels[0].receiver.take(sweeps[0])
+    assert ros.diagnosis(lambda found: found['messages'] == 1)['unfiltered for disabled'] == 1
+    ros.call(SetBool, 'enable', SetBool.Request(data=True))
+    assert ros.diagnosis(lambda found: not is_disabled(found)).level == OK
+
+
+def test_what_nobody_wants_is_not_made(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Neither of the clouds is made without a subscriber; all points are judged."""
+    node = ros.filter('-p', 'scores:=true')
+    (answer,) = process(node, sweeps[0]) + flush(node)
+    assert answer.cleaned is not None
+    assert answer.outliers is not None
+    outliers = node.statistics.outliers
+    node.start()
+    cleaned: list[PointCloud2] = []
+
+    def taken(msg: PointCloud2) -> list[tuple[bool, bool]]:
+        made = process(node, msg) + flush(node)
+        cleaned.extend(answer.cleaned for answer in made)
+        return [(answer.cleaned is not None, answer.outliers is not None) for answer in made]
+
+    assert taken(sweeps[0]) == [(False, False)]
+    assert node.statistics.outliers == 2 * outliers > 0
+    topic = node.cleaned_publisher.topic_name
+    ros.client.create_subscription(PointCloud2, topic, cleaned.append, 10)
+    while not node.cleaned_publisher.get_subscription_count():
+        ros.executor.spin_once(0.05)
+    assert taken(sweeps[1]) == [(True, False)]
+    topic = node.outliers_publisher.topic_name
+    subscription = ros.client.create_subscription(PointCloud2, topic, cleaned.append, 10)
+    while not node.outliers_publisher.get_subscription_count():
+        ros.executor.spin_once(0.05)
+    assert taken(sweeps[2]) == [(True, True)]
+    ros.client.destroy_subscription(subscription)
+    while node.outliers_publisher.get_subscription_count():
+        ros.executor.spin_once(0.05)
+    assert taken(sweeps[3]) == [(True, False)]
+
+
+def test_the_cleaned_cloud_is_the_same(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Whether or not somebody wants the outliers."""
+    node = ros.filter('-p', 'max_delay:=600.0')
+    expected = [ans for msg in sweeps for ans in process(node, msg)] + flush(node)
+    node.start()
+    cleaned: list[PointCloud2] = []
+    topic = node.cleaned_publisher.topic_name
+    ros.client.create_subscription(PointCloud2, topic, cleaned.append, 10)
+    while not node.cleaned_publisher.get_subscription_count():
+        ros.executor.spin_once(0.05)
+    for msg in sweeps:
+        node.channels[0].receiver.take(msg)
+    wait_for_thread(node)
+    node.finish()
+    while len(cleaned) < len(sweeps):
+        ros.executor.spin_once(0.05)
+    assert cleaned == [answer.cleaned for answer in expected]

@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The end of a node: all that was received is answered first, whichever thread runs when."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+from helpers.live import PATIENCE
+from helpers.nodes import Ros, broken, hold_up, line
+from helpers.overload import answers, send, start
+
+from lidar_outlier_filter.ros import receiver as receiver_module
+from lidar_outlier_filter.ros.cdr import read_cloud
+
+if TYPE_CHECKING:
+    from rclpy.duration import Duration
+    from rclpy.publisher import Publisher
+    from sensor_msgs.msg import PointCloud2
+
+    from lidar_outlier_filter.stream.cloud_filter import Answer
+
+
+def test_large_clouds_at_the_end(ros: Ros) -> None:
+    """While they are read, threads take turns: the one that filters does not end too soon."""
+    node, sensor = start(ros, load__clouds=1, max_points=10**7)
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        for number in range(20):
+            sensor.publish(line(0.01 * number, 20_000), expected=10**9)
+        node.finish()
+    finally:
+        sys.setswitchinterval(before)
+    assert [number for number, _ in answers(ros, sensor, 20)] == list(range(20))
+    assert node.waiting == node.channels[0].health._dropped == 0
+
+
+@pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through', 'shed'])
+def test_at_the_end_nothing_is_too_much(ros: Ros, policy: str) -> None:
+    """Whatever is done with too much else: all is filtered."""
+    node, sensor = start(ros, load__policy=policy)
+    for number in range(20):
+        sensor.publish(line(0.01 * number), expected=10**9)
+    assert sensor._publisher.wait_for_all_acked()
+    node.finish()
+    assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
+    assert node.statistics.passed == {}
+    assert node.statistics.shed == 0
+
+
+def test_the_end_waits_for_who_receives(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread that filters has time to end before the last clouds are read, and does not."""
+    node, sensor = start(ros, load__clouds=1)
+    thread = node.channels[0].worker._thread
+    assert thread is not None
+
+    def read_slowly(data: bytes) -> PointCloud2:
+        thread.join(0.05)
+        return read_cloud(data)
+
+    monkeypatch.setattr(receiver_module, 'read_cloud', read_slowly)
+    for number in range(5):
+        sensor.publish(line(0.01 * number), expected=10**9)
+    sensor.publish(broken(), expected=10**9)
+    node.finish()
+    assert node.statistics.refusals == {'point_step': 1}
+    assert answers(ros, sensor, 5) == [(number, 1) for number in range(5)]
+
+
+@pytest.mark.parametrize('in_turn', [False, True])
+def test_the_end_while_the_filter_looks_around(ros: Ros, *, in_turn: bool) -> None:
+    """What comes when it has just found nothing, and the end behind it, are still done."""
+    node, sensor = start(ros)
+    channel = node.channels[0]
+    thread, advance = channel.worker._thread, channel._filter.advance
+    assert thread is not None
+    done: list[bool] = []
+
+    def end_meanwhile() -> list[Answer]:
+        channel._filter.advance = advance  # type: ignore[method-assign]
+        channel.worker.inbox.order(lambda: done.append(True), in_turn=in_turn)
+        channel.worker.inbox.close([channel.receiver._noted(line(0.0))])
+        return advance()
+
+    channel._filter.advance = end_meanwhile  # type: ignore[method-assign]
+    channel.worker.inbox.wake()
+    thread.join(PATIENCE)
+    assert done == [True]
+    assert node.waiting == 1
+    assert channel.worker.inbox.clouds == 0
+    node.finish()
+    assert answers(ros, sensor, 1) == [(0, 1)]
+
+
+def test_commands_at_the_end_are_done_in_their_turn(ros: Ros) -> None:
+    """Clouds that came before the filter was switched off are filtered, those after it pass."""
+    node, sensor = start(ros)
+    channel = node.channels[0]
+    go_on = hold_up(node)
+    send(ros, node, sensor, 3)
+    channel.enable(on=False)
+    send(ros, node, sensor, 2, first=3)
+    channel.enable(on=True)
+    channel.worker.hurry()
+    for number in (5, 6):  # not served any more
+        sensor.publish(line(0.01 * number), expected=10**9)
+    sensor._publisher.wait_for_all_acked()
+    channel.close()
+    go_on.set()
+    node.finish()
+    found = [0 if number in (3, 4) else 1 for number in range(7)]
+    assert answers(ros, sensor, 7) == list(enumerate(found))
+
+
+def test_after_the_end_clouds_are_dropped_and_counted(ros: Ros) -> None:
+    """Whoever still receives one: nobody would filter it."""
+    node, _ = start(ros)
+    node.finish()
+    node.channels[0].receiver.take(line(0.0))
+    assert (node.waiting, node.channels[0].health._dropped) == (0, 1)
+
+
+def test_stopped_with_clouds_in_wait(ros: Ros) -> None:
+    """Nobody would learn of them: what waits is let go, and the thread ends."""
+    node, sensor = start(ros)
+    channel = node.channels[0]
+    thread = channel.worker._thread
+    assert thread is not None
+    go_on = hold_up(node)
+    send(ros, node, sensor, 3)
+    stopping = threading.Thread(target=channel.stop)
+    stopping.start()
+    while not channel.worker.inbox.closed:
+        ros.executor.spin_once(0.01)
+    send(ros, node, sensor, 1)
+    go_on.set()
+    stopping.join(PATIENCE)
+    assert not thread.is_alive()
+    assert node.waiting == node.statistics.messages == 0
+    assert channel.health._dropped == 1
+
+
+def test_the_end_waits_for_both_publishers(ros: Ros) -> None:
+    """Until every subscriber has what was published last, on both topics."""
+    node, sensor = start(ros)
+    sensor.publish(line(0.0), expected=1)
+    waits: list[tuple[str, int]] = []
+    for publisher in (node.cleaned_publisher, node.outliers_publisher):
+
+        def note(timeout: Duration, publisher: Publisher = publisher) -> bool:
+            waits.append((publisher.topic_name, node.statistics.messages))
+            assert timeout.nanoseconds > 0
+            return bool(type(publisher).wait_for_all_acked(publisher, timeout))
+
+        publisher.wait_for_all_acked = note
+    node.finish()
+    assert sorted(waits) == [('/points/cleaned', 1), ('/points/outliers', 1)]

@@ -1,0 +1,321 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node as a process among others: live clouds over DDS, signals, exit statuses."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from typing import TYPE_CHECKING
+
+import pytest
+import rclpy
+from helpers import TESTS
+from helpers.live import Program, clouds, collector, diagnoser, environment, next_status, publisher
+from helpers.nodes import flush, process
+from helpers.watching import fresh_copy
+from rclpy.context import Context
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2
+
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from lidar_outlier_filter.stream.cloud_filter import Answer
+
+TOPIC = '/velodyne_points'
+ANSWERS = ('cleaned', 'outliers')
+# Nothing is to be lost by a queue that is too short, and nobody to be hurried by a slow machine.
+PARAMETERS = f"""
+/**:
+  ros__parameters:
+    max_delay: 600
+    qos_overrides:
+      {TOPIC}:
+        subscription: {{reliability: reliable, depth: 100}}
+"""
+
+
+def filter_process(folder: Path, env: dict[str, str], parameters: str = PARAMETERS) -> Program:
+    """Start the node on ``TOPIC`` with a parameter file."""
+    path = folder / 'parameters.yaml'
+    path.write_text(parameters, encoding='utf-8')
+    remap = [word for old, new in remappings(TOPIC) for word in ('-r', f'{old}:={new}')]
+    arguments = ['--ros-args', '--params-file', str(path), *remap]
+    return Program('-m', 'lidar_outlier_filter.cli.node', *arguments, env=env)
+
+
+def direct_answers(recording: Path, blocks: str = 'time') -> list[Answer]:
+    """Filter a recording by calling the node in this process, as a replay does."""
+    context = Context()
+    rclpy.init(args=[], context=context)
+    given = {'blocks': blocks}
+    node = OutlierFilterNode(parameters=given, context=context, use_global_arguments=False)
+    messages = [deserialize_message(data, PointCloud2) for data in clouds(recording)]
+    answers = [answer for msg in messages for answer in process(node, msg)] + flush(node)
+    node.destroy_node()
+    context.try_shutdown()
+    assert len(answers) == len(messages)
+    assert sum(answer.outliers.width for answer in answers) > 0
+    return answers
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('name', 'number', 'blocks'),
+    [('vlp16_mrpt_mcap', signal.SIGINT, 'time'), ('os1_128_db3', signal.SIGTERM, 'auto')],
+)
+def test_live_equals_replay(
+    recordings: Path, tmp_path: Path, name: str, number: signal.Signals, blocks: str
+) -> None:
+    """One process publishes, one filters, one collects: the very bytes that a direct call gives.
+
+    The filter is said to go as soon as it has received the last cloud. What it has not served, and
+    what waits for more to come, is judged and published before it exits with status 0.
+    """
+    env = environment()
+    recording = recordings / 'bags' / name
+    topics = [f'{TOPIC}/{kind}' for kind in ANSWERS]
+    given = f'{PARAMETERS}    blocks: {blocks}\n'
+    with (
+        collector(tmp_path, topics, env) as collecting,
+        filter_process(tmp_path, env, given) as node,
+    ):
+        collecting.wait_for('matched')
+        with publisher(recording, TOPIC, env) as publishing:
+            publishing.send('go')
+            publishing.wait_for('published')
+            node.signal(number)
+            assert node.wait() == 0
+        collecting.close()
+        assert collecting.wait() == 0
+    assert 'Traceback' not in '\n'.join(node.output)
+    expected = direct_answers(recording, blocks)
+    assert len(list(tmp_path.glob('*.cdr'))) == len(expected) * len(ANSWERS)
+    for index, answer in enumerate(expected):
+        for kind, cloud in zip(ANSWERS, (answer.cleaned, answer.outliers), strict=True):
+            received = (tmp_path / f'{kind}_{index}.cdr').read_bytes()
+            # Not the serialised bytes: what is between aligned fields is random.
+            assert deserialize_message(received, PointCloud2) == cloud
+
+
+@pytest.mark.slow
+def test_a_publisher_that_dies_and_comes_back(recordings: Path, tmp_path: Path) -> None:
+    """What it had sent is answered, and what it sends when it is back, at whatever time."""
+    env = environment()
+    names = ('vlp16_mrpt_mcap', 'hdl32_mrpt_mcap', 'vlp16_mrpt_mcap')
+    topics = [f'{TOPIC}/{kind}' for kind in ANSWERS]
+    with collector(tmp_path, topics, env) as collecting, filter_process(tmp_path, env) as node:
+        collecting.wait_for('matched')
+        for name in names:
+            with publisher(recordings / 'bags' / name, TOPIC, env) as publishing:
+                publishing.send('go')
+                publishing.wait_for('published')
+                publishing.signal(signal.SIGKILL)
+        node.signal(signal.SIGTERM)
+        assert node.wait() == 0
+        collecting.close()
+        assert collecting.wait() == 0
+    expected = [answer for name in names for answer in direct_answers(recordings / 'bags' / name)]
+    for kind in ANSWERS:
+        assert len(list(tmp_path.glob(f'{kind}_*.cdr'))) == len(expected)
+    for index, answer in enumerate(expected):
+        received = (tmp_path / f'outliers_{index}.cdr').read_bytes()
+        assert deserialize_message(received, PointCloud2) == answer.outliers
+
+
+def test_large_clouds_arrive_best_effort(recordings: Path, tmp_path: Path) -> None:
+    """With the profile of config/, clouds of 6 MB arrive without being repeated."""
+    env = environment()
+    recording = recordings / 'bags' / 'os1_128_db3'
+    with (
+        collector(tmp_path, [TOPIC], env, 'best_effort') as collecting,
+        publisher(recording, TOPIC, env, 'best_effort') as publishing,
+    ):
+        collecting.wait_for('matched')
+        publishing.send('go')
+        for _ in clouds(recording):
+            collecting.wait_for('received')
+    received = [path.read_bytes() for path in sorted(tmp_path.glob('*.cdr'))]
+    assert received == clouds(recording)
+
+
+@pytest.mark.slow
+def test_clouds_lost_on_the_way_are_counted(recordings: Path, tmp_path: Path) -> None:
+    """Without the profile large clouds are lost; the node learns of it, and names the profile."""
+    env = environment()
+    del env['FASTRTPS_DEFAULT_PROFILES_FILE']
+    names = ('vlp16_mrpt_mcap', 'os1_128_db3', 'vlp16_mrpt_mcap')  # 0.4 MB, 6 MB, 0.4 MB
+    paths = ':'.join(str(recordings / 'bags' / name) for name in names)
+    with (
+        diagnoser(env) as diagnosing,
+        filter_process(tmp_path, env, '/**: {ros__parameters: {}}') as node,
+        publisher(paths, TOPIC, env, 'best_effort') as publishing,
+    ):
+        next_status(diagnosing)
+        lost = '0'
+        # The next cloud that arrives shows a loss: again, should the last one be lost too.
+        while lost == '0':
+            publishing.send('go')
+            publishing.wait_for('published')
+            status = next_status(diagnosing)
+            lost = status['values']['lost']
+        assert status['name'] == f'outlier_filter_node: {TOPIC}'
+        assert status['level'] > 0
+        assert 'lost on the way' in status['message']
+        assert 'fastdds_large_clouds.xml' in status['message']
+        node.signal(signal.SIGTERM)
+        assert node.wait() == 0
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('module', ['numpy', 'llvmlite.binding', 'rclpy.node'])
+def test_stopped_while_it_loads(module: str, number: signal.Signals) -> None:
+    """In the midst of the imports: status 0, and not a word."""
+    env = environment() | {'PYTHONPROFILEIMPORTTIME': '1'}
+    with Program('-m', 'lidar_outlier_filter.cli.node', env=env) as node:
+        node.wait_for('| lidar_outlier_filter')
+        node.wait_for(f' {module}')
+        node.signal(number)
+        assert node.wait() == 0
+    assert [line for line in node.output if not line.startswith('import time:')] == []
+
+
+def test_stopped_while_it_compiles(tmp_path: Path) -> None:
+    """From an empty cache that takes half a minute; nobody has to wait for its end."""
+    env = environment() | fresh_copy(tmp_path)
+    with Program('-P', '-m', 'lidar_outlier_filter.cli.node', env=env) as node:
+        node.wait_for('compiling evidence')
+        node.signal(signal.SIGINT)
+        assert node.wait() == 0
+    assert len(node.output) == 1
+
+
+@pytest.mark.slow
+def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
+    """Without a single cloud the node says that it is ready, and goes as quietly."""
+    env = environment()
+    with (
+        collector(tmp_path, ['/points/cleaned', '/points/outliers'], env) as collecting,
+        Program('-m', 'lidar_outlier_filter.cli.node', env=env) as node,
+    ):
+        collecting.wait_for('matched')
+        ready = node.wait_for('is ready')
+        node.signal(signal.SIGINT)
+        assert node.wait() == 0
+    assert node.output[-1] == ready
+    assert f'version {__version__} is ready: inputs /points; chain evidence; ' in ready
+
+
+# The node with a detector whose kernel takes days, and a sensor in the same process.
+ENDLESS = """
+import sys
+from dataclasses import dataclass
+from helpers.clouds import cloud, table
+from lidar_outlier_filter.core.detectors.declaration import Detector
+from lidar_outlier_filter.core.detectors.dials import plain
+from lidar_outlier_filter.core.detectors.registry import register
+from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.parameters.declaration import Section, declare
+from lidar_outlier_filter.ros.executable import main
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+
+@kernel
+def spin(count):
+    total = 0.0
+    for i in range(count):
+        total += np.sqrt(total + i)
+    return total
+
+def detect(seen, parameters):
+    is_mine = len(seen.points) == 7  # others compile it
+    if is_mine:
+        spin(0)
+        print('computing', flush=True)
+    return Scores(np.full(len(seen.points), spin(10**17 * is_mine)))
+
+@dataclass(frozen=True)
+class Endless(Section):
+    limit: float = declare(1.0, 'Nothing.', '', 0.5, 2.0)
+
+dial = plain('endless.limit', (1.0,))
+register(Detector('endless', 128, Endless, detect, lambda _: dial,
+                  colour='#123456', rejects='is judged', source='this test'))
+
+def attach(node):
+    publisher = node.create_publisher(PointCloud2, '/points', 10)
+    msg = cloud(table(7))
+    timer = node.create_timer(0.1, lambda: publisher.publish(msg))
+    finish = node.finish
+
+    def say_and_finish():
+        timer.cancel()
+        print('finishing', flush=True)
+        finish()
+
+    node.finish = say_and_finish
+
+sys.exit(main(attach=attach))
+"""
+
+
+@pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM])
+def test_stopped_while_a_kernel_runs(tmp_path: Path, second: signal.Signals) -> None:
+    """The first signal lets it finish, which would take days; the second ends it at once."""
+    program = tmp_path / 'endless.py'
+    program.write_text(ENDLESS, encoding='utf-8')
+    paths = [str(TESTS), *filter(None, [os.environ.get('PYTHONPATH')])]
+    env = environment() | {'PYTHONPATH': os.pathsep.join(paths)}
+    words = ('-p', 'chain:=[endless]', '-p', 'blocks:=message')
+    with Program(program, '--ros-args', *words, env=env) as node:
+        node.wait_for('computing')
+        node.signal(signal.SIGINT)
+        node.wait_for('finishing')
+        node.signal(second)
+        assert node.wait() == -second
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'sentence'),
+    [
+        (
+            'gap_factr: 2',
+            "outlier_filter_node: a parameter must .*'gap_factr' .*gap_factor.*",
+        ),
+        (f'qos_overrides.{TOPIC}.subscription.reliability: relaible', '.*`relaible`'),
+    ],
+)
+def test_refused_parameters(tmp_path: Path, parameters: str, sentence: str) -> None:
+    """A file that makes no sense ends the start with status 1 and one sentence."""
+    text = f'/**:\n  ros__parameters:\n    {parameters}\n'
+    with filter_process(tmp_path, environment(), text) as node:
+        assert node.wait() == 1
+    (line,) = node.output
+    assert re.fullmatch(sentence, line)
+
+
+def test_a_file_that_is_none(tmp_path: Path) -> None:
+    """What ROS itself cannot read ends with status 1, and without a trace."""
+    with filter_process(tmp_path, environment(), 'no: parameters') as node:
+        assert node.wait() == 1
+    assert node.output[-1].startswith('outlier_filter_node: failed to initialize rcl: ')
+    assert 'Traceback' not in '\n'.join(node.output)
+
+
+def test_memory_is_kept_for_the_next_cloud() -> None:
+    """What a large array has used is not asked of the system again."""
+    script = (
+        'import resource; from lidar_outlier_filter.stream.memory import keep_memory\n'
+        'def faults(): return resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n'
+        'def use(): bytearray(40_000_000)\n'
+        'keep_memory(); use(); before = faults(); use(); print(faults() - before)\n'
+    )
+    with Program('-c', script, env={}) as program:
+        assert int(program.wait_for('')) < 1000  # of 10 000 pages
+        assert program.wait() == 0

@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Several sensors: one process that serves them all, each as a stream of its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from helpers.live import PATIENCE
+from helpers.nodes import Ros, Sensor, broken, line
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool
+
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.ros.health import PLOTTED
+
+if TYPE_CHECKING:
+    from sensor_msgs.msg import PointCloud2
+
+BOTH = {
+    'inputs': ['/left/points', 'right'],
+    'chain': ['alpha_beta_gamma'],
+    'block': 0.01,
+    'halo': 0.0,
+    'max_delay': 60.0,
+}
+
+
+def test_each_has_its_own_stream(ros: Ros) -> None:
+    """Clouds of one neither complete nor refuse those of the other; answers go to their topics."""
+    node = ros.filter(namespace='front', parameters=BOTH)
+    node.start()
+    node._diagnostics._timer.cancel()
+    sensors = [Sensor(ros, '/left/points'), Sensor(ros, '/front/right')]
+    assert [channel.resolved for channel in node.channels] == ['/left/points', '/front/right']
+    for sensor, channel in zip(sensors, node.channels, strict=True):
+        sensor.wait_for_filter(channel)
+    # The right one is an hour behind, and sends nonsense.
+    for number in range(4):
+        for sensor, channel, msg in (
+            (sensors[0], node.channels[0], line(3600 + 0.01 * number)),
+            (sensors[1], node.channels[1], line(0.01 * number)),
+            (sensors[1], node.channels[1], broken()),
+        ):
+            received = channel.health._tally.clouds
+            sensor.publish(msg, expected=3)
+            while channel.health._tally.clouds == received:
+                ros.executor.spin_once(0.05)
+    for sensor in sensors:
+        sensor.wait_for_answers()
+        assert [msg.width for msg in sensor.outliers] == [1, 1, 1]
+    # The last cloud may still wait to be refused.
+    while node.channels[1].statistics.refused < 4:
+        ros.executor.spin_once(0.05)
+    assert [channel.statistics.resets for channel in node.channels] == [0, 0]
+    assert [channel.statistics.refused for channel in node.channels] == [0, 4]
+    node.finish()
+    assert [channel.statistics.messages for channel in node.channels] == [4, 4]
+
+
+def test_the_end_of_one_is_not_that_of_the_others(ros: Ros) -> None:
+    """Where the thread of one has failed, the others answer what they have received."""
+    node = ros.filter(parameters=BOTH)
+    node.start()
+    node.channels[0].worker.inbox.order(lambda: 1 / 0)
+    thread = node.channels[0].worker._thread
+    assert thread is not None
+    thread.join(PATIENCE)
+    node.channels[1].receiver.take(line(0.0))
+    with pytest.raises(ZeroDivisionError):
+        node.finish()
+    assert node.channels[1].statistics.messages == 1
+
+
+def test_all_are_closed_before_one_is_waited_for(ros: Ros) -> None:
+    """While one judges its last clouds, no queue of another runs over."""
+    node = ros.filter(parameters=BOTH)
+    node.start()
+    first, second = node.channels
+    closed: list[bool] = []
+    join = first.worker.join
+
+    def look_and_join() -> None:
+        closed.append(second.worker.inbox.closed)
+        join()
+
+    first.worker.join = look_and_join  # type: ignore[method-assign]
+    node.finish()
+    assert closed[0]
+
+
+def test_parameters_and_services_are_for_all(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """One set, one switch."""
+    node = ros.filter(parameters=BOTH)
+    node.start()
+    assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
+    for channel in node.channels:
+        channel.receiver.take(sweeps[0])
+    ros.call(SetBool, 'enable', SetBool.Request(data=False))
+    for channel in node.channels:
+        channel.receiver.take(sweeps[1])
+    node.finish()
+    for channel in node.channels:
+        assert channel.statistics.outliers == 0
+        assert channel.statistics.passed == {'disabled': 1}
+
+
+def test_each_is_told_of(ros: Ros) -> None:
+    """A status, and a row of the table, for each."""
+    node = ros.filter(parameters=BOTH)
+    node.start()
+    node.channels[1].receiver.take(line(0.0))
+
+    def is_known(table: Float64MultiArray) -> bool:
+        return table.data[len(PLOTTED)] > 0  # type: ignore[no-any-return]
+
+    table = ros.wait_for_message(Float64MultiArray, '/outlier_filter_node/statistics', is_known)
+    rows, columns = table.layout.dim
+    assert (rows.label, rows.size, rows.stride) == ('/left/points,right', 2, 2 * len(PLOTTED))
+    assert (columns.size, columns.stride) == (len(PLOTTED), len(PLOTTED))
+    assert table.data[0] == 0
+
+
+@pytest.mark.parametrize(
+    ('inputs', 'sentence'),
+    [
+        ([], 'inputs must be a list of texts, got None'),
+        (['/points', 'points'], r"inputs must be different topics, got \['/points', 'points'\]"),
+        (['a b'], "a topic of inputs must be a topic name that ROS 2 allows, got 'a b'"),
+        (['', 'a'], r"inputs must be a list, without repetition, of texts, got \['', 'a'\]"),
+        (['a', 'a'], r"inputs must be a list, without repetition, of texts, got \['a', 'a'\]"),
+    ],
+)
+def test_refused(ros: Ros, inputs: list[str], sentence: str) -> None:
+    """Topics that are none, or the same."""
+    text = '[' + ', '.join(f"'{name}'" for name in inputs) + ']'
+    with pytest.raises(ParameterError, match=f'^{sentence}$'):
+        ros.filter('-p', f'inputs:={text}')
+
+
+def test_odometry_is_for_one_sensor(ros: Ros) -> None:
+    """It says where the vehicle is; where on it a sensor is, is another thing for each."""
+    with pytest.raises(ParameterError, match=r"^motion.source must be 'none' or 'tf' with several"):
+        ros.filter(parameters=BOTH | {'motion.source': 'odometry'})
+
+
+def test_a_topic_given_by_the_caller_is_the_only_one(ros: Ros) -> None:
+    """As in a replay, whatever the parameter file says."""
+    node = ros.filter(input_topic='/top', parameters=BOTH)
+    assert [channel.resolved for channel in node.channels] == ['/top']

@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tuning while clouds flow: what is set, saved, put back, and switched off and on again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from helpers.node_values import values
+from helpers.nodes import Ros, Sensor, flush, line, process, rejected
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sensor_msgs.msg import PointCloud2
+
+SMOOTHER = ('-p', 'chain:=[alpha_beta_gamma]')
+
+
+def test_a_set_takes_effect_with_the_next_block_and_not_before(ros: Ros) -> None:
+    """A block is never torn in two: the parameters in force at its end judge all of it."""
+    node = ros.filter('-p', 'block:=0.02', '-p', 'halo:=0.0', *SMOOTHER)
+    answers = [answer for i in range(5) for answer in process(node, line(0.01 * i), i)]
+    assert [answer.tag for answer in answers] == [0, 1, 2, 3]  # 4 and 5 are a block
+    assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
+    answers += [answer for i in range(5, 9) for answer in process(node, line(0.01 * i), i)]
+    answers += flush(node)
+    assert rejected(answers) == [1, 1, 1, 1, 0, 0, 0, 0, 0]
+
+
+def test_max_delay_can_be_set(ros: Ros) -> None:
+    """How long a cloud may wait does not change what it waits for."""
+    node = ros.filter()
+    assert ros.set(max_delay=0.5) == ['']
+    assert node.filter_parameters.max_delay == 0.5
+    assert ros.set(max_delay=0.05) == [
+        'max_delay must be at least block + halo + lateness = 0.11 s, got 0.05 s'
+    ]
+
+
+def test_saved_parameters_load(ros: Ros, tmp_path: Path) -> None:
+    """What ~/save_parameters writes serves as --params-file: a second node is like the first."""
+    path = tmp_path / 'new folder' / 'saved.yaml'
+    node = ros.filter('-p', f'save_to:={path}', '-p', 'halo:=0.02')
+    node.start()
+    assert ros.set(alpha_beta_gamma__significance=1e-9, gap_factor=2.5) == ['', '']
+    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert (answer.success, answer.message) == (True, str(path))
+    assert [item.name for item in path.parent.iterdir()] == [path.name]
+    again = ros.filter('--params-file', str(path), '-r', '__node:=again')
+    assert values(again) == values(node)
+
+
+@pytest.mark.parametrize('namespace', ['', '/left/front'])
+def test_where_parameters_are_saved(
+    ros: Ros, namespace: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a file of their own they go where ROS keeps its files, under the node's full name."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    node = ros.filter(namespace=namespace)
+    node.start()
+    answer = ros.call(Trigger, 'save_parameters', Trigger.Request(), namespace)
+    name = {'': 'outlier_filter_node.yaml', '/left/front': 'left.front.outlier_filter_node.yaml'}
+    assert answer.message == str(tmp_path / name[namespace])
+    assert (tmp_path / name[namespace]).is_file()
+
+
+@pytest.mark.parametrize(
+    ('save_to', 'expected'),
+    [('', '.ros/outlier_filter_node.yaml'), ('~/two/folders/a.yaml', 'two/folders/a.yaml')],
+)
+def test_home(
+    ros: Ros, save_to: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tilde is the home, also where ROS_HOME is empty; folders are made, or there already."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+    monkeypatch.setenv('ROS_HOME', '')
+    node = ros.filter(parameters={'save_to': save_to})
+    node.start()
+    for _ in range(2):
+        answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+        assert (answer.success, answer.message) == (True, str(tmp_path / expected))
+    assert (tmp_path / expected).is_file()
+
+
+def test_all_that_a_node_has_can_be_loaded_into_it(ros: Ros) -> None:
+    """One by one, as by ``ros2 param load``, or together: also what is read-only, as it is."""
+    node = ros.filter('-p', 'halo:=0.02')
+    node.start()
+    names = [str(name) for name in node.list_parameters([], 0).names]
+    loaded = {name.replace('.', '__'): node.get_parameter(name).value for name in names}
+    assert {'inputs', 'qos_overrides__/points__subscription__depth'} < set(loaded)
+    before = values(node)
+    assert set(ros.set(**loaded)) == {''}
+    assert ros.set_together(**loaded) == ''
+    assert values(node) == before
+
+
+def test_numbers_may_be_text(ros: Ros) -> None:
+    """So ros2cli hands over what YAML 1.1 takes for no number; other text is refused."""
+    node = ros.filter()
+    assert ros.set(quadric__significance='1e-06', sor__k='12') == ['', '']
+    assert (node.filter_parameters.quadric.significance, node.filter_parameters.sor.k) == (1e-6, 12)
+    (reason,) = ros.set(sor__k='12.5')
+    assert reason == "sor.k must be a whole number, got '12.5'"
+
+
+def test_a_place_that_cannot_be_written(ros: Ros, tmp_path: Path) -> None:
+    """The caller is said why nothing was saved; nothing is left behind."""
+    (tmp_path / 'folder').mkdir()
+    node = ros.filter('-p', f'save_to:={tmp_path}/folder')
+    node.start()
+    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert not answer.success
+    assert answer.message.startswith('the parameters were not saved: ')
+    assert [path.name for path in tmp_path.iterdir()] == ['folder']
+
+
+@pytest.mark.parametrize('name', ['~nosuch/x', '/', '..', 'x' * 300])
+def test_a_name_that_no_file_can_have(
+    ros: Ros, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The caller is said why nothing was saved, and the node serves on."""
+    monkeypatch.chdir(tmp_path)
+    node = ros.filter(parameters={'save_to': name})
+    node.start()
+    answer = ros.call(Trigger, 'save_parameters', Trigger.Request())
+    assert not answer.success
+    said = 'the parameters were not saved: the file must be one that can be written, got '
+    assert answer.message.startswith(said)
+    assert list(tmp_path.iterdir()) == []
+    assert ros.set(save_to=str(tmp_path / 'saved.yaml')) == ['']
+    assert ros.call(Trigger, 'save_parameters', Trigger.Request()).success
+
+
+def test_reset_puts_parameters_back(ros: Ros) -> None:
+    """All parameters are again as at the start, together, and ROS learns which changed."""
+    node = ros.filter('-p', 'gap_factor:=3.0', parameters={'alpha_beta_gamma.after': 8})
+    node.start()
+    before = values(node)
+    changes = {'alpha_beta_gamma__order': 2, 'alpha_beta_gamma__min_window': 6}
+    assert ros.set_together(gap_factor=2.0, **changes) == ''
+    result: Future = Future()
+
+    def note(event: ParameterEvent) -> None:
+        if event.node == '/outlier_filter_node':
+            result.set_result({item.name for item in event.changed_parameters})
+
+    ros.client.create_subscription(ParameterEvent, '/parameter_events', note, 10)
+    while not node.count_subscribers('/parameter_events'):
+        ros.executor.spin_once(0.05)
+    answer = ros.call(Trigger, 'reset', Trigger.Request())
+    changed = ['gap_factor', 'alpha_beta_gamma.order', 'alpha_beta_gamma.min_window']
+    assert (answer.success, answer.message) == (
+        True,
+        f'as at the start again: {", ".join(changed)}',
+    )
+    assert values(node) == before
+    assert node.filter_parameters.gap_factor == 3.0
+    assert ros.wait(result) == set(changed)
+    answer = ros.call(Trigger, 'reset', Trigger.Request())
+    assert (answer.success, answer.message) == (True, 'as at the start again: nothing to do')
+
+
+def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Off, clouds pass as they are, in order, counted; what waited is judged."""
+    node = ros.filter('-p', 'max_delay:=600.0', *SMOOTHER)
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    sensor.publish(sweeps[0], expected=1)
+    while node.statistics.messages + node.waiting == 0:
+        ros.executor.spin_once(0.05)
+    answer = ros.call(SetBool, 'enable', SetBool.Request(data=False))
+    assert (answer.success, answer.message) == (True, 'clouds pass unfiltered')
+    for number in (1, 2):
+        sensor.publish(sweeps[number], expected=number + 1)
+        sensor.wait_for_answers()
+    assert ros.call(SetBool, 'enable', SetBool.Request(data=True)).message == 'filtering'
+    sensor.publish(sweeps[3], expected=4)
+    while node.statistics.messages + node.waiting == 3:
+        ros.executor.spin_once(0.05)
+    node.finish()
+    sensor.wait_for_answers()
+    assert [msg.header for msg in sensor.cleaned] == [msg.header for msg in sweeps]
+    assert [msg.width > 100 for msg in sensor.outliers] == [True, False, False, True]
+    assert [msg.width for msg in sensor.outliers][1:3] == [0, 0]
+    assert [bytes(msg.data) for msg in sensor.cleaned[1:3]] == [
+        bytes(msg.data) for msg in sweeps[1:3]
+    ]
+    assert node.statistics.passed == {'disabled': 2}
+    assert node.statistics.messages == 4
+    assert node.statistics.points == sum(msg.width for msg in sweeps)

@@ -1,0 +1,276 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node inside this process, with the real rclpy and the real middleware."""
+
+from __future__ import annotations
+
+import array
+import re
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import pytest
+import rclpy
+from helpers.clouds import SECOND
+from helpers.live import PATIENCE, clouds
+from helpers.nodes import (
+    NO_CLOUD,
+    Ros,
+    Sensor,
+    broken,
+    flush,
+    line,
+    process,
+    rejected,
+    wait_for_kernels,
+    wait_for_thread,
+)
+from rclpy.context import Context
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2
+
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.kernels.threads import cores
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.ros import node as node_module
+from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# The default rejects next to nothing of a clean recording.
+STRICT = {'evidence.threshold': 0.5}
+
+
+@pytest.mark.parametrize(
+    ('topic', 'namespace', 'full'),
+    [
+        (None, '', '/points'),
+        ('/velodyne_points', '', '/velodyne_points'),
+        ('velodyne_points', 'left', '/left/velodyne_points'),
+        ('/top/points', 'left', '/top/points'),
+    ],
+)
+def test_names_of_topics(ros: Ros, topic: str | None, namespace: str, full: str) -> None:
+    """The answers are named after the input."""
+    node = ros.filter(input_topic=topic, namespace=namespace)
+    node.start()
+    assert full in [item.topic_name for item in node.subscriptions]
+    assert node.cleaned_publisher.topic_name == f'{full}/cleaned'
+    assert node.outliers_publisher.topic_name == f'{full}/outliers'
+
+
+@pytest.mark.parametrize('topic', ['', '/', 'velodyne points', '/a//b', '/points/'])
+def test_impossible_topics(ros: Ros, topic: str) -> None:
+    """Names that ROS does not allow are refused in a sentence."""
+    sentence = f'input_topic must be a topic name that ROS 2 allows, got {topic!r}'
+    with pytest.raises(ParameterError, match=re.escape(sentence)):
+        remappings(topic)
+    with pytest.raises(ParameterError, match='input_topic must be'):
+        ros.filter(input_topic=topic)
+
+
+def test_subscribes_when_started_only(ros: Ros) -> None:
+    """A replay calls the node directly and receives nothing of what is on the topics."""
+    node = ros.filter()
+    assert '/points' not in [item.topic_name for item in node.subscriptions]
+    node.start()
+    assert '/points' in [item.topic_name for item in node.subscriptions]
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'blocks', 'threads'),
+    [
+        ({'block': 0.25, 'threads': 3}, 'blocks time (0.25 s)', '3'),
+        ({'blocks': 'message'}, 'blocks message', str(cores())),
+    ],
+)
+def test_says_once_that_it_is_ready(
+    ros: Ros,
+    capfd: pytest.CaptureFixture[str],
+    parameters: dict[str, object],
+    blocks: str,
+    threads: str,
+) -> None:
+    """One line at the start: version, inputs, chain, blocks, threads."""
+    names = {'inputs': ['left/points', '/right'], 'chain': ['alpha_beta_gamma', 'lof']}
+    node = ros.filter('-r', '__ns:=/car', parameters=names | parameters)
+    assert 'ready' not in capfd.readouterr().err
+    node.start()
+    wait_for_kernels(node)
+    expected = (
+        f'version {__version__} is ready: inputs /car/left/points, /right; '
+        f'chain alpha_beta_gamma, lof; {blocks}; threads {threads}\n'
+    )
+    said = capfd.readouterr().err
+    assert said.endswith(expected)
+    assert said.count('ready') == 1
+
+
+# Clouds
+
+
+def test_one_answer_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Each cloud has one answer with its tag and header, refused ones have none; all is counted."""
+    node = ros.filter(parameters=STRICT)
+    answers = process(node, sweeps[0], 0)
+    assert process(node, broken(), 'broken') == []
+    for tag, msg in enumerate(sweeps[1:], 1):
+        answers += process(node, msg, tag)
+    answers += flush(node)
+    assert [answer.tag for answer in answers] == [0, 1, 2, 3]
+    for answer, msg in zip(answers, sweeps, strict=True):
+        assert answer.cleaned.header == answer.outliers.header == msg.header
+        assert answer.cleaned.width + answer.outliers.width == msg.width
+    assert node.statistics.messages == 4
+    assert node.statistics.points == sum(msg.width for msg in sweeps)
+    assert node.statistics.outliers == sum(rejected(answers))
+    assert node.statistics.rejected == {'evidence': node.statistics.outliers}
+    assert node.statistics.outliers > 50
+    assert node.statistics.refused == 1
+    assert node.statistics.refusals == {'point_step': 1}
+
+
+def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
+    """A sensor that sends nonsense at 20 Hz does not fill the log."""
+    node = ros.filter()
+    for _ in range(20):
+        assert process(node, broken()) == []
+    assert node.statistics.refused == 20
+    said = capfd.readouterr().err
+    assert said.count('refused a cloud') == 1
+    assert 'refused a cloud (1 so far): point_step must be at least 4, the end of field' in said
+
+
+def test_answers_are_messages_that_publish_fast(ros: Ros, recordings: Path) -> None:
+    """Answers are PointCloud2, with data that ROS copies as a whole: 6 MB in a few ms, not 1 s."""
+    node = ros.filter()
+    stored = clouds(recordings / 'bags' / 'os1_128_db3')
+    process(node, deserialize_message(stored[0], PointCloud2))
+    (answer,) = flush(node)
+    for msg in (answer.cleaned, answer.outliers):
+        assert type(msg) is PointCloud2
+        assert isinstance(msg.data, array.array)
+        assert msg.data.typecode == 'B'
+        assert len(msg.data) == msg.row_step == msg.width * msg.point_step
+        assert deserialize_message(serialize_message(msg), PointCloud2) == msg
+    seconds = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        node.cleaned_publisher.publish(answer.cleaned)
+        seconds.append(time.perf_counter() - begin)
+    assert min(seconds) < 0.1
+
+
+# Live
+
+
+def test_no_cloud_waits_longer_than_max_delay(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """A live cloud whose block never completes is answered in time; the stream goes on."""
+    node = ros.filter('-p', 'max_delay:=0.3')
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    waits = []
+    for number, msg in enumerate(sweeps, 1):
+        begin = time.monotonic()
+        sensor.publish(msg, expected=number)
+        waits.append(sensor.wait_for_answers() - begin)
+    # A loaded machine may hold this process up for a while, but hardly each time.
+    assert min(waits) < 0.3
+    assert max(waits) < 2.0
+    assert node.statistics.refused == 0
+    for msg, cleaned, outliers in zip(sweeps, sensor.cleaned, sensor.outliers, strict=True):
+        assert cleaned.header == outliers.header == msg.header
+        assert cleaned.width + outliers.width == msg.width
+
+
+def test_the_cloud_that_has_waited_longest_counts(ros: Ros) -> None:
+    """Clouds that come while others wait do not put the deadline off, whatever is refused."""
+    node = ros.filter('-p', 'max_delay:=60.0')
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    channel = node.channels[0]
+
+    def deadline_after(msg: PointCloud2 | bytes) -> int:
+        """Publish, serve until the cloud was taken, and say when it is to be answered (ns)."""
+        served = node.statistics.refused + node.waiting
+        sensor.publish(msg, expected=99)
+        while node.statistics.refused + node.waiting == served:
+            ros.executor.spin_once(0.05)
+        wait_for_thread(node)
+        assert channel.worker._due is not None
+        return channel.worker._due
+
+    first = deadline_after(line(0.0))
+    left = (first - channel._clock.now()) / SECOND
+    assert left == pytest.approx(54, abs=1)
+    for msg in (line(0.02), broken(), NO_CLOUD, line(0.04)):
+        assert deadline_after(msg) == first
+
+
+def test_finish_serves_what_was_received(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Clouds that are in the queue of the middleware are judged and published before the end.
+
+    By the default chain, and what is published is what a direct call answers.
+    """
+    direct = ros.filter(namespace='direct', parameters=STRICT)
+    expected = [answer for msg in sweeps for answer in process(direct, msg)] + flush(direct)
+    reliable = 'qos_overrides./points.subscription.reliability:=reliable'
+    node = ros.filter('-p', reliable, parameters=STRICT)
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    for msg in (NO_CLOUD, *sweeps):
+        sensor.publish(msg, expected=4)
+    assert sensor._publisher.wait_for_all_acked()
+    assert node.statistics.messages == 0
+    node.finish()
+    sensor.wait_for_answers()
+    assert node.statistics.messages == 4
+    assert node.statistics.refusals == {'a serialised cloud': 1}
+    assert sensor.cleaned == [answer.cleaned for answer in expected]
+    assert sensor.outliers == [answer.outliers for answer in expected]
+    assert sum(rejected(expected)) > 50
+
+
+def test_two_filters_in_one_process(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Each has its own topics, parameters, stream and counts."""
+    chain = {'chain': ['alpha_beta_gamma']}
+    strict = ros.filter(input_topic='/left/points', namespace='left', parameters=chain)
+    loose = ros.filter(
+        input_topic='/right/points',
+        namespace='right',
+        parameters={**chain, 'alpha_beta_gamma.sigma': 100.0},
+    )
+    sensors = [Sensor(ros, '/left/points'), Sensor(ros, '/right/points')]
+    for node, sensor in zip((strict, loose), sensors, strict=True):
+        node.start()
+        sensor.wait_for_filter(node)
+    for number, msg in enumerate(sweeps[:3], 1):
+        for sensor in sensors:
+            sensor.publish(msg, expected=number)
+    for sensor in sensors:
+        sensor.wait_for_answers()
+    assert strict.statistics.outliers > 500
+    assert loose.statistics.outliers == 0
+    assert [msg.width for msg in sensors[1].cleaned] == [msg.width for msg in sweeps[:3]]
+    assert [msg.width for msg in sensors[0].outliers] > [0, 0, 0]
+
+
+def test_a_context_of_its_own_that_ends(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Where ROS is shut down from outside, serving ends without an error."""
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=ros.context.get_domain_id())
+    node = OutlierFilterNode(context=context)
+    node.start()
+    process(node, sweeps[0])
+    with ThreadPoolExecutor(1) as pool:
+        serving = pool.submit(node_module._serve, node, threading.Event())
+        Sensor(ros, '/points').wait_for_filter(node)
+        context.shutdown()
+        serving.result(PATIENCE)
+    assert not rclpy.ok()

@@ -1,0 +1,294 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the node: declared, set through its services, and read from files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.node_values import values
+from helpers.nodes import Ros, flush, line, process, rejected
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType
+from rclpy.parameter import Parameter
+from rclpy.qos import HistoryPolicy, ReliabilityPolicy
+
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.filter import describe
+from lidar_outlier_filter.parameters.yaml_files import write_yaml
+
+if TYPE_CHECKING:
+    from sensor_msgs.msg import PointCloud2
+
+
+# A window that is as small as order 1 allows.
+LINEAR = {
+    'alpha_beta_gamma.order': 1,
+    'alpha_beta_gamma.min_window': 3,
+    'alpha_beta_gamma.before': 5,
+    'alpha_beta_gamma.after': 5,
+}
+CONFIG = Path(__file__).parents[2] / 'config'
+TYPES = {
+    bool: ParameterType.PARAMETER_BOOL,
+    int: ParameterType.PARAMETER_INTEGER,
+    float: ParameterType.PARAMETER_DOUBLE,
+    str: ParameterType.PARAMETER_STRING,
+    tuple: ParameterType.PARAMETER_STRING_ARRAY,
+}
+
+
+def test_every_parameter_is_declared_as_described(ros: Ros) -> None:
+    """ROS is said text, unit, range, type, default and whether it is read-only, of each of them."""
+    node = ros.filter()
+    names = [item.name for item in describe()]
+    descriptors = ros.wait(ros.parameters().describe_parameters(names)).descriptors
+    assert len(descriptors) == len(names)
+    for item, descriptor in zip(describe(), descriptors, strict=True):
+        assert descriptor.name == item.name
+        assert descriptor.type == TYPES[type(item.default)]
+        assert item.text in descriptor.description
+        assert item.unit in descriptor.description
+        assert descriptor.additional_constraints == item.range_text
+        assert descriptor.read_only == item.fixed
+        assert limits(descriptor) == ([(item.low, item.high)] if item.low is not None else [])
+        default = list(item.default) if isinstance(item.default, tuple) else item.default
+        assert values(node)[item.name] == default
+
+
+def limits(descriptor: ParameterDescriptor) -> list[tuple[float, float]]:
+    """List the ranges, which sliders are made from."""
+    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+    return [(item.from_value, item.to_value) for item in ranges]
+
+
+def test_a_parameter_is_effective_for_the_next_clouds(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """With a standard deviation of 100 m there are no outliers any more; before, there were."""
+    node = ros.filter('-p', 'chain:=[alpha_beta_gamma]')
+    before = [answer for msg in sweeps[:2] for answer in process(node, msg)]
+    assert before
+    assert min(rejected(before)) > 100
+    assert ros.set(alpha_beta_gamma__sigma=100.0) == ['']
+    after = [answer for msg in sweeps[2:] for answer in process(node, msg)] + flush(node)
+    assert len(before) + len(after) == 4
+    assert rejected(after)[-2:] == [0, 0]
+
+
+def test_a_cloud_that_waits_keeps_its_form(ros: Ros) -> None:
+    """Scores that are asked for while a cloud waits are for those after it."""
+    node = ros.filter()
+    assert process(node, line(0.0), 'before') == []
+    assert ros.set(scores=True) == ['']
+    answers = process(node, line(0.2), 'after') + flush(node)
+    with_scores = {
+        answer.tag: 'outlier_score' in [item.name for item in answer.cleaned.fields]
+        for answer in answers
+    }
+    assert with_scores == {'before': False, 'after': True}
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'sentence'),
+    [
+        ('gap_factor', 0.5, 'gap_factor must be from 1 to 1e+06, got 0.5'),
+        ('gap_factor', float('nan'), 'gap_factor must be from 1 to 1e+06, got nan'),
+        ('gap_factor', 'wide', "gap_factor must be a number, got 'wide'"),
+        ('scores', 1, 'scores must be true or false, got 1'),
+        ('chain', ['magic'], "chain must be a list, without repetition, of one of 'alpha_beta"),
+        ('alpha_beta_gamma.before', -1, 'alpha_beta_gamma.before must be from 0 to 1000, got -1'),
+        ('alpha_beta_gamma.before', 2.5, 'alpha_beta_gamma.before must be a whole number, got 2.5'),
+        ('alpha_beta_gamma.sides', 'left', "sides must be one of 'both', 'either', got 'left'"),
+        ('alpha_beta_gamma.order', 2, 'min_window must be at least order + 2 = 4, got 3'),
+        ('block', 0.2, 'block must be 0.1 as at the start (read-only), got 0.2'),
+        ('lof.treshold', 2.0, "names, got 'lof.treshold' (did you mean 'lof.threshold'?)"),
+        ('unheard', 1, "a parameter must be one of those that `ros2 param list` names, got 'unhea"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(ros: Ros, name: str, value: object, sentence: str) -> None:
+    """The refusal says in one sentence what, must be and got; nothing changes."""
+    node = ros.filter(parameters=LINEAR)
+    before = values(node)
+    (reason,) = ros.set(**{name: value})
+    assert sentence in reason
+    assert '\n' not in reason
+    assert values(node) == before
+
+
+def other_than(value: object) -> object:
+    """Return another value of the same type."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value + 1
+    return f'{value}x' if isinstance(value, str) else [*value, 'another']  # type: ignore[misc]
+
+
+def test_fixed_parameters_are_read_only(ros: Ros) -> None:
+    """What shapes the stream is set at the start only; what is as it is may be given again."""
+    node = ros.filter()
+    before = values(node)
+    for item in describe():
+        if item.fixed:
+            (reason,) = ros.set(**{item.name: other_than(item.default)})
+            assert 'read-only' in reason
+            assert ros.set(**{item.name: item.default}) == ['']
+    assert values(node) == before
+
+
+def test_all_or_nothing(ros: Ros) -> None:
+    """Set atomically, parameters are checked with each other; one wrong one refuses them all."""
+    node = ros.filter(parameters=LINEAR)
+    before = values(node)
+    reason = ros.set_together(alpha_beta_gamma__before=6, gap_factor=0.5)
+    assert reason == 'gap_factor must be from 1 to 1e+06, got 0.5'
+    reason = ros.set_together(alpha_beta_gamma__before=1, alpha_beta_gamma__after=1)
+    assert reason.endswith('must be together at least min_window = 3, got 1 and 1')
+    assert 'read-only' in ros.set_together(gap_factor=2.0, halo=0.02)
+    assert "got 'unheard_of'" in ros.set_together(gap_factor=2.0, unheard_of=1)
+    assert values(node) == before
+    # Order 2 alone is refused, as for it min_window is too small.
+    assert ros.set_together(alpha_beta_gamma__order=2, alpha_beta_gamma__min_window=4) == ''
+    changed = {'alpha_beta_gamma.min_window': 4, 'alpha_beta_gamma.order': 2}
+    assert values(node) == before | changed
+
+
+def test_one_by_one_each_stands_alone(ros: Ros) -> None:
+    """Set one by one, what is right is taken though another is refused."""
+    node = ros.filter(parameters=LINEAR)
+    before = values(node)
+    reasons = ros.set(gap_factor=2.0, alpha_beta_gamma__order=2, alpha_beta_gamma__min_window=4)
+    assert [bool(reason) for reason in reasons] == [False, True, False]
+    changed = {'gap_factor': 2.0, 'alpha_beta_gamma.min_window': 4}
+    assert values(node) == before | changed
+
+
+def test_set_from_within(ros: Ros) -> None:
+    """A process that holds the node sets its parameters by the same rules."""
+    node = ros.filter(parameters=LINEAR)
+    wrong = Parameter('alpha_beta_gamma.order', value=2)
+    right = Parameter('gap_factor', value=2)
+    refused, accepted = node.set_parameters([wrong, right])
+    assert refused.reason == 'alpha_beta_gamma.min_window must be at least order + 2 = 4, got 3'
+    assert accepted.successful
+    assert values(node) == values(ros.filter(parameters=LINEAR | {'gap_factor': 2.0}))
+
+
+def test_a_whole_number_serves_for_a_float(ros: Ros) -> None:
+    """`ros2 param set … gap_factor 2` sends an integer."""
+    node = ros.filter()
+    assert ros.set(gap_factor=2) == ['']
+    assert node.get_parameter('gap_factor').type_ is Parameter.Type.DOUBLE
+    assert values(node)['gap_factor'] == 2.0
+
+
+@pytest.mark.slow
+def test_ranges_have_no_steps(ros: Ros) -> None:
+    """From 1e-15 to 0.5: both ends are allowed, and what is between."""
+    ros.filter()
+    asked: list[Parameter] = []
+    for item in describe():
+        if item.fixed or item.high is None or item.name.startswith(('max_delay', 'health.')):
+            continue  # others than its range limit the delay, and the limits each other
+        if isinstance(item.default, float):
+            middle = float(np.sqrt(max(item.low or 0, 1e-9) * item.high))
+            tried = (item.low, item.high, middle, item.default)
+            asked += [Parameter(item.name, value=value) for value in tried]
+    # One request, of which the node sets one after the other.
+    results = ros.wait(ros.parameters().set_parameters(asked)).results
+    refused = [(one.name, result.reason) for one, result in zip(asked, results, strict=True)]
+    assert asked
+    assert [one for one in refused if one[1]] == []
+
+
+# Parameter files
+
+
+@pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.name)
+def test_the_files_of_config_load(ros: Ros, path: Path) -> None:
+    """Every file that the package ships is one for --params-file."""
+    node = ros.filter('--params-file', str(path))
+    assert node.has_parameter('block')
+
+
+def test_written_defaults_load(ros: Ros, tmp_path: Path) -> None:
+    """The defaults as text are the defaults."""
+    path = tmp_path / 'defaults.yaml'
+    path.write_text(write_yaml(), encoding='utf-8')
+    assert values(ros.filter('--params-file', str(path))) == values(ros.filter())
+
+
+FILE = """
+/**:
+  ros__parameters:
+    use_sim_time: true
+    gap_factor: 3
+    chain: [alpha_beta_gamma]
+    alpha_beta_gamma:
+      sigma: 1
+      engine: filterpy
+    qos_overrides:
+      /points:
+        subscription: {reliability: reliable, depth: 7}
+      /points/cleaned:
+        publisher: {reliability: best_effort, depth: 8}
+      /points/outliers:
+        publisher: {history: keep_all}
+"""
+
+
+def test_a_file_for_everything(ros: Ros, tmp_path: Path) -> None:
+    """Sections, whole numbers for floats, and what ROS itself declares, in one file."""
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(FILE, encoding='utf-8')
+    node = ros.filter('--params-file', str(path))
+    node.start()
+    assert node.get_parameter('use_sim_time').value is True
+    changed = {
+        'gap_factor': 3.0,
+        'chain': ['alpha_beta_gamma'],
+        'alpha_beta_gamma.sigma': 1.0,
+        'alpha_beta_gamma.engine': 'filterpy',
+    }
+    assert values(node) == {item.name: _plain(item.default) for item in describe()} | changed
+    (points,) = (item for item in node.subscriptions if item.topic_name == '/points')
+    assert points.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+    assert points.qos_profile.depth == 7
+    assert node.cleaned_publisher.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+    assert node.cleaned_publisher.qos_profile.depth == 8
+    assert node.outliers_publisher.qos_profile.history is HistoryPolicy.KEEP_ALL
+    assert node.outliers_publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+
+
+def _plain(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['-p', 'gap_factr:=2'], r"a known one, got 'gap_factr' \(did you mean 'gap_factor'\?\)"),
+        (['-p', 'halo:=-1.0'], 'halo must be from 0 to 60 s, got -1.0'),
+        (['-p', 'chain:=[]'], 'chain must be a list of texts, got None'),
+        (['-p', 'max_delay:=0.05'], r'max_delay must be at least block \+ halo \+ lateness'),
+        (
+            ['-p', 'alpha_beta_gamma.order:=2', '-p', 'alpha_beta_gamma.min_window:=3'],
+            r'alpha_beta_gamma.min_window must be at least order \+ 2 = 4, got 3',
+        ),
+    ],
+)
+def test_refused_at_the_start(ros: Ros, arguments: list[str], sentence: str) -> None:
+    """A node is not made with parameters that make no sense."""
+    with pytest.raises(ParameterError, match=sentence):
+        ros.filter(*arguments)
+
+
+def test_parameters_of_the_caller(ros: Ros) -> None:
+    """A caller gives parameters as a mapping; they win over the command line."""
+    given = {'gap_factor': 4, 'chain': ('alpha_beta_gamma',)}
+    node = ros.filter('-p', 'gap_factor:=3', '-p', 'halo:=0.02', parameters=given)
+    assert values(node)['gap_factor'] == 4.0
+    assert values(node)['halo'] == 0.02
+    with pytest.raises(ParameterError, match=r"one of .*, got 'gap'"):
+        ros.filter(parameters={'gap': 1})

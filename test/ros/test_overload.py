@@ -1,0 +1,225 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node that is given more than it can filter, with the real middleware."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+from helpers.live import PATIENCE
+from helpers.nodes import Ros, hold_up, line, wait_for_thread
+from helpers.overload import answers, send, start
+
+from lidar_outlier_filter.ros.backlog import FORGET, Treatment
+from lidar_outlier_filter.ros.health import PLOTTED
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from lidar_outlier_filter.ros.node import OutlierFilterNode
+
+
+@contextmanager
+def held_up(node: OutlierFilterNode) -> Iterator[None]:
+    """Hold up the thread that filters for a while."""
+    go_on = hold_up(node)
+    yield
+    go_on.set()
+    wait_for_thread(node)
+
+
+def test_receiving_goes_on_while_the_filter_works(ros: Ros) -> None:
+    """What comes meanwhile waits, and is answered in order."""
+    node, sensor = start(ros, load__clouds=100)
+    with held_up(node):
+        send(ros, node, sensor, 20)
+        assert node.waiting == 20
+        assert node.statistics.messages == 0
+    node.finish()
+    assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
+
+
+def test_a_burst_is_received(ros: Ros) -> None:
+    """Clouds that come while the executor is busy are not replaced by newer ones."""
+    node, sensor = start(ros, load__clouds=100)
+    for number in range(40):
+        sensor.publish(line(0.01 * number), expected=10**9)
+    node.finish()
+    assert answers(ros, sensor, 40) == [(number, 1) for number in range(40)]
+
+
+def test_what_waits_is_reported(ros: Ros) -> None:
+    """Clouds and bytes to be filtered, clouds without an answer, who publishes, what is done."""
+    node, sensor = start(ros, block=0.1)
+    channel = node.channels[0]
+    send(ros, node, sensor, 1)
+    wait_for_thread(node)
+    with held_up(node):
+        send(ros, node, sensor, 3, first=1)
+        plotted = dict(zip(PLOTTED, channel.look(2.0).plotted, strict=True))
+        organised = line(0.04)
+        organised.height, organised.width, organised.row_step = 4, 25, organised.row_step // 4
+        channel.receiver.take(organised)
+        points = channel.health._tally.points
+    assert points == 100
+    assert plotted['clouds_per_second'] == 2
+    assert plotted['points_per_second'] == 200
+    assert plotted['backlog_clouds'] == 3
+    assert plotted['backlog_megabytes'] == pytest.approx(3e-6 * len(line(0.0).data))
+    assert plotted['waiting_clouds'] == 1
+    channel.worker._overload.treatment = Treatment.SHED
+    channel.look(3.0)
+    message = channel.look(3.0).message
+    assert 'no cloud for 3 s, publishers: 1 (' in message
+    assert 'too much to filter: clouds are filtered by the smoother alone' in message
+
+
+def test_the_time_that_clouds_take_is_known(ros: Ros) -> None:
+    """To the diagnostics, and to what is kept for the verdict."""
+    node, sensor = start(ros)
+    send(ros, node, sensor, 3)
+    wait_for_thread(node)
+    channel = node.channels[0]
+    spent = channel.health._tally.spent
+    assert len(spent) == 3
+    assert channel.worker._overload._longest >= FORGET**2 * max(spent) > 0
+
+
+def test_drop_oldest(ros: Ros) -> None:
+    """What does not fit is dropped, the oldest first, and counted; the rest is filtered."""
+    node, sensor = start(ros)
+    with held_up(node):
+        send(ros, node, sensor, 25)
+        assert node.waiting == 10
+    node.finish()
+    assert answers(ros, sensor, 10) == [(number, 1) for number in range(15, 25)]
+    assert node.statistics.messages == 10
+    assert node.channels[0].health._dropped == 15
+
+
+@pytest.mark.parametrize(
+    ('policy', 'lost'),
+    [('drop_oldest', '15 dropped'), ('pass_through', '15 dropped, 9 passed unfiltered')],
+)
+def test_losses_are_in_the_log(
+    ros: Ros, capfd: pytest.CaptureFixture[str], policy: str, lost: str
+) -> None:
+    """A line at the end names the policy and counts what no look at the health has seen."""
+    node, sensor = start(ros, load__policy=policy)
+    with held_up(node):
+        send(ros, node, sensor, 25)
+    node.finish()
+    said = [line for line in capfd.readouterr().err.splitlines() if 'not filtered as asked' in line]
+    (line_,) = said
+    assert line_.endswith(f'since the last warning: {lost} (load.policy is {policy})')
+    assert '/points: ' in line_
+
+
+def test_losses_are_in_the_log_at_once(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
+    """The first look at the health warns; the next ones do not repeat it."""
+    node, sensor = start(ros)
+    with held_up(node):
+        send(ros, node, sensor, 12)
+    channel = node.channels[0]
+    for _ in range(2):
+        channel.look(1.0)
+    node.finish()
+    assert capfd.readouterr().err.count('2 dropped (load.policy is drop_oldest)') == 1
+
+
+def test_what_has_waited_too_long_is_dropped(ros: Ros) -> None:
+    """Also where there is room: it could not be answered within max_delay."""
+    node, sensor = start(ros, max_delay=0.4, load__clouds=100)
+    with held_up(node):
+        send(ros, node, sensor, 20)
+        clock = node.channels[0]._clock
+        oldest = node.channels[0].worker.inbox._items[18].at  # type: ignore[union-attr]
+        while clock.now() - oldest < 0.4e9:
+            ros.executor.spin_once(0.05)
+    node.finish()
+    # The newest is filtered: nothing is gained by dropping it.
+    assert answers(ros, sensor, 1) == [(19, 1)]
+    assert node.channels[0].health._dropped == 19
+
+
+def test_pass_through(ros: Ros) -> None:
+    """From half of the queue on clouds pass unfiltered, in order, until nothing waits."""
+    node, sensor = start(ros, load__policy='pass_through')
+    with held_up(node):
+        send(ros, node, sensor, 9)
+    send(ros, node, sensor, 3, first=9)
+    node.finish()
+    expected = [0] * 8 + [1] * 4  # behind the ninth nothing waits
+    assert answers(ros, sensor, 12) == list(enumerate(expected))
+    assert node.statistics.passed == {'overload': 8}
+    assert [msg.width for msg in sensor.cleaned[:8]] == [100] * 8
+
+
+def test_what_passes_waits_for_nobody(ros: Ros) -> None:
+    """Clouds before it are answered with what is there: their blocks would not be complete soon."""
+    node, sensor = start(ros, load__policy='pass_through', block=0.1, max_delay=60.0)
+    send(ros, node, sensor, 1)
+    wait_for_thread(node)
+    assert node.waiting == 1
+    with held_up(node):
+        send(ros, node, sensor, 9, first=1)
+    # Behind the last one nothing waits: it is filtered.
+    assert (node.statistics.messages, node.waiting) == (9, 1)
+    assert node.statistics.passed == {'overload': 8}
+
+
+def test_shed(ros: Ros) -> None:
+    """The slow detectors are off while there is too much; each cloud is tested along its line."""
+    node, sensor = start(
+        ros, chain=['alpha_beta_gamma', 'sor'], load__policy='shed', sor__multiplier=0.0
+    )
+    with held_up(node):
+        send(ros, node, sensor, 7)
+    send(ros, node, sensor, 3, first=7)
+    wait_for_thread(node)
+    node.finish()
+    # A cloud is judged with the next one, and behind the seventh nothing waits; with this
+    # multiplier sor rejects many.
+    found = [width > 10 for _, width in answers(ros, sensor, 10)]
+    assert found == [False] * 5 + [True] * 5
+    assert [width for _, width in answers(ros, sensor, 10)][:5] == [1] * 5
+    assert node.statistics.shed == 6
+
+
+@pytest.mark.parametrize(
+    'parameters', [{}, {'chain': ['sor']}, {'chain': ['alpha_beta_gamma', 'sor'], 'vote': 2}]
+)
+def test_nothing_to_shed(ros: Ros, parameters: dict[str, object]) -> None:
+    """Where the smoother alone could reject nothing, shedding is passing."""
+    node, sensor = start(ros, load__policy='shed', **parameters)
+    with held_up(node):
+        send(ros, node, sensor, 7)
+    node.finish()
+    assert node.statistics.passed == {'overload': 6}
+    assert node.statistics.shed == 0
+
+
+def test_the_policy_can_be_set(ros: Ros) -> None:
+    """While it is too much."""
+    node, sensor = start(ros)
+    with held_up(node):
+        send(ros, node, sensor, 9)
+        assert ros.set(load__policy='pass_through', load__clouds=8) == ['', '']
+        send(ros, node, sensor, 1, first=9)
+    node.finish()
+    assert node.channels[0].health._dropped == 2
+    assert node.statistics.passed == {'overload': 7}
+
+
+def test_the_end_of_the_thread_is_heard_of(ros: Ros) -> None:
+    """An error that nobody foresaw ends the process, not the filtering alone."""
+    node, sensor = start(ros)
+    node.channels[0].worker.inbox.order(lambda: 1 / 0)
+    thread = node.channels[0].worker._thread
+    assert thread is not None
+    thread.join(PATIENCE)
+    sensor.publish(line(0), expected=1)
+    with pytest.raises(ZeroDivisionError):
+        send(ros, node, sensor, 1)

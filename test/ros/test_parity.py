@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""LOF and SOR give the answers of well-known programs on real clouds.
+
+scikit-learn is here to be asked. The counts of PCL (bun0.pcd) and PDAL (autzen-point-format-3.las)
+are those that their own tests expect.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.neighbour_clouds import corner, scattered, sheet
+from naive import lof as naive
+from rosbags.highlevel import AnyReader
+from sklearn.neighbors import LocalOutlierFactor
+
+from lidar_outlier_filter.core.detectors import lof, sor
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.points.points import is_return
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.detectors import Lof, Sor
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+def first_sweep(path: Path) -> Floats:
+    """Read the returns of the first cloud of a recording."""
+    with AnyReader([path]) as reader:
+        clouds = [one for one in reader.connections if one.msgtype.endswith('/PointCloud2')]
+        connection, _, data = next(reader.messages(clouds))
+        rows = structured(reader.deserialize(data, connection.msgtype)).reshape(-1)
+    xyz = np.stack([rows[axis].astype(np.float64) for axis in 'xyz'], axis=1)
+    return xyz[is_return(xyz)]
+
+
+def ascii_pcd(path: Path) -> Floats:
+    """Read the first three columns of a PCD file in text form; their type is float32."""
+    _, _, table = path.read_text().partition('DATA ascii\n')
+    rows = [line.split()[:3] for line in table.splitlines()]
+    return np.array(rows, np.float32).astype(np.float64)
+
+
+def las(path: Path) -> Floats:
+    """Read the coordinates of a LAS file of version 1.2."""
+    data = path.read_bytes()
+    offset, _, _, length, count = struct.unpack_from('<IIBHI', data, 96)
+    scale, shift = np.array(struct.unpack_from('<6d', data, 131)).reshape(2, 3)
+    points = [struct.unpack_from('<3i', data, offset + i * length) for i in range(count)]
+    xyz: Floats = np.array(points) * scale + shift
+    return xyz
+
+
+def local_outlier_factors(xyz: Floats, k: int) -> Floats:
+    """Compute LOF with the package."""
+    return lof.detect(Neighbourhood(xyz, k), Lof(min_pts=k, threshold=1.0))
+
+
+def differences(xyz: Floats, k: int) -> Floats:
+    """Compare LOF with that of scikit-learn, relative, for points that no tie concerns.
+
+    Ties concern a point, those that have it among their neighbours, and those that have these: of
+    several points as far as the k-th, scikit-learn takes some.
+    """
+    expected = -LocalOutlierFactor(n_neighbors=k).fit(xyz).negative_outlier_factor_
+    neighbourhood = Neighbourhood(xyz, k)
+    index, concerned = neighbourhood.nearest(k)
+    for _ in range(2):
+        concerned = concerned | concerned[index].any(axis=1)
+    clear = neighbourhood.order[~concerned]
+    difference: Floats = local_outlier_factors(xyz, k)[clear] / expected[clear] - 1
+    assert len(difference) > 0.99 * len(xyz)
+    return np.abs(difference)
+
+
+@pytest.mark.parametrize('recording', ['vlp16_mrpt_mcap', 'os1_128_db3', 'hesai_xt32_nebula_mcap'])
+def test_lof_of_sweeps(recordings: Path, recording: str) -> None:
+    """scikit-learn's factors on whole sweeps; its 1e-10 is within the tolerance."""
+    xyz = first_sweep(recordings / 'bags' / recording)
+    assert len(xyz) > 15_000
+    assert differences(xyz, 20).max() < 1e-6
+
+
+@pytest.mark.parametrize('k', [1, 5, 20, 60])
+def test_lof_of_small_clouds(recordings: Path, k: int) -> None:
+    """scikit-learn's factors with other numbers of neighbours, in metres and in feet."""
+    clouds = [make(np.random.default_rng(k)) for make in (scattered, sheet, corner)]
+    clouds.append(ascii_pcd(recordings / 'clouds' / 'bun0.pcd'))
+    clouds.append(las(recordings / 'clouds' / 'autzen-point-format-3.las'))
+    for xyz in clouds:
+        assert differences(xyz, k).max() < 1e-6
+
+
+def test_lof_of_a_sweep_full_of_twins(recordings: Path) -> None:
+    """Where half of all points are there twice, and nearly all have ties, the twin knows."""
+    xyz = first_sweep(recordings / 'bags' / 'cloudini_lidar_link_mcap')
+    assert len(np.unique(xyz, axis=0)) < 0.6 * len(xyz)
+    around = np.argsort(np.linalg.norm(xyz - xyz[len(xyz) // 2], axis=1), kind='stable')[:400]
+    expected = naive.local_outlier_factors(xyz[around].tolist(), 20)
+    np.testing.assert_allclose(local_outlier_factors(xyz[around], 20), expected, rtol=1e-12)
+    theirs = -LocalOutlierFactor(n_neighbors=20).fit(xyz[around]).negative_outlier_factor_
+    np.testing.assert_allclose(theirs, expected, rtol=0.2)
+
+
+def kept(xyz: Floats, parameters: Sor) -> int:
+    """Count the points that are not rejected."""
+    score = sor.detect(Neighbourhood(xyz, sor.neighbours(parameters)), parameters)
+    return int(np.count_nonzero(score <= 1))
+
+
+def test_counts_of_pcl(recordings: Path) -> None:
+    """StatisticalOutlierRemoval (50, 1.0) and RadiusOutlierRemoval (0.02, 14) on its bunny."""
+    xyz = ascii_pcd(recordings / 'clouds' / 'bun0.pcd')
+    assert len(xyz) == 397
+    assert kept(xyz, Sor(k=50, multiplier=1.0)) == 352
+    assert kept(xyz, Sor(statistic='radius', radius=0.02, min_neighbors=14)) == 307
+
+
+def test_counts_of_pdal(recordings: Path) -> None:
+    """Statistical (mean_k, multiplier) and radius (radius, min_k) on a piece of Autzen."""
+    xyz = las(recordings / 'clouds' / 'autzen-point-format-3.las')
+    assert len(xyz) == 106
+    assert kept(xyz, Sor(k=2, multiplier=1.5)) == 96
+    assert kept(xyz, Sor(k=5, multiplier=0.0)) == 63
+    assert kept(xyz, Sor(statistic='radius', radius=200.0, min_neighbors=1)) == 60
+    assert kept(xyz, Sor(statistic='radius', radius=100.0, min_neighbors=2)) == 3

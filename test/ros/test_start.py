@@ -1,0 +1,81 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Starts while kernels are compiled, and another chain while clouds come: no cloud is lost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from helpers.live import environment
+from helpers.watching import Watch, fresh_copy
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+
+from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
+from lidar_outlier_filter.ros.health import OK, WARN
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# The chain that compiles fastest, and one that takes over from it.
+FIRST, SECOND = 'alpha_beta_gamma', 'sor'
+# What is left out of its cache, so that some seconds are spent on it and not half a minute.
+SOME_OF_SECOND = 'tree_search.*.nb?'
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through'])
+def test_start_without_kernels(tmp_path: Path, policy: str) -> None:
+    """The node says that it compiles, and each cloud is filtered, passed or dropped by policy."""
+    # All kernels are missing. Where few clouds may wait, some are too many on a fast machine, too;
+    # where many may, a busy machine drops none.
+    env = {**environment(), **fresh_copy(tmp_path, '__pycache__')}
+    most = {'drop_oldest': 3, 'pass_through': 1000}[policy]
+    arguments = [f'chain:=[{FIRST}]', f'load.policy:={policy}', f'load.clouds:={most}']
+    with Watch(env, arguments) as watch:
+        watch.serve(lambda: bool(watch.looks) and watch.looks[-1].filtered > 0)
+        found = watch.settle()
+        before = [look for look in watch.looks if not look.filtered]
+        assert watch.stop() == 0
+        log = watch.log()
+    assert found.filtered + found.passed + found.count('dropped') == watch.sent
+    assert (found.passed > 0, found.count('dropped') > 0) == (
+        policy == 'pass_through',
+        policy == 'drop_oldest',
+    )
+    assert len(watch.answers) == watch.sent - found.count('dropped')
+    assert any(f'compiling {FIRST}, which takes about' in look.message for look in before)
+    assert all(look.level >= WARN for look in before)
+    assert log.count('compiling') == 1
+    assert log.index('compiling') < log.index('is ready')
+    assert 'Traceback' not in log
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_old_chain_answers_until_the_new_one_can(tmp_path: Path) -> None:
+    """The reply says so, and so do the diagnostics; no cloud is lost, and none waits."""
+    env = {**environment(), **fresh_copy(tmp_path, SOME_OF_SECOND)}
+    with Watch(env, [f'chain:=[{FIRST}]', 'max_delay:=5.0']) as watch:
+        watch.serve(lambda: bool(watch.looks) and watch.looks[-1].filtered > 0)
+        dropped, answered = watch.looks[-1].count('dropped'), len(watch.answers)
+        client = AsyncParameterClient(watch.node, NODE_NAME)
+        reply = client.set_parameters([Parameter('chain', value=[SECOND])])
+        watch.serve(reply.done)
+        result = reply.result().results[0]
+        names = f'rejected by {SECOND}', f'undecided by {SECOND}'
+        watch.serve(lambda: any(name in watch.looks[-1].values for name in names))
+        said = [look for look in watch.looks if f'compiling {SECOND}' in look.message]
+        found = watch.settle()
+        assert watch.stop() == 0
+    assert result.successful
+    assert result.reason.startswith(f'{SECOND} takes over when its kernels are ready')
+    assert said
+    assert said[-1].count('messages') > said[0].count('messages') > 0
+    assert {look.level for look in said} == {WARN}
+    assert len(watch.answers) > answered
+    assert found.filtered == watch.sent - found.count('dropped')
+    assert found.count('dropped') == dropped
+    assert found.level == OK or found.message

@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Clouds and files of any kind, drawn at random: answered in full, or refused in one sentence.
+
+The numbers are small here. ``benchmarks/fuzz.py`` draws many more.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from helpers.hostile import (
+    FORMATS,
+    broken,
+    broken_clouds,
+    judge,
+    legal_clouds,
+    read_and_copy,
+    whole_file,
+)
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FEW = settings(
+    max_examples=60, deadline=None, database=None, suppress_health_check=list(HealthCheck)
+)
+
+
+@FEW
+@given(legal_clouds())
+def test_legal_clouds(cloud: Any) -> None:
+    """Every point of a legal cloud comes out once, unless what its bytes say is impossible."""
+    judge(cloud)
+
+
+@FEW
+@given(broken_clouds())
+def test_broken_clouds(cloud: Any) -> None:
+    """A cloud that is not true is refused, or what is there of it is answered."""
+    judge(cloud)
+
+
+@pytest.mark.parametrize('kind', FORMATS)
+def test_whole_files(tmp_path: Path, kind: str) -> None:
+    """The files that are broken below are right."""
+    path = tmp_path / f'cloud.{kind.split(maxsplit=1)[0]}'
+    whole_file(kind, path)
+    assert read_and_copy(path, tmp_path / f'copy{path.suffix}')
+
+
+@pytest.mark.parametrize('kind', FORMATS)
+def test_broken_files(tmp_path: Path, kind: str) -> None:
+    """A broken file is refused in one sentence, or read and copied, soon."""
+    path = tmp_path / f'cloud.{kind.split(maxsplit=1)[0]}'
+    whole_file(kind, path)
+    data = path.read_bytes()
+
+    @settings(FEW, max_examples=25)
+    @given(st.integers(0, 2**32 - 1))
+    @example(0)
+    def check(seed: int) -> None:
+        path.write_bytes(broken(data, seed))
+        read_and_copy(path, tmp_path / f'copy{path.suffix}')
+
+    check()

@@ -1,0 +1,296 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the tuner learns from: the verdicts are the node's own, and the truth belongs to them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.labelled import POINT, write
+from sklearn import metrics
+
+from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.errors import FilterError, JudgingError
+from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
+from lidar_outlier_filter.evaluation.labels import Codes
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.tuning.inject import Injection
+from lidar_outlier_filter.tuning.training import from_file, from_recording, together
+from lidar_outlier_lab.simulation.world.recording import to_message
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+DEFAULTS = FilterParameters()
+
+
+def drive(clouds: int = 12, count: int = 400, seed: int = 2) -> list[NDArray[np.void]]:
+    """Make clouds of one scan line each, 0.1 s apart, with outliers and missing returns."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for i in range(clouds):
+        cloud = np.zeros(count, POINT)
+        cloud['t'] = np.arange(count) * 200_000
+        cloud['x'], cloud['y'] = i, np.linspace(-5, 5, count)
+        cloud['z'] = rng.normal(0, 0.01, count)
+        bad = rng.random(count) < 0.02
+        cloud['z'][bad] += rng.uniform(0.1, 2, np.count_nonzero(bad))
+        cloud['label'] = np.where(bad, Cause.EXHAUST, Cause.GOOD)
+        for axis in 'xyz':
+            cloud[axis][rng.random(count) < 0.01] = np.nan
+        made.append(cloud)
+    return made
+
+
+def test_verdicts_are_those_of_a_replay(tmp_path: Path) -> None:
+    """Counts of the tuner are those that the user's own replay and evaluation give."""
+    bag = write(tmp_path / 'bag', {'/lidar': drive()})
+    data = from_recording(bag, DEFAULTS, CAUSES)
+    mine = data.judge(DEFAULTS)
+    replay(bag, tmp_path / 'out', parameters={'scores': True})
+    points = read_recording(tmp_path / 'out')
+    assert len(data) == len(points)
+    assert np.count_nonzero(data.bad) == np.count_nonzero(points.bad)
+    assert np.count_nonzero(mine.rejected) == np.count_nonzero(points.rejected) > 50
+    assert points.score is not None
+    np.testing.assert_array_equal(np.sort(mine.score), np.sort(points.score))
+    both = np.count_nonzero(mine.rejected & data.bad)
+    assert both == np.count_nonzero(points.rejected & points.bad)
+
+
+def test_what_else_comes_on_the_topic(tmp_path: Path) -> None:
+    """A message of another type is no cloud, and one that cannot be read is a refused one."""
+    clouds = drive()
+    expected = from_recording(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
+    damaged = write(
+        tmp_path / 'damaged', {'/lidar': [*clouds, b'\0\1\0\0nothing']}, beside='/lidar'
+    )
+    data = from_recording(damaged, DEFAULTS, CAUSES)
+    report = replay(damaged, tmp_path / 'out')
+    assert data.refused == report.topics[0].refused == 1
+    np.testing.assert_array_equal(data.bad, expected.bad)
+    np.testing.assert_array_equal(data.judge(DEFAULTS).score, expected.judge(DEFAULTS).score)
+
+
+def test_truth_and_stretches(tmp_path: Path) -> None:
+    """Missing returns are left out; stretches are of equal numbers of points, in order of time."""
+    clouds = drive()
+    data = from_recording(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
+    valid = [np.isfinite(cloud['x'] + cloud['y'] + cloud['z']) for cloud in clouds]
+    expected = np.concatenate(
+        [cloud['label'][mask] for cloud, mask in zip(clouds, valid, strict=True)]
+    )
+    np.testing.assert_array_equal(data.bad, expected == Cause.EXHAUST)
+    np.testing.assert_array_equal(data.good, expected == Cause.GOOD)
+    sizes = np.bincount(data.stretch)
+    assert len(sizes) == data.stretches == 20
+    assert np.ptp(sizes) <= 1
+    assert (np.diff(data.stretch) >= 0).all()
+
+
+def test_points_that_are_not_seen(tmp_path: Path) -> None:
+    """They have no verdict, and the others have one as if there were no such points."""
+    clouds = drive()
+    data = from_recording(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
+    seen = data.good
+    result = data.judge(DEFAULTS, seen)
+    assert np.isnan(result.score[~seen]).all()
+    assert not result.rejected[~seen].any()
+    ends = np.cumsum([len(cloud) for cloud in data.clouds])[:-1]
+    left = [cloud.take(part) for cloud, part in zip(data.clouds, np.split(seen, ends), strict=True)]
+    alone = replace(data, clouds=tuple(left)).judge(DEFAULTS)
+    np.testing.assert_array_equal(result.score[seen], alone.score)
+    np.testing.assert_array_equal(result.rejected[seen], alone.rejected)
+    # They make a difference.
+    assert (data.judge(DEFAULTS).score[seen] != result.score[seen]).any()
+
+
+def test_an_error_of_a_detector_is_no_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tuner ends with it: points that were not judged are not good."""
+    data = from_recording(write(tmp_path / 'bag', {'/lidar': drive()}), DEFAULTS, CAUSES)
+    monkeypatch.setattr(sor, 'measure', None)
+    with pytest.raises(JudgingError, match=r'^the judging of a block must be free of errors'):
+        data.judge(DEFAULTS.changed({'chain': ('sor',)}))
+
+
+def test_ignored_labels_are_neither(tmp_path: Path) -> None:
+    """Points that do not count are seen by the filter, and by nobody who counts."""
+    bag = write(tmp_path / 'bag', {'/lidar': drive()})
+    clouds = drive()
+    clouds[0]['label'][:100] = 9
+    other = write(tmp_path / 'other', {'/lidar': clouds})
+    codes = Codes(frozenset({int(Cause.EXHAUST)}), frozenset({9}))
+    data, ignoring = from_recording(bag, DEFAULTS, codes), from_recording(other, DEFAULTS, codes)
+    assert len(data) == len(ignoring)
+    neither = ~ignoring.bad & ~ignoring.good
+    assert 90 < np.count_nonzero(neither) <= 100
+    np.testing.assert_array_equal(data.judge(DEFAULTS).score, ignoring.judge(DEFAULTS).score)
+
+
+def test_label_files(tmp_path: Path) -> None:
+    """A file for each cloud, also for one that the filter refuses."""
+    clouds = drive()
+    files = []
+    for i, cloud in enumerate(clouds):
+        files.append(tmp_path / f'{i:02}.label')
+        (cloud['label'] * 5).astype('<u4').tofile(files[-1])
+    messages = [to_message(i * 100_000_000, cloud) for i, cloud in enumerate(clouds)]
+    messages[3].point_step = 2
+    bag = write(tmp_path / 'bag', {'/lidar': messages}, without='label')
+    codes = Codes(frozenset({10}))
+    data = from_recording(bag, DEFAULTS, codes, truth=files)
+    assert data.refused == 1
+    taken = np.concatenate([cloud for i, cloud in enumerate(clouds) if i != 3])
+    valid = np.isfinite(taken['x'] + taken['y'] + taken['z'])
+    np.testing.assert_array_equal(data.bad, (taken['label'] != 0)[valid])
+    for wrong in (files[:-1], [*files, files[0]]):
+        with pytest.raises(FilterError, match='must be one for each of the 12 clouds of /lidar'):
+            from_recording(bag, DEFAULTS, codes, truth=wrong)
+    np.zeros(3, '<u4').tofile(files[1])
+    with pytest.raises(FilterError, match='must be for 400 points, got 3'):
+        from_recording(bag, DEFAULTS, codes, truth=files)
+
+
+def test_a_late_cloud_is_refused_as_by_the_node(tmp_path: Path) -> None:
+    """What the stream does not take is not learnt from; its labels neither."""
+    clouds = drive(6)
+    order = [0, 1, 2, 4, 3, 5]
+    messages = [to_message(number * 100_000_000, clouds[number]) for number in order]
+    bag = write(tmp_path / 'bag', {'/lidar': messages})
+    data = from_recording(bag, DEFAULTS, CAUSES)
+    report = replay(bag, tmp_path / 'out')
+    assert data.refused == report.topics[0].refused == 1
+    assert len(data) == report.topics[0].points - report.topics[0].invalid
+
+
+def test_injected_outliers(tmp_path: Path) -> None:
+    """A clean recording needs no labels; all its own points are good."""
+    bag = write(tmp_path / 'bag', {'/lidar': drive()}, without='label')
+    data = from_recording(bag, DEFAULTS, CAUSES, truth=Injection(share=0.02))
+    assert np.count_nonzero(data.bad) == round(0.02 * len(data))
+    assert (data.bad ^ data.good).all()
+    again = from_recording(bag, DEFAULTS, CAUSES, truth=Injection(share=0.02))
+    np.testing.assert_array_equal(data.judge(DEFAULTS).score, again.judge(DEFAULTS).score)
+    # Single points metres away from their line are found.
+    assert np.count_nonzero(data.judge(DEFAULTS).rejected & data.bad) > 0.5 * data.bad.sum()
+
+
+def test_several_recordings(tmp_path: Path) -> None:
+    """Each is judged by itself, though their times overlap, and keeps its own stretches."""
+    parts = [
+        from_recording(write(tmp_path / f'{seed}', {'/lidar': drive(seed=seed)}), DEFAULTS, CAUSES)
+        for seed in (1, 2, 3)
+    ]
+    data = together(parts)
+    assert data.stretches == 60
+    np.testing.assert_array_equal(data.sources, np.repeat([0, 1, 2], 20))
+    np.testing.assert_array_equal(
+        np.bincount(data.stretch), [size for part in parts for size in np.bincount(part.stretch)]
+    )
+    for name in ('bad', 'good'):
+        expected = np.concatenate([getattr(part, name) for part in parts])
+        np.testing.assert_array_equal(getattr(data, name), expected)
+    expected = np.concatenate([part.judge(DEFAULTS).score for part in parts])
+    np.testing.assert_array_equal(data.judge(DEFAULTS).score, expected)
+    expected = np.concatenate([part.judge(DEFAULTS, part.good).score for part in parts])
+    np.testing.assert_array_equal(data.judge(DEFAULTS, data.good).score, expected)
+    assert together(parts[:1]) is parts[0]
+
+
+def test_curve_of_a_chain(tmp_path: Path) -> None:
+    """The curve is that of the scores of the points that count: as in scikit-learn."""
+    bag = write(tmp_path / 'bag', {'/lidar': drive()})
+    data = from_recording(bag, DEFAULTS, Codes(frozenset({int(Cause.EXHAUST)})))
+    score = np.nan_to_num(data.judge(DEFAULTS).score, nan=-1.0)
+    expected = metrics.roc_auc_score(data.bad, score)
+    assert data.curve(DEFAULTS).auc == pytest.approx(expected)
+    some = replace(data, good=data.good & (data.stretch > 9))
+    counted = some.bad | some.good
+    expected = metrics.roc_auc_score(data.bad[counted], score[counted])
+    assert some.curve(DEFAULTS).auc == pytest.approx(expected)
+
+
+def test_the_topic_is_found(tmp_path: Path) -> None:
+    """Answers are no input, unless they are named; several inputs must be distinguished."""
+    clouds = drive()
+    topics = {'/lidar': clouds, '/lidar/cleaned': clouds, '/lidar/outliers': clouds[:1]}
+    bag = write(tmp_path / 'bag', topics)
+    assert len(from_recording(bag, DEFAULTS, CAUSES)) > 4000
+    assert len(from_recording(bag, DEFAULTS, CAUSES, '/lidar/outliers')) < 400
+    two = write(tmp_path / 'two', {'/a': clouds, '/b/cleaned': clouds})
+    with pytest.raises(FilterError, match=r'of clouds \(/a, /b/cleaned\), got None'):
+        from_recording(two, DEFAULTS, CAUSES)
+    with pytest.raises(FilterError, match=r"of clouds \(/a, /b/cleaned\), got '/c'"):
+        from_recording(two, DEFAULTS, CAUSES, '/c')
+
+
+def test_refusals(tmp_path: Path) -> None:
+    """No such field, no outliers, no good points, nothing at all."""
+    bag = write(tmp_path / 'bag', {'/lidar': drive(2)})
+    with pytest.raises(FilterError, match="must be with whole numbers 'truth', got x, y, z, t"):
+        from_recording(bag, DEFAULTS, CAUSES, truth='truth')
+    with pytest.raises(FilterError, match="must be with whole numbers 'z', got x, y, z, t"):
+        from_recording(bag, DEFAULTS, CAUSES, truth='z')
+    with pytest.raises(FilterError, match='outliers and good points, got 0 outliers and 7'):
+        from_recording(bag, DEFAULTS, Codes(frozenset({77})))
+    empty = write(tmp_path / 'empty', {'/lidar': [np.zeros(0, POINT)]})
+    with pytest.raises(FilterError, match='got 0 outliers and 0 good points'):
+        from_recording(empty, DEFAULTS, CAUSES)
+
+
+# Files ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_real_labelled_cloud(recordings: Path) -> None:
+    """An aerial cloud with 89 artefacts is judged as a whole; stretches lie along its side."""
+    path = recordings / 'clouds' / 'test_semis_2021_0382_6565_LA93_IGN69_cropped.laz'
+    parameters = DEFAULTS.changed({'chain': ['sor']})
+    data = from_file(path, parameters, Codes(frozenset({65})))
+    assert len(data) == 218_731
+    assert np.count_nonzero(data.bad) == 89
+    (cloud,) = data.clouds
+    longest = cloud.xyz[:, np.argmax(np.ptp(cloud.xyz, axis=0))]
+    ends = [longest[data.stretch == i].max() for i in range(20)]
+    assert (np.diff(ends) >= 0).all()
+    assert np.count_nonzero(data.judge(parameters).rejected & data.bad) > 5
+
+
+def table(path: Path, **columns: NDArray[np.float64]) -> Path:
+    """Write a table as CSV."""
+    rows = np.stack(list(columns.values()), axis=1)
+    np.savetxt(path, rows, delimiter=',', header=','.join(columns), comments='')
+    return path
+
+
+def test_a_table_and_labels_beside_it(tmp_path: Path) -> None:
+    """The truth is a column, or a file beside the cloud; missing returns have none."""
+    rng = np.random.default_rng(4)
+    xyz = rng.uniform(0, 10, (500, 3)) * [1, 1, 0.01]
+    xyz[0] = 0
+    code = (rng.random(500) < 0.05).astype(np.float64)
+    xyz[code > 0, 2] += 3
+    parameters = DEFAULTS.changed({'chain': ['sor']})
+    path = table(tmp_path / 'a.csv', x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2], label=code)
+    inside = from_file(path, parameters, CAUSES)
+    np.save(tmp_path / 'code.npy', code)
+    beside = from_file(path, parameters, CAUSES, labels=tmp_path / 'code.npy')
+    for data in (inside, beside):
+        np.testing.assert_array_equal(data.bad, code[1:] > 0)
+    injected = from_file(path, parameters, CAUSES, injection=Injection(share=0.1))
+    assert np.count_nonzero(injected.bad) == 50
+    np.save(tmp_path / 'short.npy', code[1:])
+    with pytest.raises(FilterError, match='must be for 500 points, got 499'):
+        from_file(path, parameters, CAUSES, labels=tmp_path / 'short.npy')
+    smoother = DEFAULTS.changed({'chain': ['alpha_beta_gamma']})
+    with pytest.raises(FilterError, match='chain must be without alpha_beta_gamma, as'):
+        from_file(path, smoother, CAUSES)

@@ -1,0 +1,343 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command tune: files that the node loads, lines that it takes, and what is refused."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import yaml
+from helpers.labelled import POINT, write
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.confusion import confusion
+from lidar_outlier_filter.evaluation.judged import read_recording
+from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters, describe
+from lidar_outlier_filter.parameters.yaml_files import read_yaml, ros_lines
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_lab.simulation.world.recording import to_message
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from helpers.nodes import Ros
+    from numpy.typing import NDArray
+
+    Capture = pytest.CaptureFixture[str]
+
+SMOOTHER = ['--set', 'chain=[alpha_beta_gamma]']
+SETTINGS = [
+    *('--set', 'alpha_beta_gamma.before=40', '--set', 'alpha_beta_gamma.after=40'),
+    *('--set', 'alpha_beta_gamma.significance=1e-15'),
+]
+SEARCH = [
+    *SMOOTHER,
+    *('--search', 'alpha_beta_gamma.before=4,6', '--search', 'alpha_beta_gamma.after=4,6'),
+    *('--keep', 'alpha_beta_gamma.order', '--keep', 'alpha_beta_gamma.sides'),
+]
+# A process that was started in the background of a shell would ignore SIGINT.
+COMMAND = """
+import signal, sys
+from lidar_outlier_filter.cli.main import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(main(sys.argv[1:]))
+"""
+RUN = [sys.executable, '-c', COMMAND]
+LINE = re.compile(r'ros2 param set /outlier_filter_node (\S+) (.+)')
+
+
+def drive(clouds: int = 30, count: int = 300, seed: int = 2) -> list[NDArray[np.void]]:
+    """Make clouds of one scan line each, 0.1 s apart, with outliers."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for i in range(clouds):
+        cloud = np.zeros(count, POINT)
+        cloud['t'] = np.arange(count) * 200_000
+        cloud['x'], cloud['y'] = i, np.linspace(-5, 5, count)
+        cloud['z'] = 0.1 * np.sin(cloud['y']) + rng.normal(0, 0.006, count)
+        bad = rng.random(count) < 0.03
+        cloud['z'][bad] += rng.uniform(0.02, 1, np.count_nonzero(bad))
+        cloud['label'] = np.where(bad, Cause.REFLECTION, Cause.GOOD)
+        made.append(cloud)
+    return made
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record a short drive whose outliers are labelled."""
+    return write(tmp_path_factory.mktemp('tune') / 'drive', {'/lidar': drive()})
+
+
+@pytest.fixture(scope='module')
+def tuned(bag: Path) -> tuple[Path, str]:
+    """Tune once from bad values: the parameter file, and what was printed."""
+    output = bag.parent / 'tuned.yaml'
+    command = [*RUN, 'tune', str(bag)]
+    options = [*SETTINGS, *SEARCH, '--output', str(output)]
+    done = subprocess.run([*command, *options], capture_output=True, text=True, check=True)
+    assert done.stderr == ''
+    return output, done.stdout
+
+
+def test_what_is_printed(tuned: tuple[Path, str]) -> None:
+    """Before, after and what to expect; what was changed, and how to use it."""
+    output, printed = tuned
+    row = re.search(r'^F1 +(\S+) % +(\S+) % +(\S+) % +(\S+) % – ', printed, re.MULTILINE)
+    assert row is not None
+    start, after, expected, low = (float(text) for text in row.groups())
+    assert start + 5 < after
+    assert after > 90
+    assert low < expected < after + 1
+    assert re.search(r'^alpha_beta_gamma\.before +40 +[46]', printed, re.MULTILINE)
+    assert 'alpha_beta_gamma.order' not in printed
+    assert printed.endswith(f'written to {output}\n')
+
+
+def test_figures_come_true(tuned: tuple[Path, str], bag: Path, tmp_path: Path) -> None:
+    """The user's own replay with the file gives, here and on another drive, what is printed."""
+    output, printed = tuned
+    row = re.search(r'^F1 +\S+ % +([\d.]+) % +([\d.]+) %', printed, re.MULTILINE)
+    assert row is not None
+    after, expected = (float(text) for text in row.groups())
+    other = write(tmp_path / 'other', {'/lidar': drive(seed=77)})
+    figures = []
+    for source, name in ((bag, 'a'), (other, 'b')):
+        replay(source, tmp_path / name, parameters=read_yaml(output))
+        points = read_recording(tmp_path / name)
+        figures.append(100 * confusion(points.bad, points.rejected).f1)
+    assert figures[0] == pytest.approx(after, abs=0.005)
+    assert figures[1] == pytest.approx(expected, abs=3)
+
+
+def test_the_node_loads_the_file(tuned: tuple[Path, str], ros: Ros) -> None:
+    """A real node takes the file and has its values."""
+    output, _ = tuned
+    node = ros.filter('--params-file', str(output))
+    values = read_yaml(output)
+    assert len(values) == len(describe())
+    for name, value in values.items():
+        there = node.get_parameter(name).value
+        assert (list(there) if isinstance(value, list) else there) == value
+    assert values['alpha_beta_gamma.before'] in {4, 6}
+    assert node.filter_parameters == FilterParameters().changed(values)
+
+
+def test_a_running_node_takes_the_lines(tuned: tuple[Path, str], ros: Ros) -> None:
+    """Each line as it is printed, one after the other, as `ros2 param set` sends them."""
+    output, printed = tuned
+    given = ('chain:=[alpha_beta_gamma]', 'before:=40', 'after:=40')
+    names = [text if text.startswith('chain') else f'alpha_beta_gamma.{text}' for text in given]
+    node = ros.filter(*(word for name in names for word in ('-p', name)))
+    lines = LINE.findall(printed)
+    assert {'alpha_beta_gamma.before', 'alpha_beta_gamma.significance'} <= {n for n, _ in lines}
+    for name, text in lines:
+        # As ros2cli reads a value: YAML 1.1, to which 1e-06 is a text.
+        value = yaml.safe_load(text)
+        assert ros.set(**{name.replace('.', '__'): value}) == ['']
+    assert node.filter_parameters == FilterParameters().changed(read_yaml(output))
+
+
+def test_the_default_chain(bag: Path, tmp_path: Path, capsys: Capture, ros: Ros) -> None:
+    """Its one threshold is found; a node takes file and line."""
+    output = tmp_path / 'tuned.yaml'
+    arguments = ['--set', 'evidence.threshold=2.9', '--folds', '2', '--output', str(output)]
+    assert main(['tune', str(bag), *arguments]) == 0
+    values = read_yaml(output)
+    assert tuple(values['chain']) == FilterParameters().chain  # type: ignore[arg-type]
+    found = values['evidence.threshold']
+    assert LINE.findall(capsys.readouterr().out) == [('evidence.threshold', str(found))]
+    node = ros.filter('--params-file', str(output))
+    assert node.filter_parameters.evidence.threshold == found
+    assert ros.set(evidence__threshold=2.9) == ['']
+
+
+@pytest.mark.slow
+def test_the_same_twice(tuned: tuple[Path, str], bag: Path, tmp_path: Path) -> None:
+    """File and figures are the same byte by byte, run after run."""
+    output, printed = tuned
+    again = tmp_path / 'tuned.yaml'
+    command = [*RUN, 'tune', str(bag)]
+    options = [*SETTINGS, *SEARCH, '--output', str(again)]
+    done = subprocess.run([*command, *options], capture_output=True, text=True, check=True)
+    assert again.read_bytes() == output.read_bytes()
+    assert done.stdout == printed.replace(str(output), str(again))
+
+
+def test_injected_outliers_and_default_output(tmp_path: Path, capsys: Capture) -> None:
+    """A clean recording needs no labels; the file is beside it, and says what it comes from."""
+    clean = [cloud[cloud['label'] == 0] for cloud in drive()]
+    bag = write(tmp_path / 'clean', {'/lidar': clean}, without='label')
+    arguments = ['--inject', '0.02', '--inject-distance', '0.1', '3', '--seed', '4']
+    assert main(['tune', str(bag), *arguments, *SEARCH, *SETTINGS]) == 0
+    output = tmp_path / 'clean_tuned.yaml'
+    text = output.read_text(encoding='utf-8')
+    assert re.match(r'# Tuned on clean: F1 0\.\d{3} \(95 %: 0\.\d{3} to [01]\.\d{3}\), ', text)
+    assert capsys.readouterr().out.endswith(f'written to {output}\n')
+
+
+def test_several_recordings(bag: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Whole ones are left out; the file is called after the first, and names all of them."""
+    paths = [str(write(tmp_path / f'd{i}', {'/lidar': drive(10, seed=i)})) for i in range(3)]
+    assert main(['tune', *paths, *SEARCH]) == 0
+    text = (tmp_path / 'd0_tuned.yaml').read_text(encoding='utf-8')
+    assert text.startswith('# Tuned on d0, d1, d2: F1 ')
+    assert ', in 3 folds.' in text
+    assert main(['tune', *paths, '--labels', str(bag), '--output', str(tmp_path / 'x')]) == 1
+    assert '--labels must be given for one recording' in capsys.readouterr().err
+
+
+def test_a_cloud_that_is_a_file(tmp_path: Path, capsys: Capture) -> None:
+    """A table with a column of labels, by the detectors that need no scan lines."""
+    rng = np.random.default_rng(4)
+    xyz = rng.uniform(0, 10, (4000, 3)) * [1, 1, 0.01]
+    code = (rng.random(4000) < 0.02).astype(np.float64)
+    xyz[code > 0, 2] += rng.uniform(0.2, 2, np.count_nonzero(code))
+    path = tmp_path / 'a.csv'
+    table = np.column_stack([xyz, code])
+    np.savetxt(path, table, delimiter=',', header='x,y,z,label', comments='')
+    arguments = ['--set', 'chain=[sor]', '--search', 'sor.k=5,20', '--folds', '3']
+    assert main(['tune', str(path), *arguments]) == 0
+    values = read_yaml(tmp_path / 'a_tuned.yaml')
+    assert values['chain'] == ['sor']
+    assert values['sor.k'] == 5
+    assert 'sor.multiplier' in capsys.readouterr().out
+
+
+def test_refused_clouds_are_told(bag: Path, tmp_path: Path, capsys: Capture) -> None:
+    """Clouds that the filter does not take are counted; else nothing is said."""
+    clouds = drive(8)
+    order = [0, 1, 2, 3, 5, 4, 6, 7]
+    late = [to_message(number * 100_000_000, clouds[number]) for number in order]
+    for source, said in (
+        (bag, ''),
+        (
+            write(tmp_path / 'late', {'/lidar': late}),
+            '1 of its clouds were refused by the filter, and not learnt from\n',
+        ),
+    ):
+        output = str(tmp_path / f'{source.name}.yaml')
+        assert main(['tune', str(source), *SEARCH, '--output', output]) == 0
+        assert capsys.readouterr().err == said
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--topic', '/x'], "one of its topics of clouds (/lidar), got '/x'"),
+        (['--label', 'truth'], "must be with whole numbers 'truth', got x, y, z, t, label"),
+        (['--codes', '77'], 'must be outliers and good points, got 0 outliers and'),
+        (['--inject', '0.9'], 'must be more than 0, at most 0.5, got 0.9'),
+        (['--inject', '0.1', '--codes', '7'], '--inject must be given without labels, got both'),
+        (['--inject', '0.1', '--inject-distance', '2', '1'], 'HIGH > 2 LOW > 0, got 2 and 1'),
+        (['--search', 'sor.k=5'], "must be those of evidence, got 'sor.k'"),
+        (['--search', 'motion.x=1'], "must be those of evidence, got 'motion.x'"),
+        (
+            ['--search', 'evidence.threshold=1', '--search', 'evidence.threshold=2'],
+            '--search must be given once for evidence.threshold, got more than once',
+        ),
+        (['--search', 'order'], "--search must be NAME=V,V,..., got 'order'"),
+        (['--search', 'alpha_beta_gamma.order=: :'], "must be YAML, got ': :'"),
+        (['--keep', 'chain'], "must be those of evidence, got 'chain'"),
+        (['--most-lost', '0'], 'may be lost must be more than 0, at most 1, got 0.0'),
+        (['--folds', '0'], 'the number of folds must be from 2 to the 20 stretches, got 0'),
+        (['--confidence', '2'], 'the confidence must be between 0 and 1, got 2.0'),
+        (['--set', 'halo=-1.0'], 'halo must be from 0 to 60 s, got -1.0'),
+        (['--output', '.'], 'the output must be a new file, got ., which exists'),
+    ],
+)
+def test_refused_in_one_sentence(
+    bag: Path, capsys: Capture, arguments: list[str], sentence: str
+) -> None:
+    """What makes no sense gives one sentence, exit status 1, and no file."""
+    before = sorted(bag.parent.iterdir())
+    assert main(['tune', str(bag), *arguments]) == 1
+    printed = capsys.readouterr()
+    assert sentence in printed.err
+    assert printed.err.count('\n') == 1
+    assert printed.out == ''
+    assert sorted(bag.parent.iterdir()) == before
+
+
+def test_an_output_that_cannot_be_written(bag: Path, tmp_path: Path, capsys: Capture) -> None:
+    """A folder that is not there is said at the end of it all, in one sentence."""
+    output = str(tmp_path / 'no' / 'tuned.yaml')
+    assert main(['tune', str(bag), *SEARCH, '--output', output]) == 1
+    assert 'must be written in full, got "No such file or directory"' in capsys.readouterr().err
+
+
+# Lines for a running node -----------------------------------------------------------------------
+
+
+def take(start: FilterParameters, lines: list[str]) -> FilterParameters:
+    """Set one parameter after the other, as a node would."""
+    for line in lines:
+        found = LINE.fullmatch(line)
+        assert found is not None
+        start = start.changed({found[1]: yaml.safe_load(found[2])})
+    return start
+
+
+def test_lines_lead_there_step_by_step() -> None:
+    """Whatever the direction, each step alone is one that the node accepts."""
+    paper, default = FilterParameters().changed(PAPER), FilterParameters()
+    for start, goal in ((default, paper), (paper, default)):
+        lines = ros_lines(start, {name: goal.flat()[name] for name in PAPER})
+        assert take(start, lines) == goal
+
+
+def test_lines_name_only_what_changes() -> None:
+    """What is as it was needs no line; numbers are written so that ROS reads them back."""
+    start = FilterParameters()
+    same = {'alpha_beta_gamma.before': start.alpha_beta_gamma.before}
+    assert ros_lines(start, same) == []
+    (line,) = ros_lines(start, {**same, 'alpha_beta_gamma.significance': 1e-15})
+    assert line.endswith(' 1.0e-15')
+    (line,) = ros_lines(start, {'chain': ('lof', 'sor')})
+    assert yaml.safe_load(line.rpartition('chain ')[2]) == ['lof', 'sor']
+
+
+def test_a_step_that_is_refused_comes_all_the_same() -> None:
+    """Where no single step leads there, all lines are printed."""
+    start = FilterParameters().changed({'chain': ['lof', 'sor'], 'vote': 2})
+    lines = ros_lines(start, {'chain': ('lof',), 'vote': 1})
+    assert [line.split()[4] for line in lines] == ['vote', 'chain']
+    with pytest.raises(FilterError):
+        start.changed({'chain': ['lof']})
+
+
+# A terminal -------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_progress_and_interrupt(bag: Path, tmp_path: Path) -> None:
+    """A terminal sees a bar; Ctrl-C ends the search without a trace and without a file."""
+    output = tmp_path / 'tuned.yaml'
+    command = [*RUN, 'tune', str(bag)]
+    leader, terminal = pty.openpty()
+    arguments = [*command, *SMOOTHER, '--output', str(output)]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=terminal) as process:
+        os.close(terminal)
+        screen, asked = b'', False
+        with os.fdopen(leader, 'rb', buffering=0) as file, suppress(OSError):
+            while part := file.read(4096):
+                screen += part
+                # Once: a second one would find the interpreter at its end.
+                if b'scores' in screen and not asked:
+                    process.send_signal(signal.SIGINT)
+                    asked = True
+        process.communicate()
+    assert process.returncode == 130
+    assert '━━'.encode() in screen
+    assert b'Traceback' not in screen
+    assert list(tmp_path.iterdir()) == []

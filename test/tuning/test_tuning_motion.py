@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The tuner learns from points that are moved as the filter moves them."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.moved_training import Recorded, WithoutFirstPoses
+from helpers.moving_bags import REPLAYED, write
+from helpers.moving_sensor import Moving, rejected
+from helpers.profile_scanner import ANGLES, MAP, POSITION, Drive, pose
+from rclpy.expand_topic_name import expand_topic_name
+from scipy.spatial.transform import Rotation
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.evaluation.confusion import confusion
+from lidar_outlier_filter.evaluation.judged import read_recording
+from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.stream.topics import resolve
+from lidar_outlier_filter.tuning.inject import Injection
+from lidar_outlier_filter.tuning.training import from_recording, together
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture(scope='module')
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """Record half a second."""
+    return Recorded(tmp_path_factory.mktemp('motion'), Drive(0.5))
+
+
+def test_points_are_moved_as_in_a_replay(recorded: Recorded, tmp_path: Path) -> None:
+    """The tuner judges each point as the filter would, and not as without motion."""
+    drive = recorded.drive
+    data = recorded.training(REPLAYED)
+    mine = data.judge(FilterParameters().changed(REPLAYED))
+    expected = rejected(drive, Moving().run(drive.clouds(drive.own), drive.odometry()))
+    np.testing.assert_array_equal(mine.rejected, expected)
+    report = replay(recorded.bag, tmp_path / 'out', parameters=REPLAYED)
+    assert report.topics[0].rejected == np.count_nonzero(mine.rejected)
+    assert (data.refused, data.unmoved) == (0, 0)
+    np.testing.assert_array_equal(data.bad, drive.wrong)
+    still: dict[str, object] = {**REPLAYED, 'motion.source': 'none'}
+    unmoved = recorded.training(still).judge(FilterParameters().changed(still))
+    assert np.count_nonzero(unmoved.rejected != expected) > 50
+
+
+def test_clouds_without_poses_are_judged_apart(tmp_path: Path) -> None:
+    """Clouds before the first pose are judged in their own frame, as in a replay."""
+    recorded = Recorded(tmp_path, WithoutFirstPoses(0.6))
+    data = recorded.training(REPLAYED)
+    assert data.unmoved == 3
+    assert together([data, data]).unmoved == 6
+    report = replay(recorded.bag, tmp_path / 'out', parameters=REPLAYED)
+    parameters = FilterParameters().changed(REPLAYED)
+    assert report.topics[0].rejected == np.count_nonzero(data.judge(parameters).rejected)
+    seen = np.arange(len(data)) % 3 > 0
+    score = data.judge(parameters, seen).score
+    assert np.isnan(score[~seen]).all()
+    assert not np.isnan(score[seen]).all()
+
+
+def test_a_cloud_that_is_refused_in_its_turn(recorded: Recorded, tmp_path: Path) -> None:
+    """A cloud that is late when its poses have come is not learnt from, nor are its labels."""
+    drive = recorded.drive
+    bag = write(tmp_path / 'drive', drive, late=drive.clouds(drive.own)[:1])
+    parameters = FilterParameters().changed(REPLAYED)
+    files = [*recorded.files, recorded.files[0]]
+    data = from_recording(bag, parameters, ALL_BUT_0, truth=files)
+    report = replay(bag, tmp_path / 'out', parameters=REPLAYED)
+    assert data.refused == report.topics[0].refused == 1
+    np.testing.assert_array_equal(data.bad, drive.wrong)
+    expected = recorded.training(REPLAYED).judge(parameters)
+    np.testing.assert_array_equal(data.judge(parameters).score, expected.score)
+
+
+def test_injected_points_keep_their_distance(recorded: Recorded) -> None:
+    """An injected point is where the sensor would have seen it from where it was at its time."""
+    data = recorded.training(REPLAYED, truth=Injection(share=0.02))
+    assert np.count_nonzero(data.bad) > 500
+    t = recorded.drive.t.astype(np.float64) * 1e-9
+    position, rotation = pose(t)
+    eye = position + rotation.apply(POSITION) + MAP
+    xyz = np.concatenate([cloud.xyz for cloud in data.clouds])
+    distance = np.concatenate([cloud.range for cloud in data.clouds])
+    # Poses are interpolated between those of every 10 ms.
+    np.testing.assert_allclose(distance, np.linalg.norm(xyz - eye, axis=1), atol=0.02)
+    own = np.concatenate([cloud.in_own_frame.xyz for cloud in data.clouds])
+    mounting = Rotation.from_euler('xyz', ANGLES)
+    expected = (rotation * mounting).inv().apply(xyz - eye)
+    np.testing.assert_allclose(own, expected, rtol=1e-3, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        ({'motion.topic': 'odometry'}, r"motion.topic must be one of .* /odom, got '/odometry'"),
+        ({'motion.topic': '/points'}, r"motion.topic must be one of .* /odom, got '/points'"),
+        ({'motion.source': 'tf'}, r"motion.source must be 'none' or 'odometry' for a recording"),
+    ],
+)
+def test_motion_that_is_not_there(
+    recorded: Recorded, values: dict[str, object], sentence: str
+) -> None:
+    """Poses that the recording does not have are refused as in a replay."""
+    with pytest.raises(FilterError, match=sentence):
+        recorded.training({**REPLAYED, **values})
+
+
+@pytest.mark.parametrize('topic', ['odom', '/odom', '~/odom', 'a/b', '/a/b'])
+def test_names_of_topics(topic: str) -> None:
+    """They are those that ROS gives the node."""
+    assert resolve(topic) == expand_topic_name(topic, 'outlier_filter_node', '/')
+
+
+def test_command(recorded: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command says what is to be expected of moved points: what a replay gives."""
+    output = tmp_path / 'tuned.yaml'
+    given: dict[str, object] = {**REPLAYED, 'chain': '[sor]'}
+    words = [word for name, value in given.items() for word in ('--set', f'{name}={value}')]
+    words += ['--labels', str(recorded.labels), '--folds', '2', '--output', str(output)]
+    for name in ('radius', 'min_neighbors'):
+        words += ['--search', f'sor.{name}={given[f"sor.{name}"]}']
+    assert main(['tune', str(recorded.bag), *words]) == 0
+    printed = capsys.readouterr()
+    row = re.search(r'^F1 +\S+ % +([\d.]+) %', printed.out, re.MULTILINE)
+    assert row is not None
+    replay(recorded.bag, tmp_path / 'out', parameters=read_yaml(output))
+    found = read_recording(tmp_path / 'out', codes=ALL_BUT_0, files=recorded.files)
+    f1 = 100 * confusion(found.bad, found.rejected).f1
+    assert f1 == pytest.approx(float(row.group(1)), abs=0.005)
+    assert f1 > 90
+    assert 'had no poses' not in printed.out + printed.err
+
+
+def test_command_says_what_was_not_moved(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Clouds without poses are said of."""
+    recorded = Recorded(tmp_path, WithoutFirstPoses(0.6))
+    given: dict[str, object] = {**REPLAYED, 'chain': '[sor]'}
+    words = [word for name, value in given.items() for word in ('--set', f'{name}={value}')]
+    words += ['--labels', str(recorded.labels), '--folds', '2']
+    words += ['--keep', 'sor.radius', '--keep', 'sor.min_neighbors']
+    assert main(['tune', str(recorded.bag), *words, '--output', str(tmp_path / 'tuned.yaml')]) == 0
+    printed = capsys.readouterr()
+    assert '3 of its clouds had no poses, and were judged in their own' in printed.out + printed.err
