@@ -238,13 +238,14 @@ def _show(
     """Print what was found, and how to use it."""
     from rich.console import Console
 
+    from lidar_outlier_filter.parameters.yaml_files import ros_lines
     from lidar_outlier_filter.tuning import output as tuned
 
     console = Console()
     for table in tuned.tables(found, parameters, options.confidence, options.seed):
         console.print(table)
         console.print()
-    lines = tuned.ros_lines(parameters, found.values)
+    lines = ros_lines(parameters, found.values)
     if lines:
         console.print('On a node that runs with the parameters of the start:', highlight=False)
         lines.append('')
