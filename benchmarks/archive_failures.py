@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from helpers.clusters import COMMAND, cluster, program, worker_processes
 from helpers.drives import hashes
+from lidar_outlier_filter.core.points.points.points import SECOND
 from repeated_drives import sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive.engine import Engine
@@ -26,7 +27,6 @@ from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
-from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def without_scheduler(
     words = ('replay', str(some), '--output', str(output), SET)
     with (
         cluster(2) as (address, scheduler),
-        program(COMMAND, *words, '--scheduler', address) as one,
+        program('-m', COMMAND, *words, '--scheduler', address) as one,
     ):
         one.until(f': {SOME // 2 + 1} of {SOME}')
         scheduler.kill()
@@ -140,7 +140,7 @@ def without_scheduler(
     left = made_in(output)
     yield f'scheduler killed: exit status {status}, "{last}"'
     yield f'{len(left)} of {SOME} were done'
-    with cluster(2) as (address, _), program(COMMAND, *words, '--scheduler', address) as one:
+    with cluster(2) as (address, _), program('-m', COMMAND, *words, '--scheduler', address) as one:
         again, said = one.rest()
     made = made_in(output)
     other = sum(made.get(name) != expected[name] for name in sorted(expected)[:SOME])
@@ -156,7 +156,7 @@ def done_before(drives: Path, output: Path) -> Iterator[str]:
     took, used = [], []
     for _ in range(3):
         before, began = os.times(), perf_counter()
-        with program(COMMAND, *words) as one:
+        with program('-m', COMMAND, *words) as one:
             _, said = one.rest()
         took.append(perf_counter() - began)
         after = os.times()
