@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Singles = NDArray[np.float32]
 
-FEWEST_LINES = 4
+FEWEST_LINES = 2
 SAMPLES = 64  # returns of a line that show where the scanner is
 FEWEST = 32  # returns of a line, fewer show nothing
 KNOWN = 0.5  # share of the lines whose own returns must show the scanner's place
