@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 from helpers.clusters import COMMAND, cluster, program, worker_processes
 from helpers.drives import hashes
-from lidar_outlier_filter.core.points.points.points import SECOND
 from repeated_drives import sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive.engine import Engine
@@ -27,6 +26,7 @@ from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
+from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:

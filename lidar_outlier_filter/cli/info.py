@@ -203,6 +203,8 @@ def _show_file(console: Console, path: Path) -> None:
     console.print(table)
     if info.rings:
         console.print(f'{info.rings} rings recovered from elevation', highlight=False)
+    if info.way:
+        console.print(f'judged by {info.way}', highlight=False)
 
 
 def _plain(value: float) -> str:

@@ -29,7 +29,8 @@ class CloudFilter:
     parameters : mapping of flat names to values, or FilterParameters; optional
         What is not named has its default.
     inform, warn : callable, optional
-        Are called once with a sentence that says how the clouds are read, and what they lack.
+        Are called once with a sentence that says how the clouds are read and judged, and what they
+        lack.
     chain : sequence of str, optional
         The detectors, in their order; short for ``chain`` in ``parameters``.
 

@@ -156,7 +156,7 @@ def snow(pages: Pages) -> Figures:
     figures |= {'outliers': grouped(whole.outliers), 'points': grouped(whole.total)}
     figures |= {'share': exactly(whole.outliers / whole.total)}
     figures |= {'lost exactly': counted(Share(whole.lost, whole.total - whole.outliers))}
-    return figures | _exactly(whole) | {'lost': WORDS.get(whole.lost, str(whole.lost))}
+    return {**figures, **_exactly(whole)} | {'lost': WORDS.get(whole.lost, str(whole.lost))}
 
 
 def leslar(_pages: Pages) -> Figures:

@@ -31,7 +31,11 @@ from lidar_outlier_filter.core.neighbours.placed_pattern import (
 )
 from lidar_outlier_filter.core.neighbours.scan_pattern import TURN
 from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines, sort_lines
-from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
+from lidar_outlier_filter.core.points.scan_lines import (
+    is_interleaved,
+    line_starts,
+    order_by_line,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,7 +46,7 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Singles = NDArray[np.float32]
 
-FEWEST_LINES = 4
+FEWEST_LINES = 2
 SAMPLES = 64  # returns of a line that show where the scanner is
 FEWEST = 32  # returns of a line, fewer show nothing
 KNOWN = 0.5  # share of the lines whose own returns must show the scanner's place

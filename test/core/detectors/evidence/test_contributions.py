@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import numpy as np
 from helpers.roads import arm
-from lidar_outlier_filter.core.detectors.evidence.survey.judge.scale import typical_scale
-from lidar_outlier_filter.core.points.points.points import Points
 
 from lidar_outlier_filter.core.detectors.evidence.declaration import Way
 from lidar_outlier_filter.core.detectors.evidence.explain.contributions import contributions
-from lidar_outlier_filter.core.detectors.evidence.survey.judge import judge as survey
+from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
+from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
 from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 

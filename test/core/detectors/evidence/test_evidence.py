@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from helpers.roads import arm, points_of, road, sweep
-from lidar_outlier_filter.core.points.points.scan_lines import find_lines
 from naive import evidence as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector as evidence
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum import groups, lines
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.points.scan_lines import find_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.points.points.points import Points
     from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points.points import Points
 
     Floats = NDArray[np.float64]
     Bools = NDArray[np.bool_]

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers.profile_drives import Drive
 from helpers.sweeps import sweep
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.judge import find_either, judge
 from naive import scan_pattern as naive
 
 from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import (
@@ -16,6 +15,7 @@ from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import
     explain,
 )
 from lidar_outlier_filter.core.detectors.evidence.models import load
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either, judge
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError

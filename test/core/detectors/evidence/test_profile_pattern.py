@@ -10,25 +10,25 @@ import numpy as np
 import pytest
 from helpers.profile_drives import PERIOD, SPEED, Drive, pattern_of, points_of, prepared
 from helpers.sweeps import sweep
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.judge import judge
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.profile_features import (
-    COUNT_PROFILE,
-    PROFILE,
-    measure_profile,
-)
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.profile_groups import (
-    GROUPS,
-    REACHES,
-    find_groups,
-)
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.window import prepare
 from naive import profile_pattern as naive
 from naive import scan_pattern as naive_pattern
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge import features as pattern_features
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge import profile_groups
+from lidar_outlier_filter.core.detectors.evidence.pattern import features as pattern_features
+from lidar_outlier_filter.core.detectors.evidence.pattern import profile_groups
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import judge
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
+    COUNT_PROFILE,
+    PROFILE,
+    measure_profile,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_groups import (
+    GROUPS,
+    REACHES,
+    find_groups,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -101,10 +101,10 @@ def test_lines_without_returns() -> None:
 
 
 def test_no_pattern() -> None:
-    """A spinning sensor, few lines, a mirror that turns unevenly, and points anywhere have none."""
+    """A spinning sensor, one line, a mirror that turns unevenly, and points anywhere have none."""
     points = Drive(5).points
     assert find_profile_pattern(sweep(1, 0.0)) is None
-    assert find_profile_pattern(points.take(points.line < 3)) is None
+    assert find_profile_pattern(points.take(points.line < 1)) is None
     assert find_profile_pattern(points.take(slice(0, 0))) is None
     assert find_profile_pattern(points.take(points.line == 3)) is None
     rng = np.random.default_rng(5)
@@ -242,15 +242,25 @@ def test_strays_are_found() -> None:
     assert rejected[~drive.stray].mean() < 0.0005
 
 
+@pytest.mark.parametrize('lines', [2, 3])
+def test_few_lines_are_enough(lines: int) -> None:
+    """Two lines show how fast the mirror turns: the trees find what does not belong."""
+    drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
+    few = drive.points.line < lines
+    rejected = judge(pattern_of(drive.points.take(few)), 1.0, profile=True) > 1
+    assert rejected[drive.stray[few]].mean() > 0.8
+    assert rejected[~drive.stray[few]].mean() < 0.002
+
+
 def test_sensor_decides_the_way() -> None:
-    """Profile scanners have trees, unless the sensor is said to spin, or the lines are too few."""
+    """Profile scanners have trees, unless the sensor is said to spin, or there is one line only."""
     points = Drive(11, 0.1).points
     wanted = judge(pattern_of(points), 2.0, profile=True).astype(np.float32)
     for sensor, same in (('auto', True), ('profile', True), ('spinning', False)):
         values = {'chain': ['evidence'], 'evidence.sensor': sensor, 'evidence.threshold': 2.0}
         found = Chain(FilterParameters().changed(values)).judge(points)
         assert np.array_equal(found.score, wanted) == same
-    few = points.take(points.line < 3)
+    few = points.take(points.line < 1)
     near = Neighbourhood(few.xyz, detector.neighbours())
     parameters = FilterParameters()
     assert_array_equal(

@@ -16,18 +16,6 @@ from helpers.roads import arm, road
 from helpers.roads import sweep as snow
 from helpers.sweeps import pattern_of as spinning_of
 from helpers.sweeps import sweep
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.judge import first_pass
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.profile_features import (
-    PROFILE,
-    measure_profile,
-)
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.scores import (
-    AGAIN,
-    COUNT_AGAIN,
-    measure_again,
-)
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.window import prepare
 
 from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import contribute
 from lidar_outlier_filter.core.detectors.evidence.explain.reasons import (
@@ -39,6 +27,18 @@ from lidar_outlier_filter.core.detectors.evidence.models import (
     PatternModel,
     load,
 )
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import first_pass
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
+    PROFILE,
+    measure_profile,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
+    AGAIN,
+    COUNT_AGAIN,
+    measure_again,
+)
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import neighbours
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.features import FEATURES as OF_SUM
@@ -48,9 +48,8 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.detectors.evidence.pattern.judge.window import Prepared
-    from lidar_outlier_filter.core.points.points.points import Points
-
+    from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
 
 PAGE = Path(__file__).parents[4] / 'doc/detectors/evidence.md'

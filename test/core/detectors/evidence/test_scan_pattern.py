@@ -9,23 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.sweeps import RATE, TURN_NS, measured, pattern_of, sweep
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.judge import judge
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.scores import (
+from naive import scan_pattern as naive
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import judge
+from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
     AGAIN,
     COUNT_AGAIN,
     count_scores,
     measure_again,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge.window import prepare
-from lidar_outlier_filter.core.points.points.points import Points
-from naive import scan_pattern as naive
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
-
+from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.neighbours.placed_pattern import count_points
 from lidar_outlier_filter.core.neighbours.scan_pattern import arctangent, find_pattern
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from lidar_outlier_filter.core.detectors.evidence.survey.judge.far import MOST, Far
-from lidar_outlier_filter.core.detectors.evidence.survey.judge.model import load
-from lidar_outlier_filter.core.detectors.evidence.survey.judge.near import K
-from lidar_outlier_filter.core.detectors.evidence.survey.judge.places import (
-    find_places,
-    shares_places,
-)
-from lidar_outlier_filter.core.detectors.evidence.survey.judge.scale import typical_scale
-from lidar_outlier_filter.core.points.points.points import Points, is_return
 from naive import survey as naive
 from numpy.typing import NDArray
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
-from lidar_outlier_filter.core.detectors.evidence.survey.judge import far as survey_far
-from lidar_outlier_filter.core.detectors.evidence.survey.judge import judge as survey
-from lidar_outlier_filter.core.detectors.evidence.survey.judge import near as survey_near
+from lidar_outlier_filter.core.detectors.evidence.survey import far as survey_far
+from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
+from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
+from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far
+from lidar_outlier_filter.core.detectors.evidence.survey.model import load
+from lidar_outlier_filter.core.detectors.evidence.survey.near import K
+from lidar_outlier_filter.core.detectors.evidence.survey.places import (
+    find_places,
+    shares_places,
+)
+from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
 from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
 from lidar_outlier_filter.core.judging.whole_cloud import judge_whole
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
