@@ -14,9 +14,7 @@ from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.core.points.points import Points
 
 TURN_NS = 100_000_000  # ten turns a second
-
 RATE = -2 * np.pi / TURN_NS  # rad/ns: clockwise
-
 RINGS = (-20.0, -14.0, -9.0, -6.0, -3.0, 0.0, 4.0, 9.0)  # degrees
 
 
