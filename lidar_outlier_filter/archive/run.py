@@ -12,8 +12,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from lidar_outlier_filter.archive.fingerprints import (
     content_hash,
     model_hash,
@@ -33,6 +31,7 @@ from lidar_outlier_filter.errors import (
     SchedulerError,
     said_by,
 )
+from lidar_outlier_filter.recordings.message_times import gaps_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -45,8 +44,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
-
-GAP = 2.0  # usual distances of two clouds, from which on clouds are missing between them
 
 
 def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Task]:
@@ -164,11 +161,8 @@ class _Times:
             self._times.setdefault(topic.name, []).append(time)
 
     def gaps(self, topic: str) -> int:
-        """Count where clouds are missing: distances longer than ``GAP`` × their median."""
-        distances = np.diff(np.sort(np.array(self._times.get(topic, []), np.int64)))
-        if not len(distances):
-            return 0
-        return int((distances > GAP * np.median(distances)).sum())
+        """Count where clouds are missing; pieces of a recording come in any order."""
+        return len(gaps_in(sorted(self._times.get(topic, [])))[1])
 
 
 def _counted(report: ReplayReport, times: _Times) -> dict[str, Any]:

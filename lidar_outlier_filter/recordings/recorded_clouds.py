@@ -60,7 +60,7 @@ class RecordedClouds:
     Attributes
     ----------
     topic : of the clouds
-    count : clouds that the topic has
+    times : in the recording, of all clouds that the topic has, nanoseconds
     unmoved : clouds that were taken without poses, though there is odometry
     refusals : clouds that were refused, by what was wrong with them
     sentences : the first one for each of these
@@ -78,7 +78,8 @@ class RecordedClouds:
     ) -> None:
         """Name the recording and the topic; None: the only one."""
         self.topic = ''
-        self.count = self.unmoved = 0
+        self.times: list[int] = []
+        self.unmoved = 0
         self.refusals: Counter[str] = Counter()
         self.sentences: dict[str, str] = {}
         self.convention = ''
@@ -96,22 +97,22 @@ class RecordedClouds:
             If the recording cannot be read, has no such topic, or lacks the odometry.
 
         """
-        self.count = self.unmoved = 0
+        self.times, self.unmoved = [], 0
         self.refusals.clear()
         self.sentences.clear()
         parameters, decoder = self._parameters, Decoder(self._parameters)
         motion = Odometry(parameters) if parameters.motion.source == 'odometry' else None
         stream = _Recorder(parameters, motion if self._with_eyes else None)
         moving = None if motion is None else MovingStream(stream, motion, parameters, self._refused)
-        for kind, message in self._messages():
+        for kind, time, message in self._messages():
             if kind == ODOMETRY and motion is not None and moving is not None:
                 motion.take(message)
                 moving.advance()
             if kind == CLOUD:
-                self.count += 1
+                self.times.append(time)
                 try:
                     msg = _readable(message)
-                    points, number = decoder.decode(msg), self.count - 1
+                    points, number = decoder.decode(msg), len(self.times) - 1
                     frame = '' if moving is None else str(msg.header.frame_id)
                     (moving or stream).push(RecordedCloud(points, frame, msg=msg, number=number))
                 except CloudError as err:
@@ -123,12 +124,17 @@ class RecordedClouds:
         self.unmoved = 0 if moving is None else moving.unmoved
         self.convention = str(decoder.convention or '')
 
+    @property
+    def count(self) -> int:
+        """Count the clouds that the topic has."""
+        return len(self.times)
+
     def _refused(self, err: CloudError) -> None:
         self.refusals[err.what] += 1
         self.sentences.setdefault(err.what, str(err))
 
-    def _messages(self) -> Iterator[tuple[str, Any | None]]:
-        """Yield type and message of clouds and odometry; None for a cloud that cannot be read."""
+    def _messages(self) -> Iterator[tuple[str, int, Any | None]]:
+        """Yield type, time and message of clouds and odometry; None: a cloud that is broken."""
         store = get_typestore(Stores.ROS2_JAZZY)
         with Recording(self._recording) as source:
             self.topic = _choose(source, self._wanted)
@@ -137,14 +143,14 @@ class RecordedClouds:
             check_motion(source, self._parameters.motion)
             if self._parameters.motion.source == 'odometry':
                 wanted.add((odometry, ODOMETRY))
-            for channel, _, data in source.messages():
+            for channel, time, data in source.messages():
                 if (channel.name, channel.msgtype) in wanted:
                     try:
                         message = store.deserialize_cdr(data, channel.msgtype)
                     except Exception:  # noqa: BLE001  it raises whatever it comes upon
                         message = None
                     if message is not None or channel.msgtype == CLOUD:
-                        yield channel.msgtype, message
+                        yield channel.msgtype, time, message
 
 
 def _readable(message: Any | None) -> Any:
