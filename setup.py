@@ -79,7 +79,7 @@ setup(
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*', LAB, f'{LAB}.*']),
     package_data={
-        NAME: ['py.typed', 'core/detectors/evidence/*/*.json', 'report/assets/*'],
+        NAME: ['py.typed', 'core/detectors/evidence/*.json', 'report/assets/*'],
         LAB: ['py.typed'],
     },
     data_files=shared_files(),

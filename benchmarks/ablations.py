@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
 from lidar_outlier_filter.core.detectors.evidence import declaration
-from lidar_outlier_filter.core.detectors.evidence.pattern import judge as pattern
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import (
+from lidar_outlier_filter.core.detectors.evidence.models import (
     NAMES,
     PATTERN_MODEL,
     PROFILE_MODEL,
@@ -35,6 +34,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.model import (
     load,
     read_trees,
 )
+from lidar_outlier_filter.core.detectors.evidence.pattern import judge as pattern
 from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED
 from lidar_outlier_lab.results.contest import score

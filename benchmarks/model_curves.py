@@ -21,8 +21,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import REASONS, contribute
+from lidar_outlier_filter.core.detectors.evidence.models import load
 from lidar_outlier_filter.core.detectors.evidence.pattern.judge import first_pass
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import load
 from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
     COUNT_AGAIN,
     measure_again,

@@ -15,8 +15,8 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import CloudError, RecordingError, refused_for
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 from lidar_outlier_filter.stream.motion import Odometry
+from lidar_outlier_filter.stream.session import Session
 from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, answers, resolve
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.bags import NewBag
     from lidar_outlier_filter.recordings.journal import Journal
-    from lidar_outlier_filter.stream.cloud_filter import Answer
+    from lidar_outlier_filter.stream.session import Answer
     from lidar_outlier_filter.stream.statistics import Statistics
 
 MOST_SENTENCES = 50  # that are kept of refusals
@@ -93,7 +93,7 @@ class CloudTopic:
         def say(text: str) -> None:
             inform(f'{name}: {text}')
 
-        self._filter = CloudFilter(parameters, say, say, motion)
+        self._filter = Session(parameters, say, say, motion)
         if chain is not None:
             self._filter.judge_by(chain)
         self._filter.wanted = (False, False)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import read_trees
+from lidar_outlier_filter.core.detectors.evidence.models import read_trees
 from lidar_outlier_lab.training.learner import learn
 
 if TYPE_CHECKING:

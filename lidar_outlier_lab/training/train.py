@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.evidence.models import VERSION, read_trees
 from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import VERSION, read_trees
 from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
 from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN

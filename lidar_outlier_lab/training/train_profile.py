@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.evidence.models import VERSION
 from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import VERSION
 from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
     COUNT_PROFILE,
     PROFILE,

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import VERSION
+from lidar_outlier_filter.core.detectors.evidence.models import VERSION
 from lidar_outlier_filter.core.detectors.evidence.survey.far import COUNT, MOST, NAMES, Far
 from lidar_outlier_filter.core.detectors.evidence.survey.judge import (
     first_odds,

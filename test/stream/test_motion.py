@@ -20,7 +20,7 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.ros.tf import make_motion
-from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
+from lidar_outlier_filter.stream.session import Answer, Session
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 def still(clouds: Iterable[PointCloud2], extra: Mapping[str, object] | None = None) -> list[Answer]:
     """Filter clouds as they are."""
-    clean = CloudFilter(FilterParameters().changed({**SOR, **(extra or {})}))
+    clean = Session(FilterParameters().changed({**SOR, **(extra or {})}))
     answers = [answer for msg in clouds for answer in clean.push(msg, msg)]
     return answers + clean.flush()
 

@@ -123,6 +123,6 @@ def test_the_list_is_printed(mutate: ModuleType, capsys: pytest.CaptureFixture[s
     """Of all changes those whose file or reason a pattern is found in."""
     assert mutate.main(['--list', '--only', r'blocks\.py: exactly']) == 0
     (line,) = capsys.readouterr().out.splitlines()
-    assert line.endswith('core/blocks.py: exactly max_points may be held')
+    assert line.endswith('core/judging/blocks.py: exactly max_points may be held')
     assert mutate.main(['--list', '--only', 'no such reason']) == 2
     assert capsys.readouterr().err.startswith('--only must be found in the file or the reason')

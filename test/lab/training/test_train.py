@@ -9,8 +9,8 @@ import pytest
 from helpers.sweeps import sweep
 from sklearn.ensemble import HistGradientBoostingClassifier
 
+from lidar_outlier_filter.core.detectors.evidence.models import read_trees
 from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import read_trees
 from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
 from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up

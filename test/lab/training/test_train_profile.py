@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from lidar_outlier_filter.core.detectors.evidence.models import NAMES, PROFILE_MODEL, load
 from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import NAMES, PROFILE_MODEL, load
 from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import PROFILE
 from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
 from lidar_outlier_filter.errors import FilterError

@@ -14,8 +14,8 @@ from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import
     contribute,
     explain,
 )
+from lidar_outlier_filter.core.detectors.evidence.models import load
 from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either, judge
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import load
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError

@@ -22,13 +22,13 @@ from lidar_outlier_filter.core.detectors.evidence.explain.reasons import (
     REASON_NAMES,
     strongest_of_trees,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge import first_pass
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import (
+from lidar_outlier_filter.core.detectors.evidence.models import (
     PROFILE_MODEL,
     PatternModel,
     load,
 )
+from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import first_pass
 from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
     PROFILE,
     measure_profile,

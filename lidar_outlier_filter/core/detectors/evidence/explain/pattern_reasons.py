@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.explain.reasons import add_up_reasons, find_means
+from lidar_outlier_filter.core.detectors.evidence.models import (
+    PATTERN_MODEL,
+    PROFILE_MODEL,
+    load,
+)
 from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES
 from lidar_outlier_filter.core.detectors.evidence.pattern.judge import (
     find_either,
     first_pass,
     second_pass,
-)
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import (
-    PATTERN_MODEL,
-    PROFILE_MODEL,
-    load,
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
     COUNT_PROFILE,

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.detectors.evidence.pattern.model import PatternModel
+    from lidar_outlier_filter.core.detectors.evidence.models import PatternModel
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
 
     Floats = NDArray[np.float64]

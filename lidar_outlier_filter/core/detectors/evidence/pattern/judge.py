@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.explain.reasons import strongest_of_trees
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import (
+from lidar_outlier_filter.core.detectors.evidence.models import (
     PATTERN_MODEL,
     PROFILE_MODEL,
     load,

@@ -7,7 +7,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
-from lidar_outlier_filter.core.detectors.evidence.pattern.model import read_file, read_trees
+from lidar_outlier_filter.core.detectors.evidence.models import read_file, read_trees
 from lidar_outlier_filter.core.detectors.evidence.survey.far import NAMES
 from lidar_outlier_filter.core.detectors.evidence.survey.near import NEAR
 
