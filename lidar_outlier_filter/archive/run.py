@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import shutil
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -22,8 +21,8 @@ from lidar_outlier_filter.archive.manifest import DONE, FAILED, NO_CLOUDS, How, 
 from lidar_outlier_filter.archive.places import place_of, published
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Step
-from lidar_outlier_filter.disk.hidden_folder import hidden_folder
-from lidar_outlier_filter.disk.publication import publish
+from lidar_outlier_filter.disk.new_files import replaced
+from lidar_outlier_filter.disk.publication import FOLDER, taken
 from lidar_outlier_filter.errors import (
     FilterError,
     NoCloudsError,
@@ -123,8 +122,7 @@ def _replay_one(
 def _refuse_unknown(output: RecordingPath, *, known: bool) -> None:
     """Refuse to write over what no run has written."""
     if not known and output.exists():
-        must_be = 'a new folder, or one of the manifest'
-        raise RecordingError('the output', must_be, f'{output}, which exists')
+        raise taken(output, f'{FOLDER}, or one of the manifest')
 
 
 @contextmanager
@@ -137,12 +135,8 @@ def _built(output: RecordingPath) -> Iterator[Path]:
             yield path
         return
     output.parent.mkdir(parents=True, exist_ok=True)
-    older = output.exists()
-    with hidden_folder(output) as folder:
-        yield folder / output.name
-        if older:
-            shutil.rmtree(output)
-        publish(folder / output.name, output)
+    with replaced(output) as built:
+        yield built
 
 
 def _how(order: Order) -> How:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from dataclasses import replace
 from itertools import accumulate
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers.drives import BEGIN, FAST, PERIOD, cloud_bytes, rows_of_turn, topic_of
+from matplotlib import colormaps
 
 from lidar_outlier_filter.archive.run import _Times
 from lidar_outlier_filter.cli.main import main
@@ -31,6 +33,7 @@ from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.header import header, parameter_file, split
 from lidar_outlier_filter.report.pack import REASONS, SCORE_UNIT, STEPS, UNTESTED, pack
+from lidar_outlier_filter.report.page import colour_maps
 from lidar_outlier_filter.report.reasons import FEATURES, MOST_IN_BLOCK, OF_WAY, STRONGEST
 from lidar_outlier_filter.report.sliders import BITS, sliders
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
@@ -200,6 +203,15 @@ def test_thinned_points_are_counted_all_the_same(found: Gathered, snow: Path) ->
     known = header(thin, cut(thin), pack(thin, cut(thin)))
     assert known['drawn'] == most
     assert known['all']['points'] == len(found.kept)
+
+
+def test_colours_are_those_of_matplotlib() -> None:
+    """Byte for byte, though the page does not import it."""
+    maps = colour_maps()
+    assert list(maps) == ['viridis', 'cividis']
+    for name, text in maps.items():
+        table = colormaps[name](range(256), bytes=True)[:, :3]
+        assert base64.b64decode(text) == table.tobytes()
 
 
 def test_header_is_json(found: Gathered) -> None:
