@@ -84,11 +84,11 @@ class SourceFacts:
     topic: str = ''
     moved: bool = False
 
-    def note(self, cloud: StreamCloud, count: int) -> None:
-        """Count a cloud of so many points, valid or not."""
+    def note(self, cloud: StreamCloud) -> None:
+        """Count a cloud."""
         self.clouds += 1
-        self.points += count
-        self.invalid += count - len(cloud.points)
+        self.points += cloud.count
+        self.invalid += cloud.count - len(cloud.points)
         if len(cloud.points):
             self.span = (self.span[0] if self.span else cloud.first, cloud.last)
 
@@ -147,7 +147,7 @@ class RecordedSource:
             streams[-1].chain = chain
         found = SourceFacts(moved=self.found.moved)
         for taken in self._clouds:
-            found.note(taken, taken.count)
+            found.note(taken.cloud)
             for number, stream in enumerate(streams):
                 for cloud in stream.push(self._cloud(taken)):
                     yield number, cloud
@@ -164,9 +164,10 @@ class RecordedSource:
         self.found = found
 
     def _cloud(self, taken: RecordedCloud) -> ReportCloud:
-        view = structured(taken.msg).reshape(-1) if taken.count else None
+        where, count = taken.cloud.where, taken.cloud.count
+        view = structured(taken.msg).reshape(-1) if count else None
         names = (view.dtype.names or ()) if view is not None else ()
-        intensity = None if view is None else intensity_of(view, taken.where)
+        intensity = None if view is None else intensity_of(view, where)
         code = None
         if self._files:
             code = self._codes(taken)
@@ -174,11 +175,15 @@ class RecordedSource:
             if self._label not in names:
                 must_be = f'one of the fields {", ".join(names)}'
                 raise CloudError('the field with the truth', must_be, repr(self._label))
-            code = view[self._label][taken.where].astype(np.int64)
+            code = view[self._label][where].astype(np.int64)
         elif view is not None and LABEL in names and view.dtype[LABEL].kind in 'iu':
-            code = view[LABEL][taken.where].astype(np.int64)
+            code = view[LABEL][where].astype(np.int64)
         return ReportCloud(
-            taken.points, taken.frame, number=taken.number, intensity=intensity, code=code
+            taken.cloud.points,
+            taken.cloud.frame,
+            number=taken.number,
+            intensity=intensity,
+            code=code,
         )
 
     def _codes(self, taken: RecordedCloud) -> NDArray[np.int64]:
@@ -186,10 +191,10 @@ class RecordedSource:
             must_be = f'as many as there are clouds, at least {taken.number + 1}'
             raise RecordingError('the files with labels', must_be, len(self._files))
         codes = read_codes(self._files[taken.number])
-        if len(codes) != taken.count:
-            must_be = f'of {taken.count} points, as the cloud'
+        if len(codes) != taken.cloud.count:
+            must_be = f'of {taken.cloud.count} points, as the cloud'
             raise RecordingError(f'the labels {self._files[taken.number]}', must_be, len(codes))
-        return codes[taken.where]
+        return codes[taken.cloud.where]
 
 
 class FileSource:
