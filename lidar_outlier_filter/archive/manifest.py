@@ -15,6 +15,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.task import last_parts
+from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError, said_by
 
 if TYPE_CHECKING:
@@ -189,13 +190,11 @@ class Manifest:
 
     def tidy(self) -> None:
         """Leave the lines that count, in the order of the names of their sources."""
-        beside = self._path.with_name(f'.{self._path.name}.partial')
         kept = (entry for source in sorted(self.entries) for entry in self._kept(source))
-        with beside.open('wb') as stream:
+        with replaced(self._path) as built, built.open('wb') as stream:
             stream.writelines(map(_line, kept))
             stream.flush()
             os.fsync(stream.fileno())
-        beside.replace(self._path)
         _sync_folder(self._path.parent)
         self._sync()
 

@@ -24,6 +24,7 @@ from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How,
 from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.task import Task
+from lidar_outlier_filter.disk.publication import FILE, taken
 from lidar_outlier_filter.errors import CloudError, FilterError, SchedulerError, said_by
 from lidar_outlier_filter.files.cleaning.clean import list_logs
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -130,11 +131,11 @@ class ManyFiles:
         self._manifest.add(entry)
         return entry
 
-    def _exists(self, path: Path) -> CloudError:
-        must_be = 'a new file'
+    def _exists(self, path: Path) -> FilterError:
+        must_be = FILE
         if self._resume:
             must_be += ', or one of this version, made of the same file with the same options'
-        return CloudError('the output', must_be, f'{path}, which exists')
+        return taken(path, must_be, CloudError)
 
     def _is_done(self, task: Task, job: Job) -> bool:
         """Return whether the manifest proves a file to be cleaned in this way."""

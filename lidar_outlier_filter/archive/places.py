@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from lidar_outlier_filter.disk.publication import FOLDER, taken
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.remote_path import RemotePath, reached, written
 
@@ -179,7 +180,7 @@ def published(path: RecordingPath, scratch: Path | None = None) -> Iterator[Path
         yield path
         return
     if path.exists():
-        raise RecordingError('the output', 'a new folder', f'{path}, which exists')
+        raise taken(path, FOLDER)
     with TemporaryDirectory(prefix='.lidar_outlier_filter-', dir=scratch) as folder:
         built = Path(folder, path.name)
         yield built

@@ -4,15 +4,12 @@
 
 from __future__ import annotations
 
-import shutil
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from lidar_outlier_filter.archive.fingerprints import (
     content_hash,
@@ -24,8 +21,8 @@ from lidar_outlier_filter.archive.manifest import DONE, FAILED, NO_CLOUDS, How, 
 from lidar_outlier_filter.archive.places import place_of, published
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Step
-from lidar_outlier_filter.disk.hidden_folder import hidden_folder
-from lidar_outlier_filter.disk.publication import publish
+from lidar_outlier_filter.disk.new_files import replaced
+from lidar_outlier_filter.disk.publication import FOLDER, taken
 from lidar_outlier_filter.errors import (
     FilterError,
     NoCloudsError,
@@ -33,6 +30,7 @@ from lidar_outlier_filter.errors import (
     SchedulerError,
     said_by,
 )
+from lidar_outlier_filter.recordings.message_times import gaps_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -45,8 +43,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
-
-GAP = 2.0  # usual distances of two clouds, from which on clouds are missing between them
 
 
 def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Task]:
@@ -126,8 +122,7 @@ def _replay_one(
 def _refuse_unknown(output: RecordingPath, *, known: bool) -> None:
     """Refuse to write over what no run has written."""
     if not known and output.exists():
-        must_be = 'a new folder, or one of the manifest'
-        raise RecordingError('the output', must_be, f'{output}, which exists')
+        raise taken(output, f'{FOLDER}, or one of the manifest')
 
 
 @contextmanager
@@ -140,12 +135,8 @@ def _built(output: RecordingPath) -> Iterator[Path]:
             yield path
         return
     output.parent.mkdir(parents=True, exist_ok=True)
-    older = output.exists()
-    with hidden_folder(output) as folder:
-        yield folder / output.name
-        if older:
-            shutil.rmtree(output)
-        publish(folder / output.name, output)
+    with replaced(output) as built:
+        yield built
 
 
 def _how(order: Order) -> How:
@@ -164,11 +155,8 @@ class _Times:
             self._times.setdefault(topic.name, []).append(time)
 
     def gaps(self, topic: str) -> int:
-        """Count where clouds are missing: distances longer than ``GAP`` × their median."""
-        distances = np.diff(np.sort(np.array(self._times.get(topic, []), np.int64)))
-        if not len(distances):
-            return 0
-        return int((distances > GAP * np.median(distances)).sum())
+        """Count where clouds are missing; pieces of a recording come in any order."""
+        return len(gaps_in(sorted(self._times.get(topic, [])))[1])
 
 
 def _counted(report: ReplayReport, times: _Times) -> dict[str, Any]:

@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.errors import CloudError, said_by
+from lidar_outlier_filter.disk.new_files import new_output
+from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,11 +50,8 @@ def draw(judged: JudgedFile, worst: Worst, path: Path) -> None:
     count, total = int(judged.verdict.rejected.sum()), len(judged.file)
     title = f'{judged.file.path.name}: {count:,} of {total:,} points rejected'
     figure.suptitle(title, color=INK, fontsize=15)
-    try:
-        with path.open('xb') as stream:
-            canvas.print_png(stream)  # type: ignore[no-untyped-call]
-    except OSError as err:
-        raise CloudError(f'the picture {path}', 'written in full', said_by(err)) from err
+    with new_output(path, error=CloudError) as built:
+        canvas.print_png(str(built))  # type: ignore[no-untyped-call]
 
 
 def _map(axes: Axes, judged: JudgedFile, worst: Worst) -> None:

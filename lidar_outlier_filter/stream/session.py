@@ -235,6 +235,11 @@ class Session:
         return self._decoder.convention is not None and self._stream.choice.settled
 
     @property
+    def convention(self) -> str:
+        """How clouds are read, for people; empty: none had a valid point yet."""
+        return str(self._decoder.convention or '')
+
+    @property
     def can_shed(self) -> bool:
         """Whether the detectors that look along the line can do without the others."""
         return self._short is not None

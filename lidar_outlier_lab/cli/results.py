@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,6 +101,8 @@ def _run(options: argparse.Namespace) -> int:
 
     from lidar_outlier_lab.results import markdown
 
+    for module in ('matplotlib', 'PIL'):
+        import_module(module)  # before the work
     if options.full < 1:
         raise FilterError('--full', 'at least 1', options.full)
     options.presets = options.presets or (QUICK_PRESETS if options.quick else tuple(PRESETS))

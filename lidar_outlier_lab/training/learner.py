@@ -8,7 +8,6 @@ And what both kinds of sensor share in training one: features of a pass, and wha
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,6 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
     measure_again,
 )
 from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees, add_up
-from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -53,12 +51,6 @@ class Trained(NamedTuple):
     text: str
     threshold: float
     held_out: Mapping[str, Any]
-
-
-def check_learner() -> None:
-    """Refuse to begin where scikit-learn is not installed."""
-    if find_spec('sklearn') is None:
-        raise FilterError('scikit-learn', 'installed: the extra "train"', 'none')
 
 
 def window_features(prepared: Prepared, odds: Singles | None) -> Singles:

@@ -17,8 +17,8 @@ from lidar_outlier_filter.core.detectors import elevation
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation import pictures as picture
 from lidar_outlier_filter.parameters.detectors import Hierarchical
+from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.results import sotoodeh_picture as hod_picture
 from lidar_outlier_lab.simulation.papers import sotoodeh_clusters as hod_scene
 from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, Errors, simulate
