@@ -124,8 +124,8 @@ class PcdFile:
     def _rows(self) -> Rows:
         if self._data == 'ascii':
             counts = [dtype.itemsize // dtype.base.itemsize for dtype in self._kinds]
-            places = dict(zip(self._dtype.names or (), accumulate([0, *counts]), strict=False))
-            columns = {name: (places[name], kind) for name, kind in self.columns.items()}
+            indices = dict(zip(self._dtype.names or (), accumulate([0, *counts]), strict=False))
+            columns = {name: (indices[name], kind) for name, kind in self.columns.items()}
             return TextRows(self.path, self._offset, self._count, sum(counts), columns)
         if self._data == 'binary':
             return BinaryRows.map(self.path, self._offset, self._dtype, self._count)

@@ -98,8 +98,8 @@ class PlyFile:
         found = [i for i, element in enumerate(self._elements) if element.name == 'vertex']
         if len(found) != 1:
             raise CloudError(f'the elements vertex of {path}', 'one', len(found))
-        self._place = found[0]
-        self._vertex = self._elements[self._place]
+        self._index = found[0]
+        self._vertex = self._elements[self._index]
         if not self._vertex.properties:
             raise CloudError(f'the element vertex of {path}', 'with properties', 'none')
         if self._vertex.has_lists:
@@ -114,10 +114,10 @@ class PlyFile:
         """Return the rows of the vertices, and where they begin and end in the file."""
         with self.path.open('rb') as stream:
             stream.seek(self._begin)
-            for element in self._elements[: self._place]:
+            for element in self._elements[: self._index]:
                 _skip(self.path, stream, element, self._format)
             offset = stream.tell()
-        behind = self._elements[self._place + 1 :]
+        behind = self._elements[self._index + 1 :]
         if self._format == 'ascii':
             columns = {name: (i, kind) for i, (name, kind) in enumerate(self.columns.items())}
             count, width = self._vertex.count, len(self._vertex.properties)

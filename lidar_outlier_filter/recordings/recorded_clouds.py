@@ -180,8 +180,8 @@ class _Recorder(Stream[RecordedCloud]):
 def _see(motion: Odometry, points: Points, frame: str) -> Floats:
     """Return where the sensor's origin, and 1 m on its axes, were at the time of each point."""
     found = np.empty((len(points), 4, 3))
-    for k, place in enumerate((np.zeros(3), *np.eye(3))):
-        xyz = np.tile(place, (len(points), 1))
+    for k, position in enumerate((np.zeros(3), *np.eye(3))):
+        xyz = np.tile(position, (len(points), 1))
         moved, _ = motion.move(replace(points, xyz=xyz, own=None), frame)
         found[:, k] = moved.xyz
     return found

@@ -80,10 +80,10 @@ def _nearest(
     criticals: NDArray[np.float64], goals: NDArray[np.float64], allowed: NDArray[np.bool_]
 ) -> list[int]:
     """Find the critical values nearest to some goals, ascending, each once."""
-    places = np.flatnonzero(allowed)
-    if len(places) == 0:
+    indices = np.flatnonzero(allowed)
+    if len(indices) == 0:
         return []
-    return sorted({int(places[np.abs(criticals[places] - goal).argmin()]) for goal in goals})
+    return sorted({int(indices[np.abs(criticals[indices] - goal).argmin()]) for goal in goals})
 
 
 def fits(parameters: FilterParameters, name: str, value: float) -> bool:

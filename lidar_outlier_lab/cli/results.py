@@ -116,9 +116,9 @@ def _run(options: argparse.Namespace) -> int:
                 texts = SECTIONS[name](options, Path(folder), progress)
                 pictures = sorted(Path(folder).glob('*.png'))
                 page = options.output.parent / 'papers' if name == 'papers' else options.output
-                for place, (part, text) in enumerate(texts.items()):
+                for index, (part, text) in enumerate(texts.items()):
                     one = page / f'{part}.md' if name == 'papers' else page
-                    markdown.write(one, part, text, () if place else pictures)
+                    markdown.write(one, part, text, () if index else pictures)
             console.print(f'{name} written to {page}', markup=False, highlight=False)
     return DONE
 

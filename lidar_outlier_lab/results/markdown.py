@@ -93,13 +93,13 @@ def write(
         images = path.parent / 'images'
         images.mkdir(parents=True, exist_ok=True)
         for picture in pictures:
-            _place(picture.read_bytes(), images / picture.name)
-        _place(page.encode(), path)
+            _put(picture.read_bytes(), images / picture.name)
+        _put(page.encode(), path)
     except (OSError, UnicodeDecodeError) as err:
         raise RecordingError(f'the page {path}', 'readable and writable', err) from err
 
 
-def _place(data: bytes, path: Path) -> None:
+def _put(data: bytes, path: Path) -> None:
     """Write a file whole or not at all."""
     with TemporaryDirectory(prefix=f'.{path.name}.partial-', dir=path.parent) as folder:
         built = Path(folder, path.name)

@@ -59,7 +59,7 @@ class Lists(NamedTuple):
     tied : (N,) bool
         Whether another point, not in the list, is exactly as far as the k-th.
     first : int
-        The place in tree order whose list is ``index[0]``.
+        The index in tree order whose list is ``index[0]``.
 
     """
 
@@ -82,7 +82,7 @@ def search(
 ) -> None:
     """Write the rows of ``index`` and ``tied`` for all wanted points in the leaves ``these``."""
     k = index.shape[1]
-    # The first place is 0, but no literal one, which would be another type for numba.
+    # The first index is 0, but no literal one, which would be another type for numba.
     room, lists = make_room(k, levels), Lists(order, index, tied, tree.first[0])
     queries = np.empty(LEAF, np.int64)
     reach = guess = 0.0
@@ -144,9 +144,9 @@ def _each_alone(
     """Write rows of ``index`` for points of a leaf in which more coincide than are one batch."""
     for row in range(begin, end):
         few = _alone(xyz, order, tree, which[row], index.shape[1], room)
-        sort(order, room.few, room.few_place, few, room.best, room.best_place)
+        sort(order, room.few, room.few_index, few, room.best, room.best_index)
         for j in range(index.shape[1]):
-            index[row, j] = room.best_place[j]
+            index[row, j] = room.best_index[j]
 
 
 @inner_kernel
@@ -219,13 +219,13 @@ def _round(
     # Once, because every time that an array is taken from a tuple its references are counted.
     order, index, tied, first = lists
     k, size = index.shape[1], padded(near)
-    x, y, z, place, distance, few, few_place, best, best_place, _, _ = room
+    x, y, z, found, distance, few, few_index, best, best_index, _, _ = room
     left, further, total = 0, 0.0, 0.0
     for i in range(count):
         q = queries[i]
         _measure(x, y, z, xyz[q, 0], xyz[q, 1], xyz[q, 2], distance, size)
         own = q + shift
-        if own < near and place[own] == q:
+        if own < near and found[own] == q:
             distance[own] = np.inf
         within = count_up_to(distance, size, reach)
         if within < k:
@@ -234,10 +234,10 @@ def _round(
             further = max(further, enough(distance, near, k, reach))
             continue
         limit = tighten(distance, size, k, guess, reach, within)
-        chosen = choose(distance, place, near, limit, few, few_place)
-        sort(order, few, few_place, chosen, best, best_place)
+        chosen = choose(distance, found, near, limit, few, few_index)
+        sort(order, few, few_index, chosen, best, best_index)
         for j in range(k):
-            index[q - first, j] = best_place[j]
+            index[q - first, j] = best_index[j]
         tied[q - first] = chosen > k and best[k] == best[k - 1]
         guess = GUESS * best[k - 1]
         total += best[k - 1]
@@ -265,7 +265,7 @@ def _collect(
     Returns how many there are, or -1 if there is not room enough; and which of them is the first of
     the leaf ``home``.
     """
-    x, y, z, place, stack = room.x, room.y, room.z, room.place, room.nodes
+    x, y, z, found, stack = room.x, room.y, room.z, room.found, room.nodes
     count = own = 0
     stack[0], waiting = 0, 1
     while waiting > 0:
@@ -279,13 +279,13 @@ def _collect(
             waiting += 2
             continue
         first, last = tree.first[node], seen(tree, node, k)
-        if count + (last - first) + STROKE > len(place):
+        if count + (last - first) + STROKE > len(found):
             return -1, 0
         if node == home:
             own = count
         for p in range(first, last):
             x[count], y[count], z[count] = xyz[p, 0], xyz[p, 1], xyz[p, 2]
-            place[count] = p
+            found[count] = p
             # Without a branch. All points of the leaf itself stay, so that each finds itself.
             count += node == home or _beside(xyz[p, 0], xyz[p, 1], xyz[p, 2], box) <= reach
     for i in range(count, padded(count)):
@@ -323,7 +323,7 @@ def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, room: Room) -> 
     """Find the few candidates of point q by going through the tree from near to far."""
     x, y, z = xyz[q]
     box = (x, y, z, x, y, z)
-    few, place, nodes, gaps = room.few, room.few_place, room.nodes, room.gaps
+    few, few_index, nodes, gaps = room.few, room.few_index, room.nodes, room.gaps
     # 0, but no literal one, for which numba would compile all that is called with it once more.
     count = int(tree.first[0])
     bound, full = np.inf, 2 * k + LEAF
@@ -338,7 +338,7 @@ def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, room: Room) -> 
             continue
         for p in range(tree.first[node], seen(tree, node, k)):
             dx, dy, dz = xyz[p, 0] - x, xyz[p, 1] - y, xyz[p, 2] - z
-            few[count], place[count] = (dx * dx + dy * dy) + dz * dz, p
+            few[count], few_index[count] = (dx * dx + dy * dy) + dz * dz, p
             count += few[count] <= bound and p != q
         if count > full:
             count, bound = _shorten(order, count, k, room)
@@ -351,20 +351,20 @@ def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, room: Room) -> 
 @inner_kernel
 def _shorten(order: Ints, count: int, k: int, room: Room) -> tuple[int, float]:
     """Drop candidates that cannot be among the k nearest; return how many are left, and a bound."""
-    few, place, best, best_place = room.few, room.few_place, room.best, room.best_place
+    few, few_index, best, best_index = room.few, room.few_index, room.best, room.best_index
     farthest = 0.0
     for i in range(count):
         farthest = max(farthest, few[i])
     limit = tighten(few, count, k, 0.0, farthest, count)
-    kept = choose(few, place, count, limit, best, best_place)
+    kept = choose(few, few_index, count, limit, best, best_index)
     for i in range(kept):
-        few[i], place[i] = best[i], best_place[i]
+        few[i], few_index[i] = best[i], best_index[i]
     if kept > len(few) // 4:
         # So many are tied; one behind the k-th is enough to decide.
-        sort(order, few, place, kept, best, best_place)
+        sort(order, few, few_index, kept, best, best_index)
         kept = k + 1
         for i in range(kept):
-            few[i], place[i] = best[i], best_place[i]
+            few[i], few_index[i] = best[i], best_index[i]
         limit = few[k - 1]
     return kept, limit
 
@@ -373,8 +373,8 @@ def _shorten(order: Ints, count: int, k: int, room: Room) -> tuple[int, float]:
 def _write(q: int, few: int, room: Room, lists: Lists) -> None:
     """Write the row of a point: the first k of its few candidates."""
     order, index, tied, first = lists
-    k, best, place = index.shape[1], room.best, room.best_place
-    sort(order, room.few, room.few_place, few, best, place)
+    k, best, best_index = index.shape[1], room.best, room.best_index
+    sort(order, room.few, room.few_index, few, best, best_index)
     for i in range(k):
-        index[q - first, i] = place[i]
+        index[q - first, i] = best_index[i]
     tied[q - first] = few > k and best[k] == best[k - 1]

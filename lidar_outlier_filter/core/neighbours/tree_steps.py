@@ -35,13 +35,13 @@ class Room(NamedTuple):
     ----------
     x, y, z : (R,) float64
         Coordinates of the candidates side by side.
-    place : (R,) int64
-        Their places in tree order.
+    found : (R,) int64
+        Their indices in tree order.
     distance : (R,) float64
         Theirs from the point that is searched, squared.
-    few, few_place : (R,) float64, int64
-        Distances and places of those that may be among its k nearest.
-    best, best_place : (R,) float64, int64
+    few, few_index : (R,) float64, int64
+        Distances and indices of those that may be among its k nearest.
+    best, best_index : (R,) float64, int64
         The same, sorted.
     nodes, gaps : (H,) int64, float64
         A stack for walks through the tree.
@@ -51,12 +51,12 @@ class Room(NamedTuple):
     x: Floats
     y: Floats
     z: Floats
-    place: Ints
+    found: Ints
     distance: Floats
     few: Floats
-    few_place: Ints
+    few_index: Ints
     best: Floats
-    best_place: Ints
+    best_index: Ints
     nodes: Ints
     gaps: Floats
 
