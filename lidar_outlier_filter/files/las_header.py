@@ -15,7 +15,12 @@ from typing import TYPE_CHECKING, BinaryIO
 import lazrs
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.room import check_count, check_offset, check_points, check_room
+from lidar_outlier_filter.files.size_check import (
+    check_count,
+    check_fits,
+    check_offset,
+    check_points,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -39,7 +44,7 @@ LARGEST_CHUNK = 256_000_000  # bytes of the points of a chunk; lazrs takes memor
 
 
 def check_records(path: Path) -> None:
-    """Refuse records, before and behind the points, that the file has no room for."""
+    """Refuse records, before and behind the points, that do not fit into the file."""
     size = path.stat().st_size
     with path.open('rb') as stream:
         header = stream.read(LONGEST)
@@ -63,13 +68,13 @@ def _check_chain(
 ) -> None:
     """Refuse records that do not all lie between two offsets (bytes) of the file."""
     offset, end = offsets
-    check_room(path, 'the number of records', count, layout.size, end - offset)
+    check_fits(path, 'the number of records', count, layout.size, end - offset)
     for _ in range(count):
         check_offset(path, 'a record', offset, 0, end - layout.size)
         stream.seek(offset)
         length = layout.unpack(stream.read(layout.size))[3]
         offset += layout.size
-        check_room(path, 'the bytes in a record', length, 1, end - offset)
+        check_fits(path, 'the bytes in a record', length, 1, end - offset)
         offset += length
 
 
@@ -140,10 +145,10 @@ def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
         check_offset(path, 'the table of chunks', table, begin, size - _TABLE.size)
         stream.seek(table)
         chunks = _TABLE.unpack(stream.read(_TABLE.size))[1]
-        check_room(path, 'the number of chunks', chunks, each, table - begin)
+        check_fits(path, 'the number of chunks', chunks, each, table - begin)
         stream.seek(begin - _POINTERS)
         found = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip)) if chunks else []
-        check_room(path, 'the bytes in all chunks', sum(n for _, n in found), 1, table - begin)
+        check_fits(path, 'the bytes in all chunks', sum(n for _, n in found), 1, table - begin)
         if (largest := each * max((n for n, _ in found), default=0)) > LARGEST_CHUNK:
             must_be = f'at most {LARGEST_CHUNK} bytes'
             raise CloudError(f'the points of a chunk in {path}', must_be, largest)
@@ -181,8 +186,8 @@ def _count_layered(  # noqa: PLR0913  where the chunks are, and how large
         stream.seek(begin + each)
         head = stream.read(4 + 4 * layers)
         inside = sum(number for (number,) in struct.iter_unpack('<I', head[4 : len(head) & ~3]))
-        room = size - each - 4 - 4 * layers
-        check_room(path, 'the bytes in the layers of a chunk', inside, 1, room)
+        left = size - each - 4 - 4 * layers
+        check_fits(path, 'the bytes in the layers of a chunk', inside, 1, left)
         counts.append(int.from_bytes(head[:4], 'little'))
         begin += size
     return counts

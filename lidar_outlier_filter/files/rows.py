@@ -15,7 +15,7 @@ import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK
-from lidar_outlier_filter.files.room import check_count, check_points
+from lidar_outlier_filter.files.size_check import check_count, check_points
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

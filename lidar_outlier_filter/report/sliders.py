@@ -51,10 +51,10 @@ class Slider:
 def sliders(parameters: FilterParameters) -> tuple[Slider, ...]:
     """Make a slider for each detector of the chain, as far as the bits of a point suffice."""
     chain = tuple(dict.fromkeys(parameters.chain))
-    room = min(BITS // len(chain), MOST_STEPS) if len(chain) <= BITS else 1
+    bits = min(BITS // len(chain), MOST_STEPS) if len(chain) <= BITS else 1
     found: list[Slider] = []
     for detector in chain[:BITS]:
-        found.append(_slider(detector, parameters, (room - 1) // 2, len(found) * room))
+        found.append(_slider(detector, parameters, (bits - 1) // 2, len(found) * bits))
     return tuple(found)
 
 

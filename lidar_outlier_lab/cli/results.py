@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.results.contest import Progress
 
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
-    # Judgement where pictures go; returns the texts of its parts of the page, by name.
+    # Takes the folder for pictures; returns the text of each of its parts of the page, by its name.
     Section = Callable[[argparse.Namespace, Path, Progress], dict[str, str]]
 
 PAGE = Path('doc/results.md')

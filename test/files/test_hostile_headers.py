@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Headers that lie: counts, offsets and sizes that the file has no room for are refused."""
+"""Headers that lie: counts, offsets and sizes that do not fit into the file are refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cleaning.clean import clean
 from lidar_outlier_filter.files.cleaning.clean_log import Wanted
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-from lidar_outlier_filter.files.room import check_points
+from lidar_outlier_filter.files.size_check import check_points
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -96,7 +96,7 @@ def refused(path: Path, sentence: str = ' must be ') -> None:
 def test_numbers_of_a_las_header(
     tmp_path: Path, offset: int, data: str, sentence: str, part: int
 ) -> None:
-    """A count or a offset beyond what is in the file is refused, whatever it counts."""
+    """A count or an offset beyond what is in the file is refused, whatever it counts."""
     largest = 256 ** struct.calcsize(data) - 1
     refused(patch(las(tmp_path), offset, struct.pack(data, largest // part)), sentence)
 
@@ -261,7 +261,7 @@ def test_number_of_vertices(tmp_path: Path, form: str, said: object) -> None:
     ],
 )
 def test_elements_before_the_vertices(tmp_path: Path, form: str, element: str) -> None:
-    """No loop runs over elements that the file has no room for."""
+    """No loop runs over elements that do not fit into the file."""
     path = tmp_path / 'cloud.ply'
     path.write_bytes(PLY.format(COUNT, form, element, '').encode() + rows())
     refused(path)
@@ -331,7 +331,7 @@ def test_pages_filled_with_zeros(tmp_path: Path) -> None:
 
 
 def test_too_large_for_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cloud that the memory has no room for is refused in one sentence."""
+    """A cloud that does not fit into memory is refused in one sentence."""
 
     def none(*_: object, **__: object) -> Iterator[object]:
         raise MemoryError

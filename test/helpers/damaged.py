@@ -205,7 +205,7 @@ WAYS = ('cut', 'flip', 'zero', 'wild', 'leave out', 'metadata', 'missing')
 
 
 class Damage(NamedTuple):
-    """What is done to a recording: a way, a offset as a share of the file, and a seed."""
+    """What is done to a recording: a way, an offset as a share of the file, and a seed."""
 
     way: str
     share: float

@@ -48,7 +48,7 @@ def test_shares_of_both_classes() -> None:
 
 
 def test_distances() -> None:
-    """A single point is as far from its position as said, and as far from every good point at least.
+    """A single point is as far from its position as said, and from every good point at least.
 
     A cluster is together, and twice as far.
     """

@@ -134,7 +134,7 @@ class Stream(Generic[AnyCloud]):
         """Return the clouds that were finished by one that was refused."""
         return self._finished()
 
-    def make_room(self, first: int, last: int) -> None:
+    def make_space(self, first: int, last: int) -> None:
         """Let time go on, as a cloud of these times would: nanoseconds; it may be refused yet.
 
         What it completes, and has no part in, is judged and forgotten.
@@ -178,7 +178,7 @@ class Stream(Generic[AnyCloud]):
         total = cloud.count
         if not anew:
             if self._total_with(cloud) > self._most:
-                self.make_room(cloud.first, cloud.last)
+                self.make_space(cloud.first, cloud.last)
             total = self._total_with(cloud)
         if total > self._most:
             raise CloudError(

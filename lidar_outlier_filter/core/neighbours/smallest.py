@@ -101,7 +101,7 @@ def sort(
 ) -> None:
     """Sort distances, and equal ones by the ``order`` of their indices.
 
-    There must be room for three more, and ``few`` is padded.
+    There must be three more entries, and ``few`` is padded.
     """
     if count > RANKED or not _rank(few, few_index, count, best, best_index):
         _sort(order, few, few_index, count, best, best_index)

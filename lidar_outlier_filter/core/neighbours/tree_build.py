@@ -226,7 +226,7 @@ def _empty_tree(nodes: int) -> Tree:
 
 @inner_kernel
 def _trimmed(tree: Tree, count: int) -> Tree:
-    """Copy the nodes that have been made, and let go of the room for more."""
+    """Copy the nodes that have been made, and let go of the memory for more."""
     return Tree(
         *(tree.low[:count].copy(), tree.high[:count].copy()),
         *(tree.first[:count].copy(), tree.last[:count].copy(), tree.child[:count].copy()),

@@ -86,7 +86,7 @@ def list_within(
 
 @inner_kernel
 def _walk(xyz: Floats, tree: Tree, stack: Ints, q: int, limit: float, found: Index) -> int:
-    """Count the points within the limit, and list as many as there is room for, in their order."""
+    """Count the points within the limit, and list as many as ``index`` holds, in their order."""
     x, y, z = xyz[q]
     box = (x, y, z, x, y, z)
     count, stack[0], waiting = 0, 0, 1

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
 
 
-def clean(  # noqa: PLR0913  what a user may want, three who want to know, and where
+def clean(  # noqa: PLR0913  what is wanted, three callbacks, and who makes the files
     path: Path,
     output: Path,
     wanted: Wanted,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The records of an MCAP file, walked from the first to the last without reading what is in them.
 
-So a file is refused before memory is taken for a length that it has no room for, and the chunks are
+So a file is refused before memory is taken for a length that it cannot have, and the chunks are
 known that its index lacks.
 """
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weather, put into a sensor's own cloud: what falls, hangs or drifts, and what it hides.
 
-Every beam is asked, those without a return too. Its surface loses light to what is in the way; and
-what sends back more than is left of that is measured instead, if it is above the noise. Of the
-same cloud, the same weather and the same seed, the same is made.
+Every beam is looked at, those without a return too. Particles in its way take light from the
+surface behind them. Where their echo is stronger than what is left of the surface's, and above the
+noise, it is measured instead. The same cloud, weather and seed always give the same result.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class WeatherSite(NamedTuple):
     """Where vehicles may be: the height of the ground, and how far 80 % of the surfaces are, m."""
 
     ground: float
-    room: float
+    space: float
 
 
 class _Sweep(NamedTuple):
@@ -130,7 +130,7 @@ def check(weather: str, seed: int) -> None:
 
 
 def survey(beams: Beams) -> WeatherSite:
-    """Find the ground, and how much room there is."""
+    """Find the ground, and how much space there is."""
     known = np.isfinite(beams.range)
     up, far = beams.direction[known, 2], beams.range[known]
     ground = float(np.percentile(up * far, 2.0))
@@ -297,7 +297,7 @@ def _vehicles(
     found = []
     for number in range(int(rng.integers(1, 5))):
         # The first is the vehicle that carries the sensor.
-        far = rng.uniform(3.0, max(min(around.room, 25.0), 5.0))
+        far = rng.uniform(3.0, max(min(around.space, 25.0), 5.0))
         far = max(2.0, -1.5 * around.ground) if number == 0 else far
         azimuth, turn = rng.uniform(-np.pi, np.pi, 2)
         heading = azimuth + 0.2 * turn if number == 0 else turn

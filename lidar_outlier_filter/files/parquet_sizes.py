@@ -14,7 +14,7 @@ import numpy as np
 from pyarrow import compute, parquet, types
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.room import check_room
+from lidar_outlier_filter.files.size_check import check_fits
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,7 +30,7 @@ _WIDTHS = {'BOOLEAN': 1, 'INT32': 4, 'INT64': 8, 'INT96': 12, 'FLOAT': 4, 'DOUBL
 def check_groups(path: Path, file: parquet.ParquetFile) -> None:
     """Refuse more rows, or larger row groups, than a file of its size can mean."""
     size, metadata = path.stat().st_size, file.metadata
-    check_room(path, 'the number of points', metadata.num_rows, 1, ROWS_OF_A_BYTE * size)
+    check_fits(path, 'the number of points', metadata.num_rows, 1, ROWS_OF_A_BYTE * size)
     for number in range(metadata.num_row_groups):
         group = metadata.row_group(number)
         total = 0

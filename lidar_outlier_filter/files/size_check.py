@@ -27,18 +27,18 @@ def whole(path: Path, what: str, text: str) -> int:
     return int(text)
 
 
-def check_room(path: Path, what: str, count: int, each: int, room: int) -> None:
-    """Refuse a count of things, of at least ``each`` bytes, that the ``room`` (bytes) cannot hold.
+def check_fits(path: Path, what: str, count: int, each: int, size: int) -> None:
+    """Refuse a count of things, of at least ``each`` bytes, that do not fit into ``size`` bytes.
 
     Things without a byte cannot be counted by their bytes: there may be as many as there are bytes.
     """
-    most = max(0, room) // max(1, each)
+    most = max(0, size) // max(1, each)
     if not 0 <= count <= most:
         raise CloudError(f'{what} of {path}', f'from 0 to {most}, which it has room for', count)
 
 
 def check_offset(path: Path, what: str, offset: int, low: int, high: int) -> None:
-    """Refuse a offset (byte) that is not between two others, both of them included."""
+    """Refuse an offset (byte) that is not between two others, both of them included."""
     if not low <= offset <= high:
         raise CloudError(f'{what} of {path}', f'from byte {low} to byte {high}', offset)
 
