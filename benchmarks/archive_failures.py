@@ -20,9 +20,9 @@ from helpers.drives import hashes
 from repeated_drives import sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive.engine import Engine
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import NAME, opened_manifest
 from lidar_outlier_filter.archive.order import Order
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
@@ -97,9 +97,9 @@ def with_kills(
     With a folder for what workers write, they replay whole recordings.
     """
     order = Order(parameters=CHAIN)
-    tasks = [Task(place_of(path), output / path.name) for path in sorted(drives.iterdir())]
+    tasks = [Task(location_of(path), output / path.name) for path in sorted(drives.iterdir())]
     rng = random.Random(seed)  # noqa: S311  no secret
-    total = sum(task.place.size for task in tasks)
+    total = sum(task.location.size for task in tasks)
     killer = Killer(sorted(rng.uniform(0, LAST * total) for _ in range(KILLS)), rng)
     with opened_manifest(output) as manifest, local_workers(2) as workers:
         todo = pending(tasks, order, manifest)

@@ -125,5 +125,14 @@ class CloudFilter:
         return self._session.push(cloud, tag, stamp=stamp)
 
     def flush(self) -> list[Answer]:
-        """Answer all that is pending, and begin anew: the end of a recording."""
+        """Answer all that is pending, and begin anew: the end of a recording.
+
+        Examples
+        --------
+        >>> from lidar_outlier_filter import CloudFilter
+        >>> filter = CloudFilter(chain=['sor'])
+        >>> filter.flush(), filter.statistics.messages, filter.parameters.chain
+        ([], 0, ('sor',))
+
+        """
         return self._session.flush()

@@ -27,9 +27,9 @@ from helpers.drives import FAST, die_of, faults_of_a_cloud, hashes, replayed, wr
 from lidar_outlier_filter.archive import worker_start
 from lidar_outlier_filter.archive import workers as module
 from lidar_outlier_filter.archive.engine import Engine
+from lidar_outlier_filter.archive.locations import Location, location_of, path_at
 from lidar_outlier_filter.archive.manifest import opened_manifest
 from lidar_outlier_filter.archive.order import Order
-from lidar_outlier_filter.archive.places import Place, path_at, place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.whole_recordings import choose
@@ -98,7 +98,7 @@ def run(
 ) -> list[Entry]:
     """Replay what is pending of an archive; with a folder, whole recordings if there are enough."""
     order = Order(parameters=FAST, length=LENGTH)
-    tasks = [Task(place_of(path), output / path.name) for path in sorted(drives.iterdir())]
+    tasks = [Task(location_of(path), output / path.name) for path in sorted(drives.iterdir())]
     with opened_manifest(output) as manifest:
         todo = pending(tasks, order, manifest)
         engine = Engine(todo, order, workers, folder=folder)
@@ -195,11 +195,11 @@ def test_a_damaged_recording_fails_alone(
 )
 def test_choice_of_whole_recordings(sizes: tuple[int, ...], workers: int, count: int) -> None:
     """Those of which every worker has its share; on a store, none."""
-    places = [Place(Path(f'/{n}'), size, '', by_ranges=True) for n, size in enumerate(sizes)]
-    tasks = [Task(place, Path('/out') / place.path.name) for place in places]
+    locations = [Location(Path(f'/{n}'), size, '', by_ranges=True) for n, size in enumerate(sizes)]
+    tasks = [Task(location, Path('/out') / location.path.name) for location in locations]
     assert len(choose(tasks, workers)) == count
     store = path_at('memory://out')
-    assert not choose([Task(task.place, store) for task in tasks], workers)
+    assert not choose([Task(task.location, store) for task in tasks], workers)
 
 
 def test_workers_keep_memory_and_leave_the_writer_first(three: Workers) -> None:
@@ -259,7 +259,7 @@ def check_moving(
     """Compare the bytes by message and moving with those of this process; do something first."""
     given = {**FAST, 'motion.source': 'odometry', 'blocks': 'auto'}
     order = Order(parameters=given, length=1.0)
-    task = Task(place_of(drive), folder / 'bag')
+    task = Task(location_of(drive), folder / 'bag')
     first()
     Engine([task], order, workers).replay(task, folder / 'bag', lambda _done, _all: None)
     assert hashes(folder / 'bag') == replayed(drive, folder / 'alone', given)[0]

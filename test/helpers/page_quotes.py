@@ -66,9 +66,9 @@ class Quote:
         """Put the figures into the page."""
         match = self.search()
         page = match.string
-        for place, name in reversed(list(enumerate(self.names, 1))):
-            text = with_speeds_of(match[place], figures[name])
-            page = page[: match.start(place)] + text + page[match.end(place) :]
+        for index, name in reversed(list(enumerate(self.names, 1))):
+            text = with_speeds_of(match[index], figures[name])
+            page = page[: match.start(index)] + text + page[match.end(index) :]
         (ROOT / self.page).write_text(page, 'utf-8')
 
 
@@ -76,10 +76,10 @@ def with_speeds_of(old: str, new: str) -> str:
     """Keep the rows that depend on the machine as they were, where there are as many."""
     speeds = [line for line in old.splitlines() if MACHINE.fullmatch(line)]
     lines = new.splitlines()
-    places = [place for place, line in enumerate(lines) if MACHINE.fullmatch(line)]
-    if len(places) == len(speeds):
-        for place, line in zip(places, speeds, strict=True):
-            lines[place] = line
+    indices = [index for index, line in enumerate(lines) if MACHINE.fullmatch(line)]
+    if len(indices) == len(speeds):
+        for index, line in zip(indices, speeds, strict=True):
+            lines[index] = line
     return '\n'.join(lines)
 
 

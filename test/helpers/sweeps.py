@@ -60,7 +60,7 @@ def pattern_of(points: Points) -> Pattern:
 
 
 def measured(pattern: Pattern) -> NDArray[np.float32]:
-    """Return the features of all places."""
+    """Return the features of all cells."""
     out = np.zeros((COUNT, len(pattern.order)), np.float32)
     measure(prepare(pattern), 0, len(pattern.first), out)
     return out
