@@ -217,7 +217,7 @@ def kills(table: Table, counts: dict[str, int], folder: Path) -> None:
 def cover(targets: Sequence[str], seconds: int, folder: Path) -> int:
     """Let coverage guide a run of each target; print a table, and return the exit status."""
     folder.mkdir(parents=True, exist_ok=True)
-    print('| reader | seconds | inputs | places reached | features | corpus | exit status |')
+    print('| reader | seconds | inputs | edges reached | features | corpus | exit status |')
     print('| --- | ---: | ---: | ---: | ---: | ---: | ---: |')
     worst = 0
     for name in targets:

@@ -40,7 +40,7 @@ class CloudFilter:
         Is called with the error of a cloud that is refused after it was taken, when its block was
         judged.
     fail : callable
-        Is called with an error that a detector raised, once for each place in the code.
+        Is called with an error that a detector raised, once for each line of code.
     slow : callable
         Is called from another thread while a detector takes more than 10 × ``max_delay`` for a
         block, for each such block; ``warn`` is called once for each detector.

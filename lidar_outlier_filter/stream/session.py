@@ -79,7 +79,7 @@ class Session:
         Is called with the error of a cloud that is refused after it was taken: when its poses
         have come, or when its block was judged.
     fail : callable
-        Is called with an error that a detector raised, once for each place in the code.
+        Is called with an error that a detector raised, once for each line of code.
     slow : callable
         Is called from another thread while a detector takes more than 10 × ``max_delay`` for a
         block, for each such block; ``warn`` is called once for each detector.
@@ -114,7 +114,7 @@ class Session:
         self._stream: Stream[_FilteredCloud] = Stream(parameters)
         self._stream.fail = self._failed
         self._inform = self._stream.choice.inform = inform
-        self._places: set[str] = set()  # where detectors have raised errors
+        self._raised_at: set[str] = set()  # where detectors have raised errors
         self._moving = None
         if motion is not None:
             self._moving = MovingStream(self._stream, motion, parameters, self.refused)
@@ -315,8 +315,8 @@ class Session:
     def _failed(self, err: JudgingError) -> None:
         """Count a block that a detector raised an error in."""
         self.statistics.failures += 1
-        if err.place not in self._places:
-            self._places.add(err.place)
+        if err.place not in self._raised_at:
+            self._raised_at.add(err.place)
             self.fail(err)
 
     def _as_message(self, cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:

@@ -45,11 +45,11 @@ STEEPEST = 0.5  # cosine of the most that it may lean
 OFF = 0.5  # steps of the head that a typical return may be off its azimuth
 RIDGE = 1e-9  # what nothing shows stays as it is
 HUBER = 3.0  # times the median residual, beyond which a point weighs less
-FINEST_M, FINEST_RAD = 1024.0, 65536.0  # parts that places and leans are rounded to
+FINEST_M, FINEST_RAD = 1024.0, 65536.0  # parts that positions and leans are rounded to
 
 
 class _Some(NamedTuple):
-    """S points of each of R rings: places (R, S, 3), and how near to each moment (R, S, K)."""
+    """S points of each of R rings: positions (R, S, 3), and how near to each moment (R, S, K)."""
 
     xyz: Floats
     at: Floats
@@ -57,7 +57,7 @@ class _Some(NamedTuple):
 
 
 def find_own_frame(points: Points) -> Points | None:
-    """Return points of a spinning sensor with their places in its own frame.
+    """Return points of a spinning sensor with their positions in its own frame.
 
     Parameters
     ----------
@@ -90,36 +90,36 @@ def find_own_frame(points: Points) -> Points | None:
     moments = np.linspace(0.0, seconds, int(np.ceil(seconds / EVERY)) + 1)
     near = np.maximum(1.0 - np.abs(when[rows][..., None] - moments) / moments[1], 0.0)
     some = _Some(points.xyz[rows] - guess, near, rate * when[rows])
-    place, turn, off = _find(some)
+    position, turn, off = _find(some)
     if not off <= OFF * step:
         return None
     own, away = np.empty_like(points.xyz), (points.xyz - guess).T
     for axis in range(3):
         # One product after the other: sums of matrices depend on where a point stands.
         x, y, z = (turn[axis, k] * away[k] for k in range(3))
-        own[:, axis] = x + y + z - np.interp(when, moments, place[:, axis])
+        own[:, axis] = x + y + z - np.interp(when, moments, position[:, axis])
     return replace(points, own=own)
 
 
 def _find(some: _Some) -> tuple[Floats, Floats, float]:
-    """Find places (K, 3) of the sensor, upright; what puts it upright; and how far points are off.
+    """Find positions (K, 3) of the sensor, upright; what puts it upright; how far points are off.
 
     How it leans is measured from where it is, and the other way round: by turns.
     """
     turn, seen = np.eye(3), some
-    place = np.zeros((some.at.shape[2], 3))
+    position = np.zeros((some.at.shape[2], 3))
     for _ in range(LEANS):
-        place, _ = _fit(seen, place)
-        place[:, 2], lean = _level(seen, place)
+        position, _ = _fit(seen, position)
+        position[:, 2], lean = _level(seen, position)
         up = turn.T @ lean
         if not up[2] > STEEPEST * np.sqrt((up**2).sum()):
-            return place, turn, np.inf
+            return position, turn, np.inf
         before, turn = turn, _upright(np.rint(up * FINEST_RAD) / FINEST_RAD)
-        place = place @ before @ turn.T
+        position = position @ before @ turn.T
         seen = some._replace(xyz=np.einsum('rsj,ij->rsi', some.xyz, turn))
-    place, off = _fit(seen, place)
-    place[:, 2], _ = _level(seen, place)
-    return np.rint(place * FINEST_M) / FINEST_M, turn, off
+    position, off = _fit(seen, position)
+    position[:, 2], _ = _level(seen, position)
+    return np.rint(position * FINEST_M) / FINEST_M, turn, off
 
 
 def _upright(up: Floats) -> Floats:
@@ -161,17 +161,17 @@ def _rate(about: Floats, t: Ints, first: Ints) -> tuple[float, float]:
     return rate, abs(rate) * float(np.median(passed[inside]))
 
 
-def _fit(some: _Some, place: Floats) -> tuple[Floats, float]:
+def _fit(some: _Some, position: Floats) -> tuple[Floats, float]:
     """Fit x and y of the sensor and its azimuth at each moment; return how far points are off.
 
     Rings have constants of their own: their beams may leave to one side.
     """
-    count, place, off = len(place), place.copy(), np.inf
-    east, north = np.moveaxis((some.xyz - some.at @ place)[:, :, :2], 2, 0)
+    count, position, off = len(position), position.copy(), np.inf
+    east, north = np.moveaxis((some.xyz - some.at @ position)[:, :, :2], 2, 0)
     behind = np.exp(1j * (np.arctan2(north, east) - some.phase))
     phase = some.phase + np.angle(behind.mean())
     for _ in range(FITS):
-        east, north = np.moveaxis((some.xyz - some.at @ place)[:, :, :2], 2, 0)
+        east, north = np.moveaxis((some.xyz - some.at @ position)[:, :, :2], 2, 0)
         sine, cosine = np.sin(phase), np.cos(phase)
         beside, far = east * sine - north * cosine, east * cosine + north * sine
         angle = np.abs(np.arctan2(beside, far))
@@ -180,18 +180,18 @@ def _fit(some: _Some, place: Floats) -> tuple[Floats, float]:
         rows = np.concatenate([column * some.at for column in columns], axis=2)
         weight = _weights(angle, off) / np.maximum(np.abs(far), NEAREST)
         change, constant = _solve(rows, far, -beside, weight)
-        place[:, 0] += change[:count]
-        place[:, 1] += change[count : 2 * count]
+        position[:, 0] += change[:count]
+        position[:, 1] += change[count : 2 * count]
         phase = phase + some.at @ change[2 * count :] + constant[:, None]
         if np.abs(change).max() < ENOUGH:
             break
-    return place, off
+    return position, off
 
 
-def _level(some: _Some, place: Floats) -> tuple[Floats, Floats]:
+def _level(some: _Some, position: Floats) -> tuple[Floats, Floats]:
     """Fit the height of the sensor at each moment (K,), and the direction that is up for it."""
-    count = len(place)
-    about = (some.xyz - some.at @ place)[:, :, :2]
+    count = len(position)
+    about = (some.xyz - some.at @ position)[:, :, :2]
     flat = np.sqrt((about**2).sum(axis=2))
     far = np.maximum(flat, NEAREST)
     rows, weight = np.concatenate([some.at, about], axis=2), 1.0 / far
