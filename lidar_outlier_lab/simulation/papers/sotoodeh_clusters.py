@@ -20,13 +20,10 @@ from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarc
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools, Floats
     from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
     from lidar_outlier_filter.parameters.detectors import Hierarchical
 
-    Floats = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
 
 GOOD, STRAY, CLUSTERS, NEAR_STRAY, NEAR_CLUSTER = 572, 36, (13, 13, 13), 4, 5
 FAR = (0.8, np.inf)  # metres from the nearest good point
