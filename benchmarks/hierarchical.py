@@ -35,10 +35,8 @@ from lidar_outlier_filter.parameters.detectors import Elevation, Hierarchical
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats, Ints
 
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 COMPARED, PEERED, MOST = 20_000, 30_000, 1_000_000  # points
 RUNS = 5

@@ -41,9 +41,9 @@ from lidar_outlier_lab.training.scenes import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Singles
     from lidar_outlier_lab.training.train import Sweep
 
-    Singles = NDArray[np.float32]
 
 SHOWN, OF_EACH, STEPS = 8, 40, 60
 LENGTHS = ('step', 'leap', 'along', 'along_m', 'between', 'beside', 'across')

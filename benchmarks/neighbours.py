@@ -27,15 +27,15 @@ from scipy.spatial import cKDTree
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_lab.results.peers import has_open3d, open3d_cloud
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.world.recording import clouds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats
 
-    Floats = NDArray[np.float64]
 
 K = 20
 ROUNDS = 7
@@ -95,9 +95,8 @@ def works(xyz: Floats, threads: int) -> list[Work]:
                 lambda: gicp.KdTree(xyz, threads).batch_knn_search(xyz, K + 1, threads),
             )
         )
-    if find_spec('open3d') is not None:
-        geometry, utility = (getattr(import_module('open3d'), n) for n in ('geometry', 'utility'))
-        cloud = geometry.PointCloud(utility.Vector3dVector(xyz))
+    if has_open3d():
+        cloud = open3d_cloud(xyz)
         name = f'Open3D, all of remove_statistical_outlier({K}, 2.0)'
         found.append(Work(name, count, lambda: cloud.remove_statistical_outlier(K, 2.0)))
     return found

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from real_snow_forms import Cloud
     from real_snow_sweeps import Floats, Mask
 
-    Singles = NDArray[np.float32]
+    from lidar_outlier_filter.annotations import Singles
+
 
 NEIGHBOURS = 20  # of SOR and LOF
 NEAREST = 10  # whose distances the rules use

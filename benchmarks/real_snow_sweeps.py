@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
-    Mask = NDArray[np.bool_]
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+
 
 SHOT_STEP, SHOT_TIME = 0.2, 55_560  # degrees and nanoseconds from shot to shot
 SAME_SHOT = 0.01  # degrees between azimuths of one shot; they differ by less than 0.0001
@@ -55,7 +54,7 @@ class Rings(NamedTuple):
 
     elevation: Floats
     azimuth: Floats
-    time: Integers
+    time: Ints
 
 
 @dataclass(frozen=True)
@@ -80,15 +79,15 @@ class Sweep:
     intensity: NDArray[np.float32]
     label: NDArray[np.uint16]
     ring: NDArray[np.uint16]
-    time: Integers
-    second: Mask
-    mate: Integers
+    time: Ints
+    second: Bools
+    mate: Ints
 
     @property
-    def copy(self) -> Mask:
+    def copy(self) -> Bools:
         """Points of a second block that repeat the point of the first one, (N,) bool."""
         same = (self.xyz == self.xyz[self.mate]).all(axis=1)
-        found: Mask = self.second & (self.mate >= 0) & same
+        found: Bools = self.second & (self.mate >= 0) & same
         return found
 
 
@@ -178,7 +177,7 @@ def _numbers(path: Path, kind: str, columns: int) -> NDArray[np.generic]:
     return np.frombuffer(data, kind).reshape(-1, columns)
 
 
-def find_rings(xyz: NDArray[np.float32], rings: Rings, name: str) -> Integers:
+def find_rings(xyz: NDArray[np.float32], rings: Rings, name: str) -> Ints:
     """Return the ring of each point by its elevation.
 
     Raises
@@ -192,7 +191,7 @@ def find_rings(xyz: NDArray[np.float32], rings: Rings, name: str) -> Integers:
     tilted = rings.elevation + TILT
     order = np.argsort(tilted)
     middle = (tilted[order][1:] + tilted[order][:-1]) / 2
-    ring: Integers = order[np.searchsorted(middle, elevation)]
+    ring: Ints = order[np.searchsorted(middle, elevation)]
     away = np.abs(elevation - tilted[ring])
     if not (away <= ON_RING).all():
         must_be = f'within {ON_RING} degrees of a ring'
@@ -200,7 +199,7 @@ def find_rings(xyz: NDArray[np.float32], rings: Rings, name: str) -> Integers:
     return ring
 
 
-def find_shots(xyz: NDArray[np.float32], ring: Integers, rings: Rings) -> tuple[Integers, Mask]:
+def find_shots(xyz: NDArray[np.float32], ring: Ints, rings: Rings) -> tuple[Ints, Bools]:
     """Return the shot of each point, from 0, and whether it is of the second block of it.
 
     A shot begins where the azimuth goes on. Its second block begins where the ring does not rise.
@@ -218,7 +217,7 @@ def find_shots(xyz: NDArray[np.float32], ring: Integers, rings: Rings) -> tuple[
     return shot, block > block[first]
 
 
-def find_mates(shot: Integers, ring: Integers, second: Mask) -> Integers:
+def find_mates(shot: Ints, ring: Ints, second: Bools) -> Ints:
     """Return the index of the other return of the same shot and ring; -1: there is none."""
     width = int(ring.max(initial=0)) + 1
     key = shot * width + ring

@@ -20,22 +20,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
+from lidar_outlier_lab.results.peers import distances
 from lidar_outlier_lab.results.real_clouds import labelled
 from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools, Floats
     from lidar_outlier_lab.results.samples import Sample
 
-    Floats = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
 
 MEAN_K, MIN_K = 8, 2  # the defaults of PDAL
 NB_NEIGHBORS, NB_POINTS = 20, 16  # those of the tutorial of Open3D
@@ -70,22 +67,22 @@ def best(score: Floats, bad: Bools) -> Best:
 
 def statistical(xyz: Floats, bad: Bools) -> Best:
     """Judge by the mean distance to eight neighbours."""
-    return best(cKDTree(xyz).query(xyz, MEAN_K + 1)[0][:, 1:].mean(axis=1), bad)
+    return best(distances(xyz, MEAN_K).mean(axis=1), bad)
 
 
 def radius(xyz: Floats, bad: Bools) -> Best:
     """Judge by the distance to the second neighbour: the radius that does not hold two."""
-    return best(cKDTree(xyz).query(xyz, MIN_K + 1)[0][:, -1], bad)
+    return best(distances(xyz, MIN_K)[:, -1], bad)
 
 
 def of_twenty(xyz: Floats, bad: Bools) -> Best:
     """Judge by the mean distance to twenty neighbours, of which the point itself is one."""
-    return best(cKDTree(xyz).query(xyz, NB_NEIGHBORS)[0].mean(axis=1), bad)
+    return best(distances(xyz, NB_NEIGHBORS - 1).sum(axis=1), bad)
 
 
 def of_sixteen(xyz: Floats, bad: Bools) -> Best:
     """Judge by the distance to the sixteenth neighbour: the radius that does not hold as many."""
-    return best(cKDTree(xyz).query(xyz, NB_POINTS + 1)[0][:, -1], bad)
+    return best(distances(xyz, NB_POINTS)[:, -1], bad)
 
 
 def voxels(xyz: Floats, bad: Bools) -> Best:

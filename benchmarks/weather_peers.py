@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_lab.results.peers import distances, dror
 from lidar_outlier_lab.training.held_out import CLEAN, ENOUGH
 from lidar_outlier_lab.training.scenes import (
     has_pattern,
@@ -34,12 +34,10 @@ from lidar_outlier_lab.training.scenes import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_lab.training.train import Sweep
 
-    Floats = NDArray[np.float64]
 
 LEAST = 0.04  # metres: the least radius of DROR (Charron et al. 2018)
 THRESHOLDS = np.geomspace(1e-4, 100.0, 241)  # of distances ÷ range, and of metres
@@ -54,19 +52,6 @@ class Row(NamedTuple):
     lost: Floats
 
 
-def near(points: Points, count: int) -> Floats:
-    """Return the distances to so many nearest neighbours, (N, count)."""
-    distance, _ = cKDTree(points.xyz).query(points.xyz, count + 1)
-    found: Floats = np.asarray(distance)[:, 1:]
-    return found
-
-
-def dror(points: Points) -> Floats:
-    """Return the distance to the third neighbour ÷ range, 0 within the least radius."""
-    third = near(points, 3)[:, 2]
-    return np.where(third <= LEAST, 0.0, third / points.range)
-
-
 def weighted_sum(points: Points) -> Floats:
     """Return the score of the default where there is no scan pattern."""
     score = detector.detect(
@@ -76,9 +61,9 @@ def weighted_sum(points: Points) -> Floats:
 
 
 PEERS: dict[str, Callable[[Points], Floats]] = {
-    'DROR': dror,
-    'range-scaled': lambda points: near(points, 4).mean(axis=1) / points.range,
-    'SOR(20)': lambda points: near(points, 20).mean(axis=1),
+    'DROR': lambda points: dror(distances(points.xyz, 3)[:, 2], points.range, LEAST),
+    'range-scaled': lambda points: distances(points.xyz, 4).mean(axis=1) / points.range,
+    'SOR(20)': lambda points: distances(points.xyz, 20).mean(axis=1),
     'weighted': weighted_sum,
 }
 

@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
     from pathlib import Path
 
+    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.core.judging.slow import SaySlow
     from lidar_outlier_filter.files.cleaning.clean import MakeFiles
     from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, Wanted
-    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile, Progress
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
 
 STEP = 0.2  # seconds between two looks at whether to go on
 JUDGE = 'lidar_outlier_filter.files.cleaning.clean'  # the module whose code decides what is written
@@ -76,7 +77,7 @@ def clean_job(  # noqa: PLR0913  which file, how, three who want to know, and wh
     job: Job,
     wanted: Wanted,
     look: Callable[[JudgedFile], object] = bool,
-    progress: Progress = lambda _what, _done, _total: None,
+    progress: Progress = lambda _done, _total, _what: None,
     slow: SaySlow | None = None,
     make: MakeFiles = new_files,
 ) -> CleanedFile:

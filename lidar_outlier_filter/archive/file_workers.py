@@ -162,7 +162,7 @@ def clean_file(
         made.extend(own / path.name for path in paths if own is not None)
         yield made
 
-    def check(_step: str, _done: int, _total: int) -> None:
+    def check(_done: int, _total: int, _step: str) -> None:
         if own is not None and not own.exists():
             raise CloudError(f'{folder}', 'there until all files are cleaned', 'none')
 

@@ -90,7 +90,7 @@ def drives(entries: Iterable[Mapping[str, Any]]) -> list[DriveCounts]:
 
     Those that failed come first, then those that lack something, then by ``z``.
     """
-    found = [_drive(entry) for entry in entries]
+    found = [counts_of(entry) for entry in entries]
     done = [drive for drive in found if drive.done]
     if len(done) >= FEWEST:
         for share in _shares(done):
@@ -115,7 +115,8 @@ def robust_z(values: NDArray[np.float64], least: float) -> NDArray[np.float64]:
     return result
 
 
-def _drive(entry: Mapping[str, Any]) -> DriveCounts:
+def counts_of(entry: Mapping[str, Any]) -> DriveCounts:
+    """Sum up a line of a manifest."""
     without = entry['state'] != 'done'
     drive = DriveCounts(
         entry['source'],

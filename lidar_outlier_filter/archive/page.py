@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections import Counter
 from html import escape
-from itertools import compress, islice
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
+from lidar_outlier_filter.archive.columns import COLUMNS, REJECTED, length, rejected
 from lidar_outlier_filter.archive.oddness import (
     FEWEST,
     LEAST_OF_CLOUDS,
@@ -31,23 +32,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from lidar_outlier_filter.archive.columns import Column
+
 BARS = 400  # at most, in the picture over the table
 HEIGHT = 60  # of the picture
-COLUMNS = (
-    ('name', 'text'),
-    ('odd', 'number'),
-    ('length', 'number'),
-    ('clouds', 'number'),
-    ('refused', 'number'),
-    ('gaps', 'number'),
-    ('points', 'number'),
-    ('rejected', 'number'),
-    ('by detector', 'number'),
-    ('untested', 'number'),
-    ('× real time', 'number'),
-)
-# Columns and sums that files have not: each is one cloud.
-OF_RECORDINGS = {'length', 'clouds', 'refused', 'clouds refused', 'gaps', '× real time'}
+# Sums that files have not: each is one cloud.
+OF_RECORDINGS = ('length', 'clouds', 'clouds refused', '× real time')
 
 
 def write_page(entries: Iterable[Mapping[str, Any]], path: Path, what: str = 'recording') -> None:
@@ -96,11 +86,6 @@ def _count(number: int, what: str) -> str:
     return f'{number:,} {what}{"" if number == 1 else "s"}'
 
 
-def _is_of(what: str, name: str) -> bool:
-    """Return whether recordings, or files, have a column or a sum."""
-    return what == 'recording' or name not in OF_RECORDINGS
-
-
 def _totals(
     found: Sequence[DriveCounts],
     done: Sequence[DriveCounts],
@@ -124,9 +109,12 @@ def _totals(
         'points untested': (percent(share(sum(d.untested for d in done), points)), False),
         '× real time': (f'{share(duration, seconds):.1f}', False),
     }
+    left_out: tuple[str, ...] = () if what == 'recording' else OF_RECORDINGS
+    if not empty:
+        left_out = (*left_out, 'without clouds')
     yield '<dl class="totals">'
     for name, (text, warns) in values.items():
-        if not _is_of(what, name) or (name == 'without clouds' and not empty):
+        if name in left_out:
             continue
         mark = ' class="warn"' if warns else ''
         yield f'<div{mark}><dt>{name}</dt><dd>{text}</dd></div>'
@@ -147,7 +135,7 @@ def _picture(found: Sequence[DriveCounts], what: str) -> Iterator[str]:
     bars = []
     rows = iter(order)
     while group := list(islice(rows, each)):
-        bars.append(max(group, key=lambda row: (found[row].failed, _rejected(found[row]))))
+        bars.append(max(group, key=lambda row: (found[row].failed, rejected(found[row]))))
     text = f'the largest of {each} {what}s each' if each > 1 else f'one {what} each'
     if not bars:
         return
@@ -156,9 +144,9 @@ def _picture(found: Sequence[DriveCounts], what: str) -> Iterator[str]:
     yield '<title>Share of the points rejected</title>'
     for x, row in enumerate(bars):
         drive = found[row]
-        high = HEIGHT if drive.failed else max(1.0, HEIGHT * _rejected(drive) / highest)
+        high = HEIGHT if drive.failed else max(1.0, HEIGHT * rejected(drive) / highest)
         kind = 'failed' if drive.failed else 'odd' if drive.odd else 'plain'
-        title = escape(f'{drive.source}: {drive.error or percent(_rejected(drive))}')
+        title = escape(f'{drive.source}: {drive.error or percent(rejected(drive))}')
         yield (
             f'<a href="#r{row}"><rect class="{kind}" x="{x + 0.1}" y="{HEIGHT - high:.1f}" '
             f'width="0.8" height="{high:.1f}"><title>{title}</title></rect></a>'
@@ -171,25 +159,28 @@ def _picture(found: Sequence[DriveCounts], what: str) -> Iterator[str]:
     )
 
 
-def _rejected(drive: DriveCounts) -> float:
-    return share(drive.rejected, drive.points)
-
-
 def _table(found: Sequence[DriveCounts], colours: Mapping[str, str], what: str) -> Iterator[str]:
-    highest = max((_rejected(drive) for drive in found if drive.done), default=0) or 1
-    names = [what, *(name for name, _ in COLUMNS[1:])]
-    shown = [_is_of(what, name) for name in names]
+    highest = max((rejected(drive) for drive in found if drive.done), default=0) or 1
+    columns = [column for column in COLUMNS if column.is_of(what)]
     yield '<div class="scroll"><table><thead><tr>'
-    for name, (_, kind) in compress(zip(names, COLUMNS, strict=True), shown):
-        yield f'<th scope="col" data-kind="{kind}">{name}</th>'
+    yield f'<th scope="col" data-kind="text">{what}</th>'
+    for name in ('odd', *chain.from_iterable(map(_heads, columns))):
+        yield f'<th scope="col" data-kind="number">{name}</th>'
     yield '</tr></thead><tbody>'
     for row, drive in enumerate(found):
-        cells = compress(_cells(drive, colours, highest), shown)
+        cells = _cells(drive, columns, colours, highest)
         yield f'<tr id="r{row}">{"".join(cells)}</tr>'
     yield '</tbody></table></div>'
 
 
-def _cells(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> Iterator[str]:
+def _heads(column: Column) -> tuple[str, ...]:
+    """Name what stands above a column; behind what is rejected there is who rejected it."""
+    return (column.name, 'by detector') if column is REJECTED else (column.name,)
+
+
+def _cells(
+    drive: DriveCounts, columns: Sequence[Column], colours: Mapping[str, str], highest: float
+) -> Iterator[str]:
     name = escape(drive.source)
     last = escape(drive.source.rstrip('/').rpartition('/')[2])
     kind = 'failed' if drive.failed else 'odd' if drive.done else 'plain'
@@ -199,29 +190,20 @@ def _cells(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> It
     if not drive.done:
         text, sort = ('failed', 'inf') if drive.failed else ('no clouds', '-1')
         yield f'<td class="{kind}" data-sort="{sort}">{text}</td>'
-        yield from ['<td></td>'] * (len(COLUMNS) - 2)
+        yield from ['<td></td>'] * (len(columns) + 1)  # one more says by whom
         return
     mark = ' class="odd"' if abs(drive.z) >= LIMIT else ''
     yield f'<td{mark} data-sort="{abs(drive.z)}">{signed(drive.z)}</td>'
-    yield _cell(drive.duration, length(drive.duration))
-    for value in (drive.messages, drive.refused, drive.gaps, drive.points):
-        yield _cell(value, f'{value:,}')
-    rejected = _rejected(drive)
-    yield _cell(rejected, percent(rejected))
-    yield f'<td data-sort="{rejected}">{_bar(drive, colours, highest)}</td>'
-    untested = share(drive.untested, drive.points)
-    yield _cell(untested, percent(untested))
-    speed = share(drive.duration, drive.seconds)
-    yield _cell(speed, f'{speed:.1f}')
+    for column in columns:
+        value = column.value(drive)
+        yield f'<td data-sort="{value}">{column.text(value)}</td>'
+        if column is REJECTED:
+            yield f'<td data-sort="{value}">{_bar(drive, colours, highest)}</td>'
 
 
 def _unbroken(line: str) -> str:
     """Keep a number and its sign on one line."""
     return line.replace(' %', '\N{NO-BREAK SPACE}%').replace('(z ', '(z\N{NO-BREAK SPACE}')
-
-
-def _cell(value: float, text: str) -> str:
-    return f'<td data-sort="{value}">{text}</td>'
 
 
 def _bar(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> str:
@@ -232,7 +214,7 @@ def _bar(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> str:
         f'title="{escape(name)} {percent(share(count, drive.points))}"></i>'
         for name, count in sorted(drive.rejected_by.items())
     ]
-    width = 100 * min(1.0, _rejected(drive) / highest)
+    width = 100 * min(1.0, rejected(drive) / highest)
     return f'<span class="bar"><span style="width:{width:.1f}%">{"".join(parts)}</span></span>'
 
 
@@ -254,15 +236,6 @@ def _explanation(done: int, what: str) -> Iterator[str]:
     )
     if done < FEWEST:
         yield f'<p class="note">Fewer than {FEWEST} {what}s are done: none is compared.</p>'
-
-
-def length(seconds: float) -> str:
-    """Write a time as people do."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f'{hours:,} h {minutes:02} min'
-    return f'{minutes} min {rest:02} s' if minutes else f'{seconds:.3g} s'
 
 
 def size(count: float) -> str:

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 SHORT = 300_000_000
 MEGABYTE = 1_000_000  # bytes
 PAGE = 'archive.html'
-RARE = ('refused', 'gaps')  # columns that are left out where all are 0
 
 
 @dataclass(frozen=True)
@@ -312,29 +311,23 @@ def _table(tasks: Sequence[Task], entries: Sequence[Entry]) -> Table:
     from rich import box
     from rich.table import Table
 
-    counted = [_sums(entry) for entry in entries]
-    rare = [name for name in RARE if any(sums[name] for sums in counted)]
-    columns = ('clouds', *rare, 'points', 'rejected', 'untested', '× real\ntime')
-    table = Table('recording', *columns, box=box.SIMPLE_HEAD, padding=0, show_edge=False)
+    from lidar_outlier_filter.archive.columns import in_terminal
+    from lidar_outlier_filter.archive.oddness import counts_of
+
+    counted = [counts_of(asdict(entry)) for entry in entries]
+    columns = in_terminal(counted)
+    heads = (column.name.replace('real time', 'real\ntime') for column in columns)
+    table = Table('recording', *heads, box=box.SIMPLE_HEAD, padding=0, show_edge=False)
     table.columns[0].overflow = 'fold'  # a name is never cut
-    for column in table.columns[1:]:
-        column.justify, column.no_wrap = 'right', True
-    for task, entry, sums in zip(tasks, entries, counted, strict=True):
-        if entry.error is not None:
-            table.add_row(task.made, entry.state, *[''] * (len(columns) - 1))
-            continue
-        numbers = [f'{sums[name]:,}' for name in ('messages', *rare, 'points')]
-        shares = [f'{sums[name] / max(sums["points"], 1):.2%}' for name in ('rejected', 'untested')]
-        table.add_row(
-            task.made, *numbers, *shares, f'{entry.duration / max(entry.seconds, 1e-9):.1f}'
-        )
+    for place in table.columns[1:]:
+        place.justify, place.no_wrap = 'right', True
+    for task, entry, counts in zip(tasks, entries, counted, strict=True):
+        if entry.error is None:
+            cells = [f'{column.value(counts):{column.format}}' for column in columns]
+        else:
+            cells = [entry.state, *[''] * (len(columns) - 1)]
+        table.add_row(task.made, *cells)
     return table
-
-
-def _sums(entry: Entry) -> dict[str, int]:
-    """Add up the counts of all topics."""
-    names = ('messages', 'refused', 'gaps', 'points', 'rejected', 'untested')
-    return {name: sum(int(topic[name]) for topic in entry.topics.values()) for name in names}
 
 
 def _status(entries: Sequence[Entry]) -> int:

@@ -217,7 +217,7 @@ class _StepBars:
         self._name, self._leave_if_asked, self._bars = name, leave_if_asked, bars
         self._steps: dict[str, Advance] = {}
 
-    def __call__(self, step: str, done: int, total: int) -> None:
+    def __call__(self, done: int, total: int, step: str) -> None:
         self._leave_if_asked()
         if step not in self._steps:
             self._bars.close()

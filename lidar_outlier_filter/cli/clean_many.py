@@ -158,7 +158,7 @@ class _ManyFilesProgress:
 
         path = job.path
 
-        def note(part: str, done: int, total: int) -> None:
+        def note(done: int, total: int, part: str) -> None:
             self._leave_if_asked()
             share = (PARTS.index(part) + done / max(total, 1)) / len(PARTS)
             _, _, points = self._shares.get(path, (0.0, 0, 0))

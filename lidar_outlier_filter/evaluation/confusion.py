@@ -22,8 +22,8 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Mask = NDArray[np.bool_]
-    Integers = NDArray[np.int64]
+    from lidar_outlier_filter.annotations import Bools, Ints
+
 
 CONFIDENCE = 0.95
 DRAWS = 2000  # of the bootstrap
@@ -169,13 +169,13 @@ class Confusion:
         return Share(2 * self.found, 2 * self.found + self.lost + self.missed).ratio
 
 
-def confusion(bad: Mask, rejected: Mask) -> Confusion:
+def confusion(bad: Bools, rejected: Bools) -> Confusion:
     """Compare a verdict with the truth, (N,) bool each."""
     (counts,) = tally(bad, rejected)
     return Confusion(*counts.tolist())
 
 
-def tally(bad: Mask, rejected: Mask, group: Integers | None = None, groups: int = 1) -> Integers:
+def tally(bad: Bools, rejected: Bools, group: Ints | None = None, groups: int = 1) -> Ints:
     """Count found, missed, lost and kept points in each group: (groups, 4).
 
     Parameters
@@ -193,7 +193,7 @@ def tally(bad: Mask, rejected: Mask, group: Integers | None = None, groups: int 
     return np.bincount(code, minlength=4 * groups).reshape(groups, 4)
 
 
-def f1(counts: Integers) -> NDArray[np.float64]:
+def f1(counts: Ints) -> NDArray[np.float64]:
     """Return the F1 of tallies, (..., 4) to (...); NaN of nothing to find and nothing rejected."""
     twice = 2.0 * counts[..., FOUND]
     below = twice + counts[..., LOST] + counts[..., MISSED]
@@ -202,7 +202,7 @@ def f1(counts: Integers) -> NDArray[np.float64]:
     return result
 
 
-def f1_interval(counts: Integers, confidence: float = CONFIDENCE, seed: int = 1) -> Interval:
+def f1_interval(counts: Ints, confidence: float = CONFIDENCE, seed: int = 1) -> Interval:
     """Say how far the F1 would vary between recordings like this one.
 
     Percentile bootstrap: as many stretches as there are, drawn with replacement 2000 times; what

@@ -20,8 +20,8 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
+    from lidar_outlier_filter.annotations import Bools, Floats
+
 
 MOST_POINTS = 1000  # that a thinned curve keeps: more than a picture can show
 
@@ -93,7 +93,7 @@ class Curve:
         return Curve(self.threshold[index], self.found[index], self.lost[index])
 
 
-def curve(bad: Mask, score: NDArray[np.floating]) -> Curve:
+def curve(bad: Bools, score: NDArray[np.floating]) -> Curve:
     """Count what every threshold rejects.
 
     Parameters

@@ -17,10 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Ints, Rows
 
-    Rows = NDArray[np.void]
-    Integers = NDArray[np.int64]
 
 INPUT = ''  # what follows the name of the topic for the clouds themselves
 
@@ -30,7 +28,7 @@ class JoinedAnswer(NamedTuple):
 
     points: Rows
     rejected: bool
-    code: Integers
+    code: Ints
     number: int
 
 
@@ -83,7 +81,7 @@ class Joiner:
             must_be = f'one for each cloud of {self._topic}'
             raise RecordingError('the files with labels', must_be, len(self._files))
 
-    def _field(self, which: str, points: Rows) -> Integers:
+    def _field(self, which: str, points: Rows) -> Ints:
         names = points.dtype.names or ()
         if self._label not in names or points.dtype[self._label].kind not in 'iu':
             raise RecordingError(
@@ -120,7 +118,7 @@ def _rows(message: Any, step: int) -> Rows:
     return np.ascontiguousarray(table[:, :step]).view(np.dtype((np.void, step))).reshape(-1)
 
 
-def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Integers, Integers] | None:
+def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Ints, Ints] | None:
     """Find the index in a cloud of each point of its two answers; None: they are not its own.
 
     Points are found by their bytes. Of points that are equal byte by byte, the first are taken for

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Mask = NDArray[np.bool_]
+    from lidar_outlier_filter.annotations import Bools
+
 
 CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
 
@@ -62,10 +63,10 @@ class Change:
 
     """
 
-    keep: Mask | None = None
-    noise: Mask | None = None
-    high: Mask | None = None
-    withheld: Mask | None = None
+    keep: Bools | None = None
+    noise: Bools | None = None
+    high: Bools | None = None
+    withheld: Bools | None = None
     added: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def count(self, total: int) -> int:

@@ -18,7 +18,8 @@ from lidar_outlier_filter.messages.cloud import AXES, DATATYPES
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Rows = NDArray[np.void]
+    from lidar_outlier_filter.annotations import Rows
+
 
 ATTRIBUTES = ('header', 'height', 'width', 'fields', 'is_bigendian', 'point_step', 'row_step')
 A_CLOUD = 'a structured array with the fields x, y and z, or a PointCloud2'

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Rows
     from lidar_outlier_filter.core.verdict import Verdict
 
-    Rows = NDArray[np.void]
 
 # Index is PointField.datatype; 9 to 11 are PCL's, and ROS's after Jazzy: int64, uint64, bool.
 _FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')

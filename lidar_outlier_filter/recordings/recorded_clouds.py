@@ -24,12 +24,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.bags import Topic
-
-    Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,11 @@ from lidar_outlier_filter.report.sliders import sliders
 from lidar_outlier_filter.report.tally import Tally
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.report.keeping import Kept
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.sliders import Slider
     from lidar_outlier_filter.report.sources import ReportCloud, Source, SourceFacts
 
-    Progress = Callable[[int, int, str], object]
 
 ROUNDING = 3e-7  # of a score in single precision, relative: what is nearer to a limit is uncertain
 

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.report.sliders import Slider
     from lidar_outlier_filter.report.sources import ReportCloud
 
-    Mask = NDArray[np.bool_]
 
 RANGES = (0.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 75.0, 100.0, 150.0, 200.0)  # metres: begin there
 SCORE_BINS, LARGEST_SCORE = 80, 4.0  # the last bin holds what is larger, too
@@ -66,7 +66,7 @@ class Tally:
         self.reasons: Counter[int] = Counter()
         self.scores = np.zeros((2, SCORE_BINS), np.int64)  # of good or unknown points, and of bad
         self._codes = codes
-        self._truth: list[tuple[NDArray[np.float32], Mask]] = []
+        self._truth: list[tuple[NDArray[np.float32], Bools]] = []
 
     def add(self, cloud: ReportCloud) -> None:
         """Count all points of a cloud."""
@@ -95,7 +95,7 @@ class Tally:
             if number:
                 self.reasons[number] += count
 
-    def add_step(self, slider: int, step: int, cloud: ReportCloud, rejected: Mask) -> None:
+    def add_step(self, slider: int, step: int, cloud: ReportCloud, rejected: Bools) -> None:
         """Count the points of a cloud that a step rejects."""
         bad, good = self._split(cloud)
         _add(self.at[slider][step], cloud, rejected, bad, good)
@@ -106,7 +106,7 @@ class Tally:
         """Whether any point is an outlier in truth."""
         return self.all.bad > 0
 
-    def truth(self) -> tuple[NDArray[np.float32], Mask]:
+    def truth(self) -> tuple[NDArray[np.float32], Bools]:
         """Give score and truth of all points that count."""
         parts = self._truth or [(np.empty(0, np.float32), np.empty(0, np.bool_))]
         return np.concatenate([one for one, _ in parts]), np.concatenate([one for _, one in parts])
@@ -116,7 +116,7 @@ class Tally:
         counts = self.by_cloud[slider][step]
         return np.array([counts.get(number, 0) for number in clouds], np.int64)
 
-    def _split(self, cloud: ReportCloud) -> tuple[Mask, Mask]:
+    def _split(self, cloud: ReportCloud) -> tuple[Bools, Bools]:
         """Return which points are outliers in truth, and which are good; neither without truth."""
         if cloud.code is None:
             nobody = np.zeros(len(cloud.points), np.bool_)
@@ -129,7 +129,7 @@ def _nothing() -> Counts:
     return Counts(0, 0, 0, np.zeros(len(RANGES), np.int64))
 
 
-def _add(counts: Counts, cloud: ReportCloud, mask: Mask, bad: Mask, good: Mask) -> None:
+def _add(counts: Counts, cloud: ReportCloud, mask: Bools, bad: Bools, good: Bools) -> None:
     counts.points += int(np.count_nonzero(mask))
     counts.bad += int(np.count_nonzero(mask & bad))
     counts.good += int(np.count_nonzero(mask & good))

@@ -18,14 +18,12 @@ from lidar_outlier_filter.stream.motion import Odometry
 from lidar_outlier_filter.stream.statistics import Kinds
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
     from rclpy.node import Node
 
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
 
-    Bools = NDArray[np.bool_]
 
 STEP = SECOND // 100  # between two looks into tf: vehicles turn slowly
 NOWHERE = Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

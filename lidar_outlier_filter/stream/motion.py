@@ -15,12 +15,8 @@ from lidar_outlier_filter.errors import PoseError
 from lidar_outlier_filter.stream.statistics import Kinds
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Bools = NDArray[np.bool_]
 
 
 class PoseSource(Protocol):

@@ -22,12 +22,9 @@ from lidar_outlier_filter.messages.truth import Cause
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
 
-    Floats = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 MOST_SHARE = 0.5
 TRIES = 200  # until a position is given up to be found
@@ -75,7 +72,7 @@ class Injection:
 
 def inject(
     clouds: Sequence[Points], how: Injection, eyes: Sequence[Floats | None] = ()
-) -> tuple[list[Points], Integers]:
+) -> tuple[list[Points], Ints]:
     """Move some points of clouds, all of them valid, to where no point is.
 
     ``eyes`` (N, 4, 3) says of clouds that were moved where the sensor was, and what lay 1 m off on
@@ -118,8 +115,8 @@ def inject(
 
 
 def _choose(
-    first: Integers, how: Injection, rng: np.random.Generator
-) -> tuple[Integers, dict[Cause, list[slice]]]:
+    first: Ints, how: Injection, rng: np.random.Generator
+) -> tuple[Ints, dict[Cause, list[slice]]]:
     """Choose which points become outliers: stretches of neighbours, and single ones between."""
     total = int(first[-1])
     wanted = round(how.share * total)
@@ -152,7 +149,7 @@ def _choose(
 
 
 def _windows(
-    clouds: Sequence[Points], first: Integers, window: float
+    clouds: Sequence[Points], first: Ints, window: float
 ) -> Iterator[tuple[int, int, list[slice]]]:
     """Put clouds together: their points, from where to where, and all that are seen with these.
 

@@ -20,21 +20,18 @@ from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints, Progress
     from lidar_outlier_filter.core.detectors.dials import Threshold
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.dials import Search
     from lidar_outlier_filter.tuning.training import Training
 
-    Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
-    Integers = NDArray[np.int64]
     Levels = NDArray[np.uint16]
     Values = Mapping[str, object]
-    Progress = Callable[[int, int, str], object]
 
 F1, AUC = 'f1', 'auc'
 ROUNDS = 5  # over all detectors, or until nothing changes
@@ -64,7 +61,7 @@ class Goal:
             must_be = 'more than 0, at most 1'
             raise FilterError('the share of good points that may be lost', must_be, self.most_lost)
 
-    def worth(self, counts: Integers) -> Floats:
+    def worth(self, counts: Ints) -> Floats:
         """Say what tallies (..., 4) are worth: the F1, or below 0 beyond the limit."""
         lost = counts[..., LOST] / np.maximum(counts[..., LOST] + counts[..., KEPT], 1)
         value: Floats = np.where(lost <= self.most_lost, np.nan_to_num(f1(counts)), -lost)
@@ -137,7 +134,7 @@ class Model:
                     self._statistics[search.detector, number] = statistic.astype(np.float32)
 
     def sweep(
-        self, level: Levels, most: int, points: Mask, others: NDArray[np.unsignedinteger]
+        self, level: Levels, most: int, points: Bools, others: NDArray[np.unsignedinteger]
     ) -> Floats:
         """Say what each value of a threshold is worth, and last, what it is worth to be off.
 
@@ -158,7 +155,7 @@ class Model:
         self,
         level: Levels,
         most: int,
-        points: Mask,
+        points: Bools,
         others: NDArray[np.unsignedinteger],
         needed: int,
     ) -> Floats:
@@ -172,7 +169,7 @@ class Model:
             counts[:, no] = np.count_nonzero(mine) - counts[:, yes]
         return self._goal.worth(counts)
 
-    def find(self, points: Mask) -> dict[str, object]:
+    def find(self, points: Bools) -> dict[str, object]:
         """Choose settings and thresholds of all detectors for each other, on some points (N,)."""
         settings = {name: self._settings(name, points) for name in self._searches}
         alone = {name: self._best(name, settings[name], points, {}, 1) for name in settings}
@@ -192,7 +189,7 @@ class Model:
             values[search.threshold.name] = search.threshold.values[min(choice.value, last)]
         return values
 
-    def _settings(self, name: str, points: Mask) -> range:
+    def _settings(self, name: str, points: Bools) -> range:
         """List the settings to choose from: all, or the one with the largest area."""
         every = range(len(self._searches[name].settings))
         if self._goal.by == F1:
@@ -200,7 +197,7 @@ class Model:
         best = int(np.argmax(self.auc(name, points)))
         return range(best, best + 1)
 
-    def auc(self, name: str, points: Mask) -> Floats:
+    def auc(self, name: str, points: Bools) -> Floats:
         """Return the area under the ROC curve of each setting of a detector, alone."""
         counted = (self._data.bad | self._data.good) & points
         bad = self._data.bad[counted]
@@ -215,7 +212,7 @@ class Model:
         chosen: dict[str, Choice],
         order: Sequence[str],
         settings: Mapping[str, range],
-        points: Mask,
+        points: Bools,
     ) -> tuple[float, dict[str, Choice]]:
         """Choose for one detector after the other, until nothing changes."""
         worth = -np.inf
@@ -234,7 +231,7 @@ class Model:
         self,
         name: str,
         settings: range,
-        points: Mask,
+        points: Bools,
         others: Mapping[str, Choice],
         needed: int,
     ) -> tuple[float, Choice]:

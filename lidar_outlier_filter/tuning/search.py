@@ -28,15 +28,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Ints, Progress
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.dials import Search
     from lidar_outlier_filter.tuning.training import Training
 
-    Mask = NDArray[np.bool_]
-    Integers = NDArray[np.int64]
     Values = Mapping[str, object]
-    Progress = Callable[[int, int, str], object]
 
 HELD = 8  # verdicts that are kept in memory
 FEWEST_FOLDS = 2
@@ -61,9 +59,9 @@ class Tuned:
 
     parameters: FilterParameters
     values: Mapping[str, object]
-    before: Integers
-    after: Integers
-    held_out: Integers
+    before: Ints
+    after: Ints
+    held_out: Ints
     folds: tuple[Mapping[str, object], ...]
     alone: Mapping[str, tuple[int, int]]
 
@@ -122,7 +120,7 @@ def tune(  # noqa: PLR0913  what the command line offers
     )
 
 
-def fold_of_each(data: Training, folds: int) -> Integers:
+def fold_of_each(data: Training, folds: int) -> Ints:
     """Put every stretch (S,) into a fold.
 
     Of several recordings each is wholly in one: another drive differs more from this one than its
@@ -166,10 +164,10 @@ class Searcher:
         self._thresholds = {search.detector: search.threshold for search in listed}
         self._model = Model(data, parameters, listed, goal, progress)
         self.say: Callable[[], object] = lambda: None
-        self._counts: dict[tuple[tuple[str, object], ...], Integers] = {}
+        self._counts: dict[tuple[tuple[str, object], ...], Ints] = {}
         self._verdicts: dict[tuple[tuple[str, object], ...], Verdict] = {}
 
-    def measure(self, values: Values) -> Integers:
+    def measure(self, values: Values) -> Ints:
         """Run the chain with some parameters changed; count by stretch: (S, 4)."""
         key = tuple(sorted(values.items()))
         if key not in self._counts:
@@ -196,7 +194,7 @@ class Searcher:
             self._verdicts[key] = self._data.judge(self._parameters.changed(values))
         return self._verdicts[key]
 
-    def find(self, train: Mask) -> dict[str, object]:
+    def find(self, train: Bools) -> dict[str, object]:
         """Search on the stretches (S,) given; return the parameters to be changed."""
         points = train[self._data.stretch]
         values = self._model.find(points)
@@ -211,11 +209,11 @@ class Searcher:
         # Where nothing is better than what was given, that stays.
         return values if self._worth(values, train) > self._worth({}, train) else {}
 
-    def _worth(self, values: Values, train: Mask) -> float:
+    def _worth(self, values: Values, train: Bools) -> float:
         return float(self._goal.worth(self.measure(values)[train].sum(axis=0)))
 
     def _swept_again(
-        self, detector: str, values: dict[str, object], points: Mask
+        self, detector: str, values: dict[str, object], points: Bools
     ) -> dict[str, object]:
         """Sweep a threshold over the scores that its detector gives where the chain is now."""
         threshold = self._thresholds[detector]

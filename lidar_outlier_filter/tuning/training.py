@@ -29,12 +29,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Ints
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Mask = NDArray[np.bool_]
-    Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -58,9 +56,9 @@ class Training:
     """
 
     clouds: tuple[Points, ...]
-    bad: Mask
-    good: Mask
-    stretch: Integers
+    bad: Bools
+    good: Bools
+    stretch: Ints
     stretches: int
     streamed: bool = True
     refused: int = 0
@@ -72,11 +70,11 @@ class Training:
         return len(self.bad)
 
     @property
-    def sources(self) -> Integers:
+    def sources(self) -> Ints:
         """Return of each stretch, (S,), which recording it is of."""
         return np.zeros(self.stretches, np.int64)
 
-    def judge(self, parameters: FilterParameters, seen: Mask | None = None) -> Verdict:
+    def judge(self, parameters: FilterParameters, seen: Bools | None = None) -> Verdict:
         """Judge the points as the node would, or those of them that are to be seen."""
         clouds: Sequence[Points] = self.clouds
         if seen is not None:
@@ -106,10 +104,10 @@ class _Several(Training):
     parts: tuple[Training, ...] = ()
 
     @property
-    def sources(self) -> Integers:
+    def sources(self) -> Ints:
         return np.repeat(np.arange(len(self.parts)), [part.stretches for part in self.parts])
 
-    def judge(self, parameters: FilterParameters, seen: Mask | None = None) -> Verdict:
+    def judge(self, parameters: FilterParameters, seen: Bools | None = None) -> Verdict:
         ends = np.cumsum([len(part) for part in self.parts])[:-1]
         masks = [None] * len(self.parts) if seen is None else np.split(seen, ends)
         return _joined([p.judge(parameters, m) for p, m in zip(self.parts, masks, strict=True)])
@@ -208,7 +206,7 @@ def from_recording(  # noqa: PLR0913  what the command line offers
     return replace(found, frames=tuple(frames), refused=refused, unmoved=source.unmoved)
 
 
-def _labels(message: Any, path: Path | None, truth: str | Sequence[Path] | Injection) -> Integers:
+def _labels(message: Any, path: Path | None, truth: str | Sequence[Path] | Injection) -> Ints:
     """Return the labels of all points of a cloud, row by row."""
     count = message.width * message.height
     if path is not None:
@@ -276,7 +274,7 @@ def from_file(  # noqa: PLR0913  what the command line offers
     return _checked([whole], code, codes, pieces, stretches, streamed=False)
 
 
-def cut(values: NDArray[Any], stretches: int) -> Integers:
+def cut(values: NDArray[Any], stretches: int) -> Ints:
     """Cut points into stretches of equal numbers, by their values (N,) in ascending order."""
     rank = np.empty(len(values), np.int64)
     rank[np.argsort(values, kind='stable')] = np.arange(len(values))
@@ -285,9 +283,9 @@ def cut(values: NDArray[Any], stretches: int) -> Integers:
 
 def _checked(  # noqa: PLR0913  all that is known
     clouds: Sequence[Points],
-    code: Integers,
+    code: Ints,
     codes: Codes,
-    stretch: Integers,
+    stretch: Ints,
     stretches: int,
     *,
     streamed: bool,

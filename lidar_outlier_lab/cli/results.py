@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from lidar_outlier_lab.results.contest import Progress
+    from lidar_outlier_filter.annotations import Progress
 
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
     # Takes the folder for pictures; returns the text of each of its parts of the page, by its name.

@@ -20,14 +20,14 @@ from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from rich.table import Table
 
+    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 
-    Progress = Callable[[int, int, str], object]
     _Trained = tuple[str, float, list[Table]]  # the file, its threshold, and its figures
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
-from importlib import import_module
 from importlib.util import find_spec
 from statistics import median
 from time import perf_counter
@@ -17,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
-from scipy.spatial import cKDTree
 
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
@@ -30,6 +28,7 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.detectors import Sor
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.session import Session
+from lidar_outlier_lab.results import peers
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 
@@ -167,7 +166,7 @@ def profile_lines(count: int, seed: int = 1) -> Points:
 def compare_sor(xyz: NDArray[np.float64]) -> None:
     """Refuse to time a SOR whose selection is not that of the method, computed with scipy."""
     score = sor.detect(Neighbourhood(xyz, NEIGHBOURS), Sor(k=NEIGHBOURS, multiplier=MULTIPLIER))
-    differing = int(np.count_nonzero((score > 1) != scipy_sor(xyz, NEIGHBOURS + 1)))
+    differing = int(np.count_nonzero((score > 1) != peers.sor(xyz, NEIGHBOURS + 1, MULTIPLIER)))
     if differing:
         raise FilterError('the selection of SOR', "that of scipy's neighbours", differing)
 
@@ -229,23 +228,14 @@ def stream_work(
 
 def peer_work(xyz: NDArray[np.float64]) -> Work:
     """Run the peer's statistical outlier removal on the same points."""
-    if find_spec('open3d') is not None:
-        open3d = import_module('open3d')
-        cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz))
+    if peers.has_open3d():
+        cloud = peers.open3d_cloud(xyz)
         name = f'peer: Open3D remove_statistical_outlier({NEIGHBOURS}, {MULTIPLIER})'
         return Work(
             name, len(xyz), lambda: cloud.remove_statistical_outlier(NEIGHBOURS, MULTIPLIER)
         )
     name = f'peer: SOR({NEIGHBOURS}, {MULTIPLIER}) on scipy cKDTree (no Open3D installed)'
-    return Work(name, len(xyz), lambda: scipy_sor(xyz, NEIGHBOURS))
-
-
-def scipy_sor(xyz: NDArray[np.float64], count: int) -> NDArray[np.bool_]:
-    """Return what SOR rejects; ``count`` neighbours, the point itself among them, as in Open3D."""
-    distance, _ = cKDTree(xyz).query(xyz, count, workers=-1)
-    mean = distance[:, 1:].mean(axis=1)
-    rejected: NDArray[np.bool_] = mean > mean.mean() + MULTIPLIER * mean.std(ddof=1)
-    return rejected
+    return Work(name, len(xyz), lambda: peers.sor(xyz, NEIGHBOURS, MULTIPLIER))
 
 
 def _coordinates(messages: list[Any]) -> NDArray[np.float64]:

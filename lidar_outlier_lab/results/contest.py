@@ -24,14 +24,14 @@ from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_lab.results.contestants import Contestant
     from lidar_outlier_lab.results.samples import Sample
 
-    Progress = Callable[[int, int, str], object]
 
 STEPS = 100  # of a bar, for each cloud
 

@@ -22,7 +22,8 @@ from lidar_outlier_lab.results.markdown import paragraphs
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lidar_outlier_lab.results.contest import Progress, Record, Standings
+    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_lab.results.contest import Record, Standings
     from lidar_outlier_lab.results.contestants import Contestant
 
     Entry = tuple[str, int, Sequence[Contestant]]

@@ -5,23 +5,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
+from lidar_outlier_lab.results.peers import has_open3d, lof, open3d_cloud, rejected_but
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_lab.results.samples import Sample
 
-    Floats = NDArray[np.floating]
-    Mask = NDArray[np.bool_]
+    Reals = NDArray[np.floating]
     Judge = Callable[[NDArray[np.float64]], 'Judgement']
 
 DEFAULT = 'default'
@@ -33,8 +33,8 @@ MOST = 300_000  # points of one cloud that slow peers are given
 class Judgement(NamedTuple):
     """What is said of N points: whether rejected, and the score behind it, where there is one."""
 
-    rejected: Mask
-    score: Floats | None
+    rejected: Bools
+    score: Reals | None
 
 
 class Contestant(Protocol):
@@ -167,7 +167,7 @@ OURS: tuple[Ours, ...] = (
 def peers() -> tuple[Peer, ...]:
     """List the peers that are installed."""
     found: list[Peer] = []
-    if find_spec('open3d') is not None:
+    if has_open3d():
         found += [
             Peer(f'Open3D SOR({NEIGHBOURS}, {DEVIATIONS})', _open3d_sor),
             Peer(f'Open3D radius({FEWEST}, {RADIUS})', _open3d_radius, MOST),
@@ -184,27 +184,16 @@ def missing() -> list[str]:
     return [name for module, name in packages.items() if find_spec(module) is None]
 
 
-def _open3d(xyz: NDArray[np.float64]) -> Any:
-    open3d = import_module('open3d')
-    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz))
-
-
-def _without(count: int, kept: Any) -> Judgement:
-    rejected = np.ones(count, np.bool_)
-    rejected[np.asarray(kept, np.intp)] = False
-    return Judgement(rejected, None)
-
-
 def _open3d_sor(xyz: NDArray[np.float64]) -> Judgement:
-    return _without(len(xyz), _open3d(xyz).remove_statistical_outlier(NEIGHBOURS, DEVIATIONS)[1])
+    kept = open3d_cloud(xyz).remove_statistical_outlier(NEIGHBOURS, DEVIATIONS)[1]
+    return Judgement(rejected_but(kept, len(xyz)), None)
 
 
 def _open3d_radius(xyz: NDArray[np.float64]) -> Judgement:
-    return _without(len(xyz), _open3d(xyz).remove_radius_outlier(FEWEST, RADIUS)[1])
+    kept = open3d_cloud(xyz).remove_radius_outlier(FEWEST, RADIUS)[1]
+    return Judgement(rejected_but(kept, len(xyz)), None)
 
 
 def _sklearn_lof(xyz: NDArray[np.float64]) -> Judgement:
-    lof = import_module('sklearn.neighbors').LocalOutlierFactor(NEIGHBOURS, n_jobs=-1)
-    lof.fit(xyz)
-    factor = -lof.negative_outlier_factor_
+    factor = lof(xyz, NEIGHBOURS)
     return Judgement(factor > FACTOR, factor)

@@ -29,12 +29,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Floats, Progress
     from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_lab.results.contest import Progress
     from lidar_outlier_lab.results.samples import Sample
 
-    Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 MOST = 10  # of each kind, for each sample
 APART = 1.0  # metres between two that are shown
@@ -68,7 +66,7 @@ class Failure(NamedTuple):
     cutout: Cutout
 
 
-def worst(score: NDArray[np.floating], wrong: Mask, xyz: Floats, *, lost: bool) -> list[int]:
+def worst(score: NDArray[np.floating], wrong: Bools, xyz: Floats, *, lost: bool) -> list[int]:
     """Choose the ten that are judged most wrongly, each a metre from all that are chosen before.
 
     Lost points are worse the higher they score, missed ones the lower; untested ones lowest.
@@ -143,7 +141,7 @@ def _reasons(points: Points, i: int, *, lost: bool) -> tuple[tuple[str, float], 
     return tuple((reasons.names[f], float(added[f])) for f in order if speaks[f] > 0)
 
 
-def _cutout(xyz: Floats, i: int, bad: Mask, rejected: Mask) -> Cutout:
+def _cutout(xyz: Floats, i: int, bad: Bools, rejected: Bools) -> Cutout:
     """Look at what lies nearest around a point along its surface, from the side.
 
     To the right is the direction in which it extends most, up that in which it extends least.

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    Mask = NDArray[np.bool_]
+    from lidar_outlier_filter.annotations import Bools
+
 
 COLUMNS = 5
 # Inches, of the whole, a row, the legend and what is below; dots per inch.
@@ -42,8 +43,8 @@ class Cutout(NamedTuple):
     """
 
     flat: NDArray[np.float64]
-    bad: Mask
-    rejected: Mask
+    bad: Bools
+    rejected: Bools
 
 
 def draw(panels: Sequence[tuple[str, Cutout]], path: Path) -> None:

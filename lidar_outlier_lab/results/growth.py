@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_lab.results.contest import Progress
 
 PARTS = 8  # sizes, evenly apart
 ROUNDS = 3

@@ -28,12 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    from lidar_outlier_lab.results.contest import Progress
+    from lidar_outlier_filter.annotations import Floats, Progress
     from lidar_outlier_lab.results.samples import Sample
 
-    Floats = NDArray[np.float64]
 
 NEIGHBOURS = (3, 5, 10, 15, 20, 30, 40, 50, 60, 70)
 FEW = (3, 10, 20, 70)

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
-    Panel = Callable[[Axes, Floats, Floats, Mask | None, list[tuple[Mask, str]]], str]
+    from lidar_outlier_filter.annotations import Bools, Floats
+
+    Panel = Callable[[Axes, Floats, Floats, Bools | None, list[tuple[Bools, str]]], str]
 
 WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
 COLOURS = 96  # of the palette: keeps the file small
@@ -37,21 +37,21 @@ PROFILE_HALF_WIDTH = 3.0  # metres to both sides of the driven line
 PLAN, PLAN_AHEAD = 60.0, 32.0  # metres: length of a plan, and how much of it lies ahead
 
 
-def draw(points: NDArray[np.void], rejected: Mask, path: Path, title: str = '') -> None:
+def draw(points: NDArray[np.void], rejected: Bools, path: Path, title: str = '') -> None:
     """Draw a street in perspective, and the air above its road from the side; see :func:`_draw`."""
     middle = float(np.median(points['x']))
     eye, goal = (middle - 28.0, -2.6, 7.0), (middle + 4.0, 0.3, 1.2)
     _draw(points, rejected, path, title, (eye, goal), _profile)
 
 
-def draw_sweep(points: NDArray[np.void], rejected: Mask, path: Path, title: str = '') -> None:
+def draw_sweep(points: NDArray[np.void], rejected: Bools, path: Path, title: str = '') -> None:
     """Draw a sweep in perspective and from above, in its sensor's frame; see :func:`_draw`."""
     _draw(points, rejected, path, title, ((-21.0, -5.0, 8.5), (8.0, 0.5, 0.0)), _plan)
 
 
 def _draw(  # noqa: PLR0913  what makes a picture
     points: NDArray[np.void],
-    rejected: Mask,
+    rejected: Bools,
     path: Path,
     title: str,
     view: tuple[tuple[float, ...], tuple[float, ...]],
@@ -114,8 +114,8 @@ def _perspective(  # noqa: PLR0913  one panel's whole content
     axes: Axes,
     xyz: Floats,
     brightness: Floats,
-    grey: Mask | None,
-    coloured: list[tuple[Mask, str]],
+    grey: Bools | None,
+    coloured: list[tuple[Bools, str]],
     view: tuple[tuple[float, ...], tuple[float, ...]],
 ) -> None:
     """Look from a position to another."""
@@ -143,8 +143,8 @@ def _profile(
     axes: Axes,
     xyz: Floats,
     brightness: Floats,
-    grey: Mask | None,
-    coloured: list[tuple[Mask, str]],
+    grey: Bools | None,
+    coloured: list[tuple[Bools, str]],
 ) -> str:
     """Look from the side at what is above the driven lane, heights exaggerated."""
     driven = np.median(xyz[1][xyz[2] < LOW])
@@ -161,8 +161,8 @@ def _plan(
     axes: Axes,
     xyz: Floats,
     brightness: Floats,
-    grey: Mask | None,
-    coloured: list[tuple[Mask, str]],
+    grey: Bools | None,
+    coloured: list[tuple[Bools, str]],
 ) -> str:
     """Look from above, as long as wide in metres."""
     order = np.argsort(xyz[2], kind='stable')
@@ -188,8 +188,8 @@ def _scatter(  # noqa: PLR0913  one panel's whole content
     u: Floats,
     v: Floats,
     brightness: Floats,
-    grey: Mask | None,
-    coloured: list[tuple[Mask, str]],
+    grey: Bools | None,
+    coloured: list[tuple[Bools, str]],
     order: NDArray[np.intp],
 ) -> None:
     """Draw the points of ``order``: greys first, then the coloured ones over them."""

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.world.recording import Cloud
 
-    Floats = NDArray[np.float64]
 
 # How clouds are read whose fields have other than the usual names.
 READING: Mapping[str, Mapping[str, object]] = {

@@ -21,8 +21,8 @@ from lidar_outlier_lab.results.samples import simulated
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.tuning.training import Training
-    from lidar_outlier_lab.results.contest import Progress
 
     Wanted = Mapping[str, Sequence[object]]
 

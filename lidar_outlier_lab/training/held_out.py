@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
+    from lidar_outlier_filter.annotations import Floats, Singles
+
 
 CLEAN, STREET = 'clean', 'street'  # kinds of sweeps that are no weather
 LIMITS = np.arange(-10, 51) / 10.0  # log-odds tried as thresholds

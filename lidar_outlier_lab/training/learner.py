@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
 
-    Singles = NDArray[np.float32]
     Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
 
 DEPTH = 3  # questions from the root of a tree to a value

@@ -16,9 +16,8 @@ from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats
 
-    Floats = NDArray[np.float64]
 
 TURN_NS = 100_000_000  # ten turns a second
 

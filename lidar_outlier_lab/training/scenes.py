@@ -27,17 +27,14 @@ from lidar_outlier_lab.training.held_out import CLEAN, STREET
 from lidar_outlier_lab.training.train import Sweep
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Progress, Singles
     from lidar_outlier_lab.simulation.weather.beams import Beams
     from lidar_outlier_lab.simulation.weather.echoes import WeatherEchoes
     from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 
-    Singles = NDArray[np.float32]
-    Progress = Callable[[int, int, str], object]
 
 # Clean recordings of spinning sensors in a folder of real data, and how they are read. Their order,
 # and that of the others behind them, makes the folds.

@@ -48,19 +48,13 @@ from lidar_outlier_lab.training.learner import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools, Progress, Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
     from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
     from lidar_outlier_filter.core.points.points import Points
 
-    Singles = NDArray[np.float32]
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Mask = NDArray[np.bool_]
-    Progress = Callable[[int, int, str], object]
 
 # Known to the second pass, and not used: trees would learn how many outliers the streets have.
 UNUSED = ('share',)
@@ -99,7 +93,7 @@ class Sweep(NamedTuple):
     sensor: str
     kind: str
     points: Points
-    outlier: Mask
+    outlier: Bools
     trains: bool = True
     judged: bool = True
 
@@ -127,7 +121,7 @@ class _Seen(NamedTuple):
 
     sweep: Sweep
     prepared: Prepared
-    outlier: Mask
+    outlier: Bools
     trains: bool
 
 
@@ -269,7 +263,7 @@ def _draw(seen: _Seen, seed: int, number: int, odds: Singles | None) -> Drawn:
     )
 
 
-def lie_between(pattern: Pattern, values: Singles) -> Mask:
+def lie_between(pattern: Pattern, values: Singles) -> Bools:
     """Return which points of a pattern (N,), in its order, may be mixed: they lie between surfaces.
 
     The returns before and after in the ring are well nearer and well farther, and no straight line
@@ -283,7 +277,7 @@ def lie_between(pattern: Pattern, values: Singles) -> Mask:
     beside = (phase[cell] - phase[cell - 1] <= most) & (phase[cell + 1] - phase[cell] <= most)
     least = BETWEEN + pattern.gap[line] * reach[cell]
     apart = (before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
-    between: Mask = beside & apart & (values[FEATURES.index('along_m')] > OFF)
+    between: Bools = beside & apart & (values[FEATURES.index('along_m')] > OFF)
     return between
 
 

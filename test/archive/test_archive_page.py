@@ -15,8 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from playwright.sync_api import sync_playwright
 
+from lidar_outlier_filter.archive.columns import length
 from lidar_outlier_filter.archive.oddness import drives, robust_z
-from lidar_outlier_filter.archive.page import BARS, length, page, size, write_page
+from lidar_outlier_filter.archive.page import BARS, page, size, write_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -22,7 +22,7 @@ PACKAGE, LAB = 'lidar_outlier_filter', 'lidar_outlier_lab'
 # From the ground up: a room may use those before it, and nothing behind it. The laboratory, whose
 # rooms begin with `lab.`, may use the product, and the product nothing of it.
 FLOORS = (
-    ('errors',),
+    ('errors', 'annotations'),
     ('parameters', 'disk'),
     ('core',),
     ('messages',),
@@ -39,6 +39,7 @@ ROOMS = tuple(room for floor in FLOORS for room in floor)
 MESSAGES = ('diagnostic_msgs', 'nav_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs', 'std_srvs')
 OUTSIDE = {
     'errors': (),
+    'annotations': ('numpy',),
     'parameters': ('numpy', 'yaml'),
     'disk': ('numpy',),
     'core': ('filterpy', 'numba', 'numpy', 'scipy'),
@@ -108,7 +109,7 @@ def used(module: Module) -> set[str]:
 
 
 def test_every_module_has_a_room() -> None:
-    """Only the door and the errors lie at the entrance."""
+    """Only the door, the errors and the types of annotations lie at the entrance."""
     assert {module.room for module in modules().values()} - {''} == set(ROOMS)
 
 

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.files.cloud_file import CloudFile
 
-    Bools = NDArray[np.bool_]
     Codes = NDArray[np.uint8]
 
 CLASSIFICATION = 'classification'

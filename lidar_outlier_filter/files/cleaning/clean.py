@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
+    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.core.judging.slow import SaySlow
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
-    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile, Progress
+    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
     from lidar_outlier_filter.files.cloud_file import CloudFile
 
     MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
@@ -39,7 +40,7 @@ def clean(  # noqa: PLR0913  what is wanted, three callbacks, and who makes the 
     output: Path,
     wanted: Wanted,
     outliers: Path | None = None,
-    progress: Progress = lambda _what, _done, _total: None,
+    progress: Progress = lambda _done, _total, _what: None,
     slow: SaySlow | None = None,
     look: Callable[[JudgedFile], object] = bool,
     make: MakeFiles = new_files,
@@ -53,7 +54,7 @@ def clean(  # noqa: PLR0913  what is wanted, three callbacks, and who makes the 
         same name with ``.log`` and ``.json``
     wanted : what to do
     outliers : new file for the rejected points, where they are separated
-    progress : is called with what is being done, and with how many of how many points
+    progress : is called with how many of how many points, and what is done with them
     slow : is called while a detector takes more than 10 × ``max_delay``
     look : is called with what was found, before anything is written
     make : gives the paths that new files are written to
@@ -100,7 +101,7 @@ def _write_clouds(judged: JudgedFile, built: Sequence[Path], progress: Progress)
     file = judged.file
     for change, target in zip(clean_outputs.changes(judged), built, strict=True):
         for done in cloud_file.copy(file, target, change):
-            progress('writing', min(done, len(file)), len(file))
+            progress(min(done, len(file)), len(file), 'writing')
 
 
 def _write_logs(report: CleanReport, built: Sequence[Path], logs: Sequence[Path]) -> None:

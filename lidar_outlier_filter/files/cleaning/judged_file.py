@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.core.judging.slow import SaySlow
     from lidar_outlier_filter.core.judging.tiles import Allocate
     from lidar_outlier_filter.core.points.points import Points
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-    Progress = Callable[[str, int, int], object]
 
 STRIP = 'point_source_id'
 
@@ -145,9 +145,12 @@ def judge(  # noqa: PLR0913  where to, and two who want to know
     One turn of a spinning sensor is small, and its rings do not lie in tiles: it is one piece.
     """
     if tile > 0 and cloud.ring is None:
-        show = partial(progress, 'judging')
+
+        def show(done: int, total: int) -> None:
+            progress(done, total, 'judging')
+
         return TiledChain(cloud, parameters, tile, allocate, show, slow).judge()
-    progress('judging', 0, 0)
+    progress(0, 0, 'judging')
     return judge_whole(cloud, parameters, slow=slow)
 
 
@@ -178,7 +181,7 @@ def _load(  # noqa: PLR0913  of what, which points, and where to
         metres=metres,
         more=[classes.CLASSIFICATION] * file.classes + [STRIP] * wanted.strips,
         allocate=allocate,
-        progress=lambda done: progress('reading', done, len(file)),
+        progress=lambda done: progress(done, len(file), 'reading'),
     )
     if loaded.lack:
         check_chain(parameters.chain, str(file.path), loaded.lack)

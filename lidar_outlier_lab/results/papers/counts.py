@@ -17,11 +17,9 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_lab.results.samples import Sample
 
-    Mask = NDArray[np.bool_]
 
 NONE_OF_ITS_PRESETS = 'None of its presets were in this run.'
 
@@ -42,7 +40,7 @@ class Counted:
     whole: Confusion
     road: float
     seconds: float
-    rejected: Mask
+    rejected: Bools
 
 
 def count(sample: Sample, values: Mapping[str, object]) -> Counted:
@@ -56,7 +54,7 @@ def count(sample: Sample, values: Mapping[str, object]) -> Counted:
     )
 
 
-def _lost_road(sample: Sample, rejected: Mask) -> float:
+def _lost_road(sample: Sample, rejected: Bools) -> float:
     if sample.surface is None:
         return float('nan')
     road = (sample.surface == Kind.ROAD) & sample.data.good

@@ -23,13 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    from lidar_outlier_lab.results.contest import Progress
+    from lidar_outlier_filter.annotations import Bools, Floats, Progress
     from lidar_outlier_lab.results.samples import Sample
 
-    Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 LETTER = 'by the letter: x and y, low points'
 OURS = '`elevation` by default: x and y, both sides, histogram'
@@ -54,7 +50,7 @@ STRIP = 60.0  # metres of a side view, across
 class ReadingOutcome(NamedTuple):
     """One reading of the method on one cloud."""
 
-    rejected: Mask
+    rejected: Bools
     seconds: float
 
 

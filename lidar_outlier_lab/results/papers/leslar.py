@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_lab.results.contest import Progress
+    from lidar_outlier_filter.annotations import Progress
 
     Table = Mapping[str, Sequence[Counted | None]]  # by the name of a form; of A, B and C
 

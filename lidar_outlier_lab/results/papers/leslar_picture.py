@@ -18,12 +18,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Floats
     from lidar_outlier_lab.results.samples import Sample
 
-    Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 LENGTH = 14.0  # metres of a profile
 HALF = 2.5  # metres to both sides of the middle of the outliers
@@ -47,11 +45,11 @@ class Strip(NamedTuple):
     """
 
     flat: Floats
-    bad: Mask
-    rejected: Mapping[str, Mask]
+    bad: Bools
+    rejected: Mapping[str, Bools]
 
 
-def strip(sample: Sample, rejected: Mapping[str, Mask]) -> Strip:
+def strip(sample: Sample, rejected: Mapping[str, Bools]) -> Strip:
     """Cut out the stretch of a street that has the most outliers: the road and what is above it.
 
     The street runs along x; what stands beside the road is left out.
@@ -92,7 +90,7 @@ def draw(strips: Sequence[tuple[str, Strip]], path: Path) -> None:
     save(canvas, path, COLOURS)
 
 
-def _panel(axes: Axes, one: Strip, rejected: Mask) -> None:
+def _panel(axes: Axes, one: Strip, rejected: Bools) -> None:
     for some, colour, size in (
         (~one.bad & ~rejected, ASPHALT, 0.4),
         (one.bad & ~rejected, LEFT, 5),

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
 
 WIDTH, DPI = 12.0, 90  # inches; dots per inch
 COLOURS = 64  # of the palette: keeps the file small

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_lab.results.contest import Progress
+    from lidar_outlier_filter.annotations import Progress
 
 LAWS: Mapping[str, aerial.Law] = {
     'uniform': aerial.uniform,

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
     Codes = NDArray[np.uint8]
     Measure = Callable[[Neighbourhood, int], Mapping[str, Floats]]
 

@@ -17,10 +17,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
+    from lidar_outlier_filter.annotations import Bools, Floats
+
 
 WIDTH, HEAD, DPI = 14.0, 0.5, 90  # inches, of the whole and of the legend; dots per inch
 COLOURS = 48  # of the palette: keeps the file small
@@ -46,8 +45,8 @@ class View(NamedTuple):
 
     title: str
     flat: Floats
-    bad: Mask
-    kept: Mask
+    bad: Bools
+    kept: Bools
     marks: bool = False
 
 

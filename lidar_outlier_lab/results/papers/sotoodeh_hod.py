@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from lidar_outlier_lab.results.contest import Progress
+    from lidar_outlier_filter.annotations import Progress
 
 PAPER = Hierarchical()  # 99 % and 95 %, 100 points: the paper's
 SCENES = 20

@@ -23,12 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Progress
     from lidar_outlier_filter.evaluation.confusion import Confusion
-    from lidar_outlier_lab.results.contest import Progress
 
-    Floats = NDArray[np.float64]
 
 FACTOR = 1.2
 MOST = (10, 20, 50)  # neighbours

@@ -24,11 +24,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Floats
     from lidar_outlier_filter.parameters.detectors import Hierarchical
     from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
 
-    Floats = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
     Ends = NDArray[np.int64]
 
 WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.world.landscape import Landscape
 
-    Floats = NDArray[np.float64]
     # How far outliers are moved: a draw from low to high, metres.
     Law = Callable[[np.random.Generator, float, float], float]
 

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
 
 POSITION = np.dtype([*FIRST, ('second', '<u4'), *TRUTH])
 BLOCK = 90.0  # metres between the streets of a city in squares

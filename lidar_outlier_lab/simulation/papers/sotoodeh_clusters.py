@@ -15,10 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
+    from lidar_outlier_filter.annotations import Bools, Floats
 
 GOOD, STRAY, CLUSTERS, NEAR_STRAY, NEAR_CLUSTER = 572, 36, (13, 13, 13), 4, 5
 FAR = (0.8, np.inf)  # metres from the nearest good point

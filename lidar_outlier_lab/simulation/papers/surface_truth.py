@@ -21,7 +21,8 @@ from lidar_outlier_lab.simulation.world.landscape import Plants
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
 
 # 115 820 points in the paper, σ = 0.22 m; half of the shots into trees go in, 2.5 m on average.
 CITY = Flight(340, 341, 0.8, 380.0, 0.01, Plants(75, 420, tall=(6.0, 18.0), wide=(2.0, 4.5)), 0)

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.world.scene import Air, Rays, Surface
 
-    Floats = NDArray[np.float64]
 
 NOTHING_ELSE = Disturbances(reflection=0.0, near_surface=0.0)
 DARK, BRIGHT = 0.08, 0.7  # reflectances

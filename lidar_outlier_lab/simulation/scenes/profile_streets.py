@@ -18,11 +18,9 @@ from lidar_outlier_lab.simulation.world.surfaces import BarrierArm
 from lidar_outlier_lab.simulation.world.trajectory import Route
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.world.scene import Air, Rays
 
-    Floats = NDArray[np.float64]
 
 STREAM = 1701  # of random numbers, which no preset uses
 SHOTS = 150_000  # about: four of five have an echo

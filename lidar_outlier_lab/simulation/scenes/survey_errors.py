@@ -18,7 +18,8 @@ from lidar_outlier_filter.messages.truth import Cause
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
     Codes = NDArray[np.uint8]
 
 NEIGHBOUR = 8  # whose distance is the spacing

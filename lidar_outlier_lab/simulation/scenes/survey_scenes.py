@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
     Codes = NDArray[np.uint8]
 
 STREAM = 2309  # of random numbers, which no preset uses

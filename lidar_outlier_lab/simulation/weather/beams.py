@@ -12,11 +12,8 @@ import numpy as np
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints
 
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Mask = NDArray[np.bool_]
 
 TURN = 2.0 * np.pi
 FEWEST = 16  # returns of a ring that show its angles
@@ -99,8 +96,8 @@ def find_beams(  # noqa: PLR0913  the columns of a cloud
     t: Ints,
     ring: Ints,
     reflectance: Floats,
-    valid: Mask,
-    empty: Mask | None = None,
+    valid: Bools,
+    empty: Bools | None = None,
     *,
     adds: bool = True,
 ) -> Beams:

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats
 
-    Floats = NDArray[np.float64]
 
 TYPICAL = 0.25
 DARKEST, BRIGHTEST = 0.02, 2.0  # reflectances; more than 1 is what sends light straight back

@@ -28,15 +28,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Ints
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.messages.decoder import Convention
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_lab.simulation.weather.beams import Beams
     from lidar_outlier_lab.simulation.weather.echoes import WeatherEchoes
 
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Mask = NDArray[np.bool_]
 
 OPTICS = Optics(aperture=0.0)  # cones from a point, as Kilic et al. (2021) have them
 SEEN = 99.0  # percent of the points that are above the noise, however dark they are
@@ -162,7 +160,7 @@ def _most(points: Points) -> int:
     return int(count.max())
 
 
-def _empty_rows(cloud: LabelledCloud, points: Points, convention: Convention) -> tuple[Ints, Mask]:
+def _empty_rows(cloud: LabelledCloud, points: Points, convention: Convention) -> tuple[Ints, Bools]:
     """Return the times of all rows (N,), and which (N,) are missing returns whose time is known."""
     missing, name = ~points.valid, convention.time_field
     if name is None or not missing.any():
@@ -210,11 +208,11 @@ class _WeatherShots:
         """Add the second return of those beams that have one."""
         self._add(echo, np.isfinite(echo.distance))
 
-    def _add(self, echo: WeatherEchoes, which: Mask) -> None:
+    def _add(self, echo: WeatherEchoes, which: Bools) -> None:
         rows = self._cloud.add(self._like[which], self._found(echo, which))
         self._cloud.set_time(rows, self._beams.t[which], self._convention)
 
-    def _found(self, echo: WeatherEchoes, which: Mask) -> FoundPoints:
+    def _found(self, echo: WeatherEchoes, which: Bools) -> FoundPoints:
         distance = echo.distance[which]
         reflectance = echo.power[which] * distance**2
         return FoundPoints(self._beams.direction[which], distance, reflectance, echo.cause[which])

@@ -20,9 +20,9 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.weather.beams import Optics
 
-    Floats = NDArray[np.float64]
 
 MILLIMETRE = 1e-3
 LEVELS = 64  # of the power to outshine, that chances are tabulated for

@@ -14,9 +14,8 @@ from lidar_outlier_lab.simulation.weather.drops import power
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.weather.beams import Beams
-
-    Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.weather.beams import Beams
 
-    Floats = NDArray[np.float64]
     Weather = Callable[['_Sweep'], BothEchoes]
     Position = tuple[float, float]  # level, metres
     Trail = Callable[[Position, float], Sequence[plumes.PlumePuff]]

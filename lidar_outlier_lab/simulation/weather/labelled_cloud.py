@@ -23,11 +23,10 @@ from lidar_outlier_lab.simulation.weather.brightness import TYPICAL, Brightness
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.messages.decoder import Convention
 
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 LABEL = 'label'
 RANGES = ('range', 'distance')

@@ -12,10 +12,9 @@ from scipy.spatial import cKDTree
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Floats
     from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 
-    Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 LEAST_JUMP, MOST_JUMP = 0.25, 6.0  # metres between two surfaces whose echoes merge
 LEAST_SHARE = 0.15  # of the jump, that a mixed point is away from both
@@ -23,7 +22,7 @@ BESIDE = 0.06  # rad, at most, between a mirrored point and the beam that sees i
 PANES = 6  # every third is water
 
 
-def mix(beams: Beams, share: float, rng: np.random.Generator) -> tuple[Floats, Mask]:
+def mix(beams: Beams, share: float, rng: np.random.Generator) -> tuple[Floats, Bools]:
     """Let beams at edges measure something between both surfaces.
 
     Parameters
@@ -55,7 +54,7 @@ def mix(beams: Beams, share: float, rng: np.random.Generator) -> tuple[Floats, M
 
 def mirror(
     beams: Beams, optics: Optics, share: float, rng: np.random.Generator
-) -> tuple[Floats, Mask]:
+) -> tuple[Floats, Bools]:
     """Put upright panes on what is there, and water on the ground: some beams are mirrored.
 
     A mirrored beam measures the whole way to what the pane mirrors, as if that lay behind it.

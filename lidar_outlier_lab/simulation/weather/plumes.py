@@ -25,11 +25,9 @@ from scipy.ndimage import map_coordinates, uniform_filter1d
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.weather.beams import Beams, Optics
 
-    Floats = NDArray[np.float64]
 
 LATTICE = 24  # cells of the noise, until it repeats
 OCTAVES = 3

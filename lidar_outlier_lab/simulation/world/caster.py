@@ -20,7 +20,8 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
     Hit = tuple[float, float, int]
 
 GROUND, BOX, BUILDING, TUBE, ARM, BALL, LID, CROWN = range(8)

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
 
 IN_THE_AIR = 0.05  # share of the light that a cloud of droplets sends back
 LEVEL = 2  # the axis that is normal to a road

@@ -15,7 +15,8 @@ from lidar_outlier_filter.messages.truth import Kind
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
     Codes = NDArray[np.uint8]
     Fields = tuple[Floats, Floats, NDArray[np.int64], Floats]  # ground, top, owner, highest
 

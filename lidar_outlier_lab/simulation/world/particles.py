@@ -16,13 +16,11 @@ from lidar_outlier_lab.simulation.weather.drops import REACH, STEPS, hazard, pow
 from lidar_outlier_lab.simulation.world.scene import towards
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.weather.beams import Optics
     from lidar_outlier_lab.simulation.weather.drops import Precipitation
     from lidar_outlier_lab.simulation.world.scene import Rays
 
-    Floats = NDArray[np.float64]
 
 TINY = 1e-12
 LEVELS = 200  # of the power to outshine, that chances are tabulated for

@@ -21,7 +21,8 @@ from lidar_outlier_lab.simulation.world import caster
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
 
 BUNDLE_REACH = 0.1  # metres that the rays of a bundle stay within of its centre
 

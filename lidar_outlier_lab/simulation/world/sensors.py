@@ -16,9 +16,9 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.world.scene import Hits
 
-    Floats = NDArray[np.float64]
 
 # What every point carries; ``t`` is in nanoseconds after the header stamp, the last two are codes
 # of Cause and Kind.

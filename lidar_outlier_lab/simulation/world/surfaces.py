@@ -16,9 +16,8 @@ from lidar_outlier_lab.simulation.world import caster
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats
 
-    Floats = NDArray[np.float64]
     Triple = tuple[float, float, float]
     Point = Triple | Floats
 

@@ -14,9 +14,8 @@ import numpy as np
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats
 
-    Floats = NDArray[np.float64]
 
 STEP = 0.001  # seconds: grid on which speeds are summed up to positions
 SLOPE_LENGTH = 1.5  # metres from the middle to an axle: turns heights of bumps into a lean

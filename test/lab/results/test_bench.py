@@ -11,7 +11,7 @@ import pytest
 from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filterpy_engine
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_lab.results import bench
+from lidar_outlier_lab.results import bench, peers
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 
@@ -76,4 +76,4 @@ def test_peer_rejects_what_the_method_says() -> None:
     grid = np.stack([x.ravel(), y.ravel(), np.zeros(100)], axis=1)
     far = np.array([[50.0, 50.0, 50.0]])
     cloud = np.concatenate([grid, far])
-    assert np.flatnonzero(bench.scipy_sor(cloud, 21)).tolist() == [100]
+    assert np.flatnonzero(peers.sor(cloud, 21, bench.MULTIPLIER)).tolist() == [100]

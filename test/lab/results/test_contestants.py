@@ -22,6 +22,7 @@ from lidar_outlier_lab.results.contestants import (
     missing,
     peers,
 )
+from lidar_outlier_lab.results.peers import rejected_but
 from lidar_outlier_lab.results.samples import Sample
 
 if TYPE_CHECKING:
@@ -97,9 +98,7 @@ def test_scikit_learn_agrees() -> None:
 
 def test_open3d_says_what_it_keeps() -> None:
     """Its indices of kept points become what is rejected."""
-    result = contestants._without(4, [0, 2])
-    np.testing.assert_array_equal(result.rejected, [False, True, False, True])
-    assert result.score is None
+    np.testing.assert_array_equal(rejected_but([0, 2], 4), [False, True, False, True])
 
 
 def test_what_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:

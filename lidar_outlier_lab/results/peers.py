@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What peers do on the same points: Open3D where it is installed, and their rules on scipy's tree.
+
+A statistic is what a peer compares with its threshold: the larger, the more of an outlier.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Bools, Floats
+
+
+def has_open3d() -> bool:
+    """Return whether Open3D is installed."""
+    return find_spec('open3d') is not None
+
+
+def open3d_cloud(xyz: Floats) -> Any:
+    """Give points (N, 3), metres, to Open3D."""
+    open3d = import_module('open3d')
+    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz))
+
+
+def rejected_but(kept: Any, count: int) -> Bools:
+    """Return which of so many points are rejected, (count,), where Open3D names those it keeps."""
+    rejected = np.ones(count, np.bool_)
+    rejected[np.asarray(kept, np.intp)] = False
+    return rejected
+
+
+def distances(xyz: Floats, count: int, workers: int = 1) -> Floats:
+    """Return the distances (N, count), metres, to so many nearest others, the nearest first."""
+    distance, _ = cKDTree(xyz).query(xyz, count + 1, workers=workers)
+    found: Floats = np.asarray(distance)[:, 1:]
+    return found
+
+
+def sor(xyz: Floats, count: int, deviations: float) -> Bools:
+    """Return what SOR rejects; ``count`` neighbours, the point itself among them, as in Open3D."""
+    mean = distances(xyz, count - 1, workers=-1).mean(axis=1)
+    rejected: Bools = mean > mean.mean() + deviations * mean.std(ddof=1)
+    return rejected
+
+
+def lof(xyz: Floats, count: int) -> Floats:
+    """Return the factors of scikit-learn's LOF."""
+    found = import_module('sklearn.neighbors').LocalOutlierFactor(count, n_jobs=-1)
+    found.fit(xyz)
+    factor: Floats = -found.negative_outlier_factor_
+    return factor
+
+
+def dror(third: Floats, reach: NDArray[Any], least: float) -> Floats:
+    """Return DROR's statistic: a distance ÷ range, 0 within the least radius, metres."""
+    return np.where(third <= least, 0.0, third / reach)
