@@ -142,7 +142,7 @@ def files(table: Table, count: int, start: int, folder: Path) -> None:
 
 
 def cuts(table: Table, count: int, folder: Path) -> None:
-    """Cut real recordings off at so many places, and read what is left."""
+    """Cut real recordings off at so many offsets, and read what is left."""
     for name in BAGS:
         data = (DATA / 'bags' / name).read_bytes()
         path = folder / Path(name).name
@@ -217,7 +217,7 @@ def kills(table: Table, counts: dict[str, int], folder: Path) -> None:
 def cover(targets: Sequence[str], seconds: int, folder: Path) -> int:
     """Let coverage guide a run of each target; print a table, and return the exit status."""
     folder.mkdir(parents=True, exist_ok=True)
-    print('| reader | seconds | inputs | places reached | features | corpus | exit status |')
+    print('| reader | seconds | inputs | edges reached | features | corpus | exit status |')
     print('| --- | ---: | ---: | ---: | ---: | ---: | ---: |')
     worst = 0
     for name in targets:

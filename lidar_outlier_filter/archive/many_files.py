@@ -20,8 +20,8 @@ from lidar_outlier_filter.archive.fingerprints import (
     parameters_hash,
     version,
 )
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How, begun
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.disk.publication import FILE, taken
@@ -114,7 +114,7 @@ class ManyFiles:
         if self._manifest is None:
             return None
         try:
-            task = Task(place_of(job.path.absolute()), job.output)
+            task = Task(location_of(job.path.absolute()), job.output)
         except (FilterError, OSError):
             return None  # whoever opens it says what is wrong
         if self._resume and self._is_done(task, job):
@@ -174,7 +174,7 @@ def _proved(entry: Entry, cleaned: CleanedFile, job: Job) -> Entry:
     report = cleaned.report
     if not report.outputs:
         return entry
-    source, made = place_of(job.path.resolve()), place_of(job.output.resolve())
+    source, made = location_of(job.path.resolve()), location_of(job.output.resolve())
     changed = (source.size, source.state) != (entry.size, entry.source_state)
     return replace(
         entry,

@@ -17,8 +17,8 @@ from lidar_outlier_filter.archive.fingerprints import (
     parameters_hash,
     version,
 )
+from lidar_outlier_filter.archive.locations import location_of, published
 from lidar_outlier_filter.archive.manifest import DONE, FAILED, NO_CLOUDS, How, begun
-from lidar_outlier_filter.archive.places import place_of, published
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Step
 from lidar_outlier_filter.disk.new_files import replaced
@@ -69,18 +69,18 @@ def replay_all(
 
     """
     entries, how = [], _how(order)
-    total, before = sum(task.place.size for task in tasks), 0
+    total, before = sum(task.location.size for task in tasks), 0
     for number, task in enumerate(tasks, 1):
 
         def progress(done: int, messages: int, task: Task = task, number: int = number) -> None:
             share = done / max(messages, done, 1)
-            at = before + share * task.place.size  # noqa: B023  called within this turn only
+            at = before + share * task.location.size  # noqa: B023  called within this turn only
             name = task.output.name
             show(Step(name, number, len(tasks), done, messages, at, total))
 
         progress(0, 0)
         entries.append(_replay_one(task, engine, how, manifest, progress))
-        before += task.place.size
+        before += task.location.size
     return entries
 
 
@@ -97,12 +97,12 @@ def _replay_one(
     try:
         _refuse_unknown(task.output, known=known)
         manifest.add(entry)
-        entry = replace(entry, hash=content_hash(task.place))
+        entry = replace(entry, hash=content_hash(task.location))
         times = _Times()
         with _built(task.output) as output:
             report, worker = engine.replay(task, output, progress, times.note)
         entry = replace(entry, **_counted(report, times), worker=worker, state=DONE, error=None)
-        made = place_of(task.output)
+        made = location_of(task.output)
         entry = replace(entry, output_hash=content_hash(made), output_state=made.state)
     except SchedulerError:
         raise
@@ -111,7 +111,7 @@ def _replay_one(
     except FilterError as err:
         entry = replace(entry, state=FAILED, error=str(err))
     except Exception as err:  # noqa: BLE001  whatever it is, the next recording is replayed
-        wrong = RecordingError(f'the recording {task.place.path}', 'replayed', said_by(err))
+        wrong = RecordingError(f'the recording {task.location.path}', 'replayed', said_by(err))
         entry = replace(entry, state=FAILED, error=str(wrong))
     finished = datetime.now(UTC).isoformat(timespec='seconds')
     entry = replace(entry, seconds=round(perf_counter() - began, 3), finished=finished)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The one place where an output gets its name, which is never that of something else.
+"""How an output gets its name, which is never that of something else.
 
 A check before the work is a courtesy: hours may lie between it and the end. ``rename`` itself
 replaces a file, and an empty folder. So the system is asked for a rename that refuses.

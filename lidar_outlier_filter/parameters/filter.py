@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""THE place of every parameter: name, type, default, unit, range and one sentence.
+"""Every parameter, declared once: name, type, default, unit, range and one sentence.
 
-ROS declarations, ``config/defaults.yaml``, the table in the README and command-line help are made
-from this file, and from those of the detectors and of the node, which are parts of it. A parameter
-of a detector is named ``detector.parameter``. Detectors that do not come with the package bring a
-section of their own: :func:`add_section`.
+ROS declarations, ``config/defaults.yaml``, the tables of the pages and what ``--set`` takes are
+made from this file, and from those of the detectors and of the node, which are parts of it. A
+parameter of a detector is named ``detector.parameter``. Detectors that do not come with the package
+bring a section of their own: :func:`add_section`.
 """
 
 # ruff: noqa: RUF009  the defaults that are called for are frozen
@@ -197,7 +197,21 @@ class FilterParameters(DetectorSections):
         self.motion.check(len(self.inputs))
 
     def changed(self, values: Mapping[str, object]) -> FilterParameters:
-        """Return a validated copy with the flat, dotted names in ``values`` set; all or nothing."""
+        """Return a validated copy with the flat, dotted names in ``values`` set; all or nothing.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or a value makes no sense.
+
+        Examples
+        --------
+        >>> from lidar_outlier_filter.parameters.filter import FilterParameters
+        >>> stricter = FilterParameters().changed({'chain': ['lof'], 'lof.threshold': 1.5})
+        >>> stricter.chain, stricter.lof.threshold
+        (('lof',), 1.5)
+
+        """
         known = {parameter.name: parameter for parameter in describe()}
         top: dict[str, Any] = {}
         sections: dict[str, dict[str, Any]] = {}
@@ -235,7 +249,15 @@ class FilterParameters(DetectorSections):
         return self.of(_added[name]) if name in _added else getattr(self, name)
 
     def flat(self) -> dict[str, Any]:
-        """All values by their flat, dotted names, in the order of declaration."""
+        """All values by their flat, dotted names, in the order of declaration.
+
+        Examples
+        --------
+        >>> from lidar_outlier_filter.parameters.filter import FilterParameters
+        >>> FilterParameters().flat()['chain']
+        ('evidence',)
+
+        """
         return {parameter.name: _value(self, parameter.name) for parameter in describe()}
 
 
@@ -304,7 +326,15 @@ def remove_section(name: str) -> None:
 
 @cache
 def describe() -> tuple[Parameter, ...]:
-    """List every parameter: those of no section first, those of added detectors last."""
+    """List every parameter: those of no section first, those of added detectors last.
+
+    Examples
+    --------
+    >>> from lidar_outlier_filter.parameters.filter import describe
+    >>> next(one.unit for one in describe() if one.name == 'max_delay')
+    's'
+
+    """
     found = list(walk(FilterParameters, ''))
     for name, section in _added.items():
         found += walk(section, f'{name}.')

@@ -142,8 +142,8 @@ class _SeeingOdometry(Odometry):
         moved, known = super().move(points, frame)
         if known.any() or not len(known):
             eye = np.empty((len(points), 4, 3))
-            for k, place in enumerate((np.zeros(3), *np.eye(3))):
-                xyz = np.tile(place, (len(points), 1))
+            for k, position in enumerate((np.zeros(3), *np.eye(3))):
+                xyz = np.tile(position, (len(points), 1))
                 eye[:, k] = super().move(replace(points, xyz=xyz, own=None), frame)[0].xyz
             self.eyes[id(moved.t)] = eye
         return moved, known

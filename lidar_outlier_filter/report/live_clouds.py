@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.report.frames import SHORT, STRETCH
 from lidar_outlier_filter.report.pack import (
     LINES,
-    PLACES,
+    REASON_INDEX,
     Fields,
     box,
     brightness,
@@ -45,7 +45,7 @@ ALIGNMENT = 16  # bytes: the points begin at a multiple
 
 @dataclass(frozen=True)
 class LivePoints:
-    """N points: place in metres, score, detectors, whether rejected, why, intensity, line."""
+    """N points: position in metres, score, detectors, whether rejected, why, intensity, line."""
 
     xyz: NDArray[np.float64]
     score: NDArray[np.float32]
@@ -94,10 +94,10 @@ class LiveFrame:
         bits = np.where(points.rejected, REJECTED_BIT, 0) | np.where(near, NEAR_BIT, 0)
         ranks = np.unique(points.line, return_inverse=True)[1] % LINES
         packed = Fields(
-            place=np.rint((points.xyz - origin) / step).astype(np.uint64),
+            position=np.rint((points.xyz - origin) / step).astype(np.uint64),
             score=scores(points.score),
             brightness=brightness(points.intensity, self.span),
-            reason=PLACES[points.reason],
+            reason=REASON_INDEX[points.reason],
             detector=numbers(points.detectors),
             truth=np.zeros(len(bits), np.uint32),
             bits=bits.astype(np.uint32),

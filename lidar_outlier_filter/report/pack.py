@@ -3,7 +3,7 @@
 """Sixteen bytes a point: four words that the page hands to the GPU as they are.
 
 Words 0 and 1: x, y and z in steps of the frame's box, 21 bits each. Word 2, from the lowest bit:
-score × 256 (10 bits, ``UNTESTED`` without), intensity (7), strongest reason (7, its place in
+score × 256 (10 bits, ``UNTESTED`` without), intensity (7), strongest reason (7, its index in
 ``REASONS``, from 1; 0 without), number of the first detector that rejects it (4, 0: none), truth
 (2). Word 3: the steps of the sliders that reject it (21 bits), then the rank of its scan line in
 the frame (11, modulo).
@@ -39,8 +39,8 @@ LINES = 1 << 11
 DARKEST, BRIGHTEST = 2, 98  # percentiles of the intensity that the colours span
 ROW = 20  # numbers of a point with reasons: see `reasons`
 REASONS = tuple(REASON_NAMES.values())
-PLACES = np.zeros(256, np.uint32)
-PLACES[list(REASON_NAMES)] = np.arange(1, len(REASONS) + 1)
+REASON_INDEX = np.zeros(256, np.uint32)
+REASON_INDEX[list(REASON_NAMES)] = np.arange(1, len(REASONS) + 1)
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,13 @@ class Fields:
 
     Attributes
     ----------
-    place : (N, 3) uint64, steps of the box
+    position : (N, 3) uint64, steps of the box
     score, brightness, reason, detector, truth : (N,) uint32, of word 2
     bits, rank : (N,) uint32, of word 3
 
     """
 
-    place: NDArray[np.uint64]
+    position: NDArray[np.uint64]
     score: Words
     brightness: Words
     reason: Words
@@ -86,8 +86,8 @@ class Fields:
 
     def words(self) -> Words:
         """Lay them out, (N, 4)."""
-        x, y, z = self.place.astype(np.uint32).T
-        words = np.empty((len(self.place), WORDS), np.uint32)
+        x, y, z = self.position.astype(np.uint32).T
+        words = np.empty((len(self.position), WORDS), np.uint32)
         words[:, 0] = x | (y << np.uint32(21))
         words[:, 1] = (y >> np.uint32(11)) | (z << np.uint32(10))
         words[:, 2] = self.score
@@ -106,10 +106,10 @@ def pack(gathered: Gathered, frames: Frames) -> Packed:
     origin, step = _boxes(kept.xyz, frames)
     limits = span(kept.intensity)
     fields = Fields(
-        place=np.rint((kept.xyz - origin[number]) / step[number]).astype(np.uint64),
+        position=np.rint((kept.xyz - origin[number]) / step[number]).astype(np.uint64),
         score=scores(kept.score),
         brightness=brightness(kept.intensity, limits),
-        reason=PLACES[kept.strongest],
+        reason=REASON_INDEX[kept.strongest],
         detector=numbers(kept.detectors),
         truth=_truth(gathered, kept.code),
         bits=kept.bits,

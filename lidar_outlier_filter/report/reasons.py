@@ -48,7 +48,7 @@ class Reason:
     ----------
     score : that of the chain, float32
     features : (ADDED,) uint8
-        Places in ``FEATURES`` of those that add or take away most, the largest first; then
+        Indices in ``FEATURES`` of those that add or take away most, the largest first; then
         ``OTHERS`` and ``AVERAGE``.
     added : (ADDED,) float32
         What each adds to the log-odds; from ``OF_SUM`` on, to the score.
@@ -81,7 +81,7 @@ class NotedReasons:
         points, single = seen.points, score.astype(np.float32)
         found = contributions(seen, parameters, wanted)
         self.ways.add(found.way)
-        places = _places(found.way, found.names)
+        indices = _indices(found.way, found.names)
         where = np.flatnonzero(wanted)
         order = np.argsort(-np.abs(found.added), axis=0, kind='stable')[:STRONGEST]
         largest = np.take_along_axis(found.added, order, axis=0)
@@ -89,12 +89,12 @@ class NotedReasons:
         added = np.concatenate([largest, [others, found.average]])
         rest = np.array([OTHERS, AVERAGE], np.uint8)
         for i, key in enumerate(_keys(points, where)):
-            features = np.concatenate([places[order[:, i]], rest])
+            features = np.concatenate([indices[order[:, i]], rest])
             reason = Reason(float(single[where[i]]), features, added[:, i])
             self._noted.setdefault(key, (int(points.t[where[i]]), []))[1].append(reason)
 
     def of(self, cloud: StreamCloud) -> dict[int, Reason]:
-        """Find the reasons of the points of a finished cloud, by their places in it.
+        """Find the reasons of the points of a finished cloud, by their indices in it.
 
         A point is explained as often as it is seen, as halo too: the reason that counts is the one
         whose score it has in the end.
@@ -102,10 +102,10 @@ class NotedReasons:
         score = cloud.verdict.score
         where = np.flatnonzero(score > NEAR)
         found = {}
-        for place, key in zip(where.tolist(), _keys(cloud.points, where), strict=True):
+        for index, key in zip(where.tolist(), _keys(cloud.points, where), strict=True):
             for reason in self._noted.get(key, (0, []))[1]:
-                if reason.score == float(score[place]):
-                    found[place] = reason
+                if reason.score == float(score[index]):
+                    found[index] = reason
                     break
         return found
 
@@ -145,7 +145,7 @@ def _chosen(score: NDArray[np.float64], most: int) -> NDArray[np.bool_]:
     return wanted
 
 
-def _places(way: Way, names: tuple[str, ...]) -> NDArray[np.uint8]:
+def _indices(way: Way, names: tuple[str, ...]) -> NDArray[np.uint8]:
     """Find the features of one way in ``FEATURES``."""
     before = {Way.PATTERN: 0, Way.SURVEY: len(OF_WAY[Way.PATTERN]), Way.SUM: OF_SUM}[way]
     return np.array([before + OF_WAY[way].index(name) for name in names], np.uint8)

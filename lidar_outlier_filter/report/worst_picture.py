@@ -118,7 +118,7 @@ def _dots(axes: Axes, xyz: NDArray[np.float64], along: int, colour: str, size: f
 
 
 def _origin(judged: JudgedFile) -> NDArray[np.float64]:
-    """Return a round place near the points, in their units, for short numbers."""
+    """Return a round position near the points, in their units, for short numbers."""
     origin, where = np.zeros(3), np.flatnonzero(judged.loaded.points.valid)
     if len(where):
         first = judged.loaded.points.xyz[where[0]] / judged.units

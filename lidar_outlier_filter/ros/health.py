@@ -283,6 +283,7 @@ class _Look:
         ):
             found[name] = str(getattr(now, name))
         for text, counter in (
+            ('blocks judged by', now.ways),
             ('rejected by', now.rejected),
             ('reason', now.reasons),
             ('undecided by', now.undecided),

@@ -29,7 +29,8 @@ class CloudFilter:
     parameters : mapping of flat names to values, or FilterParameters; optional
         What is not named has its default.
     inform, warn : callable, optional
-        Are called once with a sentence that says how the clouds are read, and what they lack.
+        Are called once with a sentence that says how the clouds are read and judged, and what they
+        lack.
     chain : sequence of str, optional
         The detectors, in their order; short for ``chain`` in ``parameters``.
 
@@ -39,7 +40,7 @@ class CloudFilter:
         Is called with the error of a cloud that is refused after it was taken, when its block was
         judged.
     fail : callable
-        Is called with an error that a detector raised, once for each place in the code.
+        Is called with an error that a detector raised, once for each line of code.
     slow : callable
         Is called from another thread while a detector takes more than 10 × ``max_delay`` for a
         block, for each such block; ``warn`` is called once for each detector.
@@ -124,5 +125,14 @@ class CloudFilter:
         return self._session.push(cloud, tag, stamp=stamp)
 
     def flush(self) -> list[Answer]:
-        """Answer all that is pending, and begin anew: the end of a recording."""
+        """Answer all that is pending, and begin anew: the end of a recording.
+
+        Examples
+        --------
+        >>> from lidar_outlier_filter import CloudFilter
+        >>> filter = CloudFilter(chain=['sor'])
+        >>> filter.flush(), filter.statistics.messages, filter.parameters.chain
+        ([], 0, ('sor',))
+
+        """
         return self._session.flush()

@@ -26,6 +26,7 @@ from lidar_outlier_filter.stream.moving import MovingStream
 from lidar_outlier_filter.stream.statistics import Statistics
 
 if TYPE_CHECKING:
+    from collections import Counter
     from collections.abc import Callable
 
     import numpy as np
@@ -65,7 +66,8 @@ class Session:
     ----------
     parameters : FilterParameters
     inform, warn : callable, optional
-        Are called once with a sentence that says how the clouds are read, and what they lack.
+        Are called once with a sentence that says how the clouds are read and judged, and what they
+        lack.
     motion : PoseSource, optional
         With it clouds wait for their poses, too.
 
@@ -77,7 +79,7 @@ class Session:
         Is called with the error of a cloud that is refused after it was taken: when its poses
         have come, or when its block was judged.
     fail : callable
-        Is called with an error that a detector raised, once for each place in the code.
+        Is called with an error that a detector raised, once for each line of code.
     slow : callable
         Is called from another thread while a detector takes more than 10 × ``max_delay`` for a
         block, for each such block; ``warn`` is called once for each detector.
@@ -111,8 +113,8 @@ class Session:
         self._decoder = Decoder(parameters, inform, warn)
         self._stream: Stream[_FilteredCloud] = Stream(parameters)
         self._stream.fail = self._failed
-        self._stream.choice.inform = inform
-        self._places: set[str] = set()  # where detectors have raised errors
+        self._inform = self._stream.choice.inform = inform
+        self._raised_at: set[str] = set()  # where detectors have raised errors
         self._moving = None
         if motion is not None:
             self._moving = MovingStream(self._stream, motion, parameters, self.refused)
@@ -302,11 +304,19 @@ class Session:
             self._slow.add(slow.name)
             self._warn(str(slow))
 
+    def _note_ways(self, ways: Counter[str]) -> None:
+        """Count the blocks that were judged in each way since the last time; say each way once."""
+        for way, count in ways.items():
+            if way not in self.statistics.ways:
+                self._inform(f'judged by {way}')
+            self.statistics.ways[way] += count
+        ways.clear()
+
     def _failed(self, err: JudgingError) -> None:
         """Count a block that a detector raised an error in."""
         self.statistics.failures += 1
-        if err.place not in self._places:
-            self._places.add(err.place)
+        if err.place not in self._raised_at:
+            self._raised_at.add(err.place)
             self.fail(err)
 
     def _as_message(self, cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
@@ -320,6 +330,7 @@ class Session:
         self.statistics.resets = self._stream.resets
         self.statistics.unmoved = 0 if self._moving is None else self._moving.unmoved
         self.statistics.passes = max(self.statistics.passes, self._stream.chain.passes)
+        self._note_ways(self._stream.chain.ways)
         answers = []
         for cloud in finished:
             if cloud.known:

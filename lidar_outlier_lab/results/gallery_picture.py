@@ -53,8 +53,8 @@ def draw(panels: Sequence[tuple[str, Cutout]], path: Path) -> None:
     height = HEAD + ROW * rows + FOOT
     figure = Figure((WIDTH, height), dpi=DPI, facecolor=PAPER)
     canvas = FigureCanvasAgg(figure)
-    for place, (title, cutout) in enumerate(panels):
-        row, column = divmod(place, COLUMNS)
+    for index, (title, cutout) in enumerate(panels):
+        row, column = divmod(index, COLUMNS)
         left = (column + 0.2) / COLUMNS
         bottom = (height - HEAD - (row + 0.87) * ROW) / height
         axes = figure.add_axes((left, bottom, 0.77 / COLUMNS, 0.71 * ROW / height))
@@ -62,7 +62,7 @@ def draw(panels: Sequence[tuple[str, Cutout]], path: Path) -> None:
         _panel(axes, cutout)
         if column == 0:
             axes.set_ylabel('across, m', fontsize=9, color=INK, labelpad=1)
-        if place + COLUMNS >= len(panels):
+        if index + COLUMNS >= len(panels):
             axes.set_xlabel('along, m', fontsize=9, color=INK, labelpad=1)
     outliers = ('outlier, rejected', FOUND), ('outlier, missed', LEFT)
     add_legend(figure, [('good', KEPT), ('good, lost', LOST), *outliers])

@@ -151,20 +151,20 @@ def _tree(nodes: Any, names: Sequence[str]) -> tuple[list[str], list[float], lis
     feature = [names[0]] * QUESTIONS
     limit = [float(np.float32(NEVER))] * QUESTIONS
     value = [0.0] * VALUES
-    pending = [(0, 0)]  # nodes, and their places in the full tree
+    pending = [(0, 0)]  # nodes, and their indices in the full tree
     while pending:
-        number, place = pending.pop()
+        number, index = pending.pop()
         node = nodes[number]
         if node['is_leaf']:
-            low = high = place
+            low = high = index
             while low < QUESTIONS:
                 low, high = 2 * low + 1, 2 * high + 2
             for k in range(low, high + 1):
                 value[k - QUESTIONS] = float(np.float32(node['value']))
         else:
-            feature[place] = names[node['feature_idx']]
-            limit[place] = _not_above(float(node['num_threshold']))
-            pending += [(node['left'], 2 * place + 1), (node['right'], 2 * place + 2)]
+            feature[index] = names[node['feature_idx']]
+            limit[index] = _not_above(float(node['num_threshold']))
+            pending += [(node['left'], 2 * index + 1), (node['right'], 2 * index + 2)]
     return feature, limit, value
 
 

@@ -411,8 +411,8 @@ def test_hurry() -> None:
     """Live clouds that waited too long are answered with what is there, and the stream goes on."""
     rows = drive(18)
     edges = np.flatnonzero(np.diff(rows['tick'])) + 1
-    places = np.sort(np.random.default_rng(18).choice(edges, 60, replace=False))
-    messages = [cloud(part) for part in np.split(rows, places)]
+    cuts = np.sort(np.random.default_rng(18).choice(edges, 60, replace=False))
+    messages = [cloud(part) for part in np.split(rows, cuts)]
     undisturbed = run(messages, {'scores': True})
     clean = make({'scores': True})
     for number, msg in enumerate(messages):

@@ -125,14 +125,14 @@ def test_truth_is_that_of_evaluate(found: Gathered, snow: Path, tmp_path: Path) 
 
 
 def test_points_are_unpacked_as_they_were(found: Gathered) -> None:
-    """Places within half a step, scores within half a unit, steps and truth exactly."""
+    """Positions within half a step, scores within half a unit, steps and truth exactly."""
     frames = cut(found)
     packed, kept = pack(found, frames), found.kept.take(frames.order)
     a, b, word, last = packed.points.T
     number = np.repeat(np.arange(len(frames)), np.diff(frames.first))
     steps = np.stack([a & STEPS, (a >> 21) | ((b & 0x3FF) << 11), b >> 10], axis=1)
-    place = packed.origin[number] + steps * packed.step[number]
-    assert (np.abs(place - kept.xyz) <= 0.5001 * packed.step[number]).all()
+    position = packed.origin[number] + steps * packed.step[number]
+    assert (np.abs(position - kept.xyz) <= 0.5001 * packed.step[number]).all()
     assert (packed.step < 0.001).all()
     score = word & 0x3FF
     assert np.array_equal(score == UNTESTED, np.isnan(kept.score))
@@ -308,7 +308,7 @@ def test_a_file(tmp_path: Path) -> None:
     found = gather(FileSource(path, given, truth=(path, '')), ALL_BUT_0, MOST)
     assert found.parameters.chain == ('evidence',)
     assert found.found.invalid == 1
-    assert found.kept.rejected[found.kept.place == 7].all()
+    assert found.kept.rejected[found.kept.index == 7].all()
     smoother = given.changed({'chain': ['alpha_beta_gamma']})
     with pytest.raises(FilterError, match='without alpha_beta_gamma'):
         FileSource(path, smoother, truth=(path, ''))

@@ -322,12 +322,12 @@ def test_poses_do_not_survive_a_clock_that_was_set_back(
     # Elsewhere this time: 50 m to the right.
     for msg in odometry:
         msg.pose.pose.position.y -= 50
-    places: list[float] = []
+    positions: list[float] = []
     chain = moving.filter._stream.chain
     judge = chain.judge
 
     def note_and_judge(points: Points) -> Verdict:
-        places.append(float(points.xyz[:, 1].mean()))
+        positions.append(float(points.xyz[:, 1].mean()))
         return judge(points)
 
     monkeypatch.setattr(chain, 'judge', note_and_judge)
@@ -336,7 +336,7 @@ def test_poses_do_not_survive_a_clock_that_was_set_back(
         moving.filter.advance()
     assert len(moving.filter.flush()) == 1
     assert moving.filter.statistics.unmoved == 0
-    assert places == [pytest.approx(drive.fixed[: 10 * SHOTS, 1].mean() - 50, abs=0.1)]
+    assert positions == [pytest.approx(drive.fixed[: 10 * SHOTS, 1].mean() - 50, abs=0.1)]
     assert moving.filter.statistics.resets == 1
 
 

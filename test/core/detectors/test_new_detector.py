@@ -189,8 +189,8 @@ def test_a_node(ros: Ros) -> None:
     sensor.wait_for_answers()
     (outliers,) = sensor.outliers
     assert outliers.width == 1
-    place = next(field.offset for field in outliers.fields if field.name == 'outlier_detectors')
-    assert np.frombuffer(outliers.data, '<u2', 1, place).tolist() == [BIT]
+    offset = next(field.offset for field in outliers.fields if field.name == 'outlier_detectors')
+    assert np.frombuffer(outliers.data, '<u2', 1, offset).tolist() == [BIT]
     (reason,) = ros.set(toy__limit=0.0)
     assert reason == 'toy.limit must be from 0.001 to 1000 m, got 0.0'
     assert ros.set(toy__limit=3.0) == ['']

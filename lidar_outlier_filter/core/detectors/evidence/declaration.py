@@ -63,9 +63,10 @@ def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
         return _as_survey(seen, parameters)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None
     if found is None:
-        return Scores(detect(seen.neighbourhood, points, parameters, reason), reason=reason)
+        score = detect(seen.neighbourhood, points, parameters, reason)
+        return Scores(score, reason=reason, way=way.value)
     score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
-    return Scores(score, reason=reason, scaled=True)
+    return Scores(score, reason=reason, scaled=True, way=way.value)
 
 
 def _as_survey(seen: Seen, parameters: FilterParameters) -> Scores:
@@ -86,7 +87,8 @@ def _odds(
 
 
 def _survey_score(odds: Floats, parameters: FilterParameters) -> Scores:
-    return Scores(survey.score(odds, parameters.evidence.threshold), scaled=True)
+    score = survey.score(odds, parameters.evidence.threshold)
+    return Scores(score, scaled=True, way=Way.SURVEY.value)
 
 
 def _threshold(_parameters: FilterParameters) -> Threshold:

@@ -19,7 +19,10 @@ from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_n
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far
 from lidar_outlier_filter.core.detectors.evidence.survey.model import load
 from lidar_outlier_filter.core.detectors.evidence.survey.near import K
-from lidar_outlier_filter.core.detectors.evidence.survey.places import find_places, shares_places
+from lidar_outlier_filter.core.detectors.evidence.survey.places import (
+    find_places,
+    shares_places,
+)
 from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
 from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
 from lidar_outlier_filter.core.judging.whole_cloud import judge_whole
