@@ -67,7 +67,7 @@ def exactly(block: Block, points: int, outliers: int) -> Returns:
 
     """
     clean = block.clean.take(slice(0, points))
-    at = _shots(clean, block.spoilt)
+    at = _same_shots(clean, block.spoilt)
     # Only shots that stay a point, and become an outlier.
     fit = at.inside & (clean.points['label'][at.where] == Cause.GOOD)
     candidates, lot = block.spoilt.take(fit), block.lot[fit]
@@ -87,7 +87,7 @@ def about(block: Block, share: float) -> Returns:
 
     """
     clean, spoilt = block.clean, block.spoilt
-    at = _shots(clean, spoilt)
+    at = _same_shots(clean, spoilt)
     order = np.argsort(block.lot, kind='stable')
     is_new = ~at.inside[order]
     was_good = clean.points['label'][at.where[order]] == Cause.GOOD
@@ -101,16 +101,16 @@ def about(block: Block, share: float) -> Returns:
     return merge(clean, spoilt.take(chosen))
 
 
-class _Shots(NamedTuple):
+class _SameShots(NamedTuple):
     """Where the shots of some returns are among those of others."""
 
     where: NDArray[np.intp]
     inside: NDArray[np.bool_]
 
 
-def _shots(clean: Returns, spoilt: Returns) -> _Shots:
+def _same_shots(clean: Returns, spoilt: Returns) -> _SameShots:
     where = np.minimum(np.searchsorted(clean.shot, spoilt.shot), max(len(clean.shot) - 1, 0))
-    return _Shots(where, clean.shot[where] == spoilt.shot)
+    return _SameShots(where, clean.shot[where] == spoilt.shot)
 
 
 def _check(outliers: int, fewest: int, most: int, points: int) -> None:
