@@ -18,10 +18,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from lidar_outlier_filter.core.detectors import elevation
+from lidar_outlier_filter.core.detectors.elevation import detector as elevation
+from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.files.cleaning import points
 from lidar_outlier_filter.files.cloud_file import open_cloud
-from lidar_outlier_filter.parameters.detectors import Elevation
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 RUNS = 5

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from lidar_outlier_filter.parameters.detectors import Hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_lab.results import sotoodeh_picture as hod_picture
 from lidar_outlier_lab.simulation.papers import sotoodeh_clusters as hod_scene
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters.detectors import Hierarchical
+    from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
     from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
 
     Floats = NDArray[np.float64]

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from helpers.clouds import table
+from helpers.detectors import BITS
 from helpers.page_runs import DATA, ROOT, Pages, run, write_clouds
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.cli.terminal import REFUSED
 from lidar_outlier_filter.core.detectors.evidence.models import PATTERN_MODEL, read_file
 from lidar_outlier_filter.core.detectors.evidence.pattern.judge import judge
-from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.core.judging.whole_cloud import judge_whole, with_rings
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
-    from lidar_outlier_filter.parameters.detectors import Hierarchical
+    from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 
     Floats = NDArray[np.float64]
     Bools = NDArray[np.bool_]

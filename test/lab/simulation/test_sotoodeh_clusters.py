@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lidar_outlier_filter.core.detectors import elevation
+from lidar_outlier_filter.core.detectors.elevation import detector as elevation
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation import pictures as picture
-from lidar_outlier_filter.parameters.detectors import Hierarchical
 from lidar_outlier_lab.results import sotoodeh_picture as hod_picture
 from lidar_outlier_lab.simulation.papers import sotoodeh_clusters as hod_scene
 from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, Errors, simulate
