@@ -112,8 +112,8 @@ setup(
         # `lidar-outlier-filter clean`: LAS, LAZ, PCD (10 MB); Parquet (170 MB). Others need none.
         'files': ['laspy[lazrs]>=2.5', 'pyproj>=3.6', 'python-neo-lzf>=0.3.5'],
         'parquet': ['pyarrow>=14.0.1'],
-        # `lidar-outlier-filter replay` with several processes or a cluster, and recordings at other
-        # places; s3fs for `s3://`.
+        # `lidar-outlier-filter replay` with several processes or a cluster, and recordings
+        # elsewhere; s3fs for `s3://`.
         'archive': ['dask>=2026.1.1', 'distributed>=2026.1.1', 'fsspec>=2024.3'],
         's3': ['s3fs>=2024.3'],
         # Peers that `lidar-outlier-filter bench` and `results` compare with.

@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING
 import psutil
 
 from lidar_outlier_filter.archive.engine import Engine
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.order import Order
 from lidar_outlier_filter.archive.pieces import LENGTH, Piece, cut, judge_piece
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
@@ -118,11 +118,11 @@ def main() -> None:
                 print(f'{jobs} workers, {way}: {elapsed:.1f} s, {factor}, {same}')
             print(f'{memory():.0f} MB of a worker at most')
     task = tasks[0]
-    judged = [judge_piece(piece) for piece in cut(task.place, (), values, LENGTH)[:3]]
+    judged = [judge_piece(piece) for piece in cut(task.location, (), values, LENGTH)[:3]]
     sent = sum(len(packed) for one in judged for packed in one.verdicts.values())
     print(f'{sum(one.seconds for one in judged) / len(judged):.2f} s per piece of {LENGTH:g} s')
     with Recording(options.recording) as source:
-        share = sent / len(judged) / (task.place.size * LENGTH * SECOND / source.duration)
+        share = sent / len(judged) / (task.location.size * LENGTH * SECOND / source.duration)
     print(f'{sent / len(judged) / MEGABYTE:.3f} MB of verdicts per piece, {share:.3%} of its bytes')
     print(f'load average {os.getloadavg()[0]:.1f} after')
     shutil.rmtree(options.folder)
@@ -133,12 +133,12 @@ def _tasks(recording: Path, folder: Path, count: int) -> list[Task]:
     links = [folder / f'{number}{recording.suffix}' for number in range(count)]
     for link in links:
         link.symlink_to(recording)
-    return [Task(place_of(link), folder / f'bag{number}') for number, link in enumerate(links)]
+    return [Task(location_of(link), folder / f'bag{number}') for number, link in enumerate(links)]
 
 
 def _short(task: Task, order: Order) -> list[Piece]:
     """Cut short pieces, one for each worker to begin with."""
-    return cut(task.place, (), order.parameters, 1.0)
+    return cut(task.location, (), order.parameters, 1.0)
 
 
 if __name__ == '__main__':

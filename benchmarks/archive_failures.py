@@ -20,9 +20,9 @@ from helpers.drives import hashes
 from repeated_drives import sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive.engine import Engine
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import NAME, opened_manifest
 from lidar_outlier_filter.archive.order import Order
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.run import pending, replay_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
@@ -97,9 +97,9 @@ def with_kills(
     With a folder for what workers write, they replay whole recordings.
     """
     order = Order(parameters=CHAIN)
-    tasks = [Task(place_of(path), output / path.name) for path in sorted(drives.iterdir())]
+    tasks = [Task(location_of(path), output / path.name) for path in sorted(drives.iterdir())]
     rng = random.Random(seed)  # noqa: S311  no secret
-    total = sum(task.place.size for task in tasks)
+    total = sum(task.location.size for task in tasks)
     killer = Killer(sorted(rng.uniform(0, LAST * total) for _ in range(KILLS)), rng)
     with opened_manifest(output) as manifest, local_workers(2) as workers:
         todo = pending(tasks, order, manifest)
@@ -131,7 +131,7 @@ def without_scheduler(
     words = ('replay', str(some), '--output', str(output), SET)
     with (
         cluster(2) as (address, scheduler),
-        program(COMMAND, *words, '--scheduler', address) as one,
+        program('-m', COMMAND, *words, '--scheduler', address) as one,
     ):
         one.until(f': {SOME // 2 + 1} of {SOME}')
         scheduler.kill()
@@ -140,7 +140,7 @@ def without_scheduler(
     left = made_in(output)
     yield f'scheduler killed: exit status {status}, "{last}"'
     yield f'{len(left)} of {SOME} were done'
-    with cluster(2) as (address, _), program(COMMAND, *words, '--scheduler', address) as one:
+    with cluster(2) as (address, _), program('-m', COMMAND, *words, '--scheduler', address) as one:
         again, said = one.rest()
     made = made_in(output)
     other = sum(made.get(name) != expected[name] for name in sorted(expected)[:SOME])
@@ -156,7 +156,7 @@ def done_before(drives: Path, output: Path) -> Iterator[str]:
     took, used = [], []
     for _ in range(3):
         before, began = os.times(), perf_counter()
-        with program(COMMAND, *words) as one:
+        with program('-m', COMMAND, *words) as one:
             _, said = one.rest()
         took.append(perf_counter() - began)
         after = os.times()

@@ -16,8 +16,8 @@ from repeated_drives import Sweeps, sweeps_of, write_repeated
 
 from lidar_outlier_filter.archive import pieces
 from lidar_outlier_filter.archive.engine import Engine
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.order import Order
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
@@ -136,20 +136,20 @@ def repeated(
         drive = two if case.is_for_two else one
         _compare(full, drive, case, combinations, pools, folder)
     yield full
-    for place in range(1, len(sensors)):
-        one, two = _drives(folder, place, sensors)
-        for case in chosen[place % 2 :: 2]:
+    for index in range(1, len(sensors)):
+        one, two = _drives(folder, index, sensors)
+        for case in chosen[index % 2 :: 2]:
             drive = two if case.is_for_two else one
             combination = combinations[some.pairs % len(combinations)]
             _compare(some, drive, case, [combination], pools, folder)
     yield some
 
 
-def _drives(folder: Path, place: int, sensors: Sequence[Sweeps]) -> tuple[Path, Path]:
+def _drives(folder: Path, index: int, sensors: Sequence[Sweeps]) -> tuple[Path, Path]:
     """Write a drive of one sensor, and one of it together with the first or second."""
-    other = sensors[0 if place else 1]
-    one = write_repeated(folder / f'one{place}', [sensors[place]], SECONDS)
-    two = write_repeated(folder / f'two{place}', [sensors[place], other], SECONDS)
+    other = sensors[0 if index else 1]
+    one = write_repeated(folder / f'one{index}', [sensors[index]], SECONDS)
+    two = write_repeated(folder / f'two{index}', [sensors[index], other], SECONDS)
     return one, two
 
 
@@ -174,7 +174,7 @@ def _compare(  # noqa: PLR0913  what is compared, and by what
     seen.pairs += 1
     seen.refused += all(topic.refused == topic.messages for topic in report.topics)
     for jobs, length in combinations:
-        task = Task(place_of(drive), output)
+        task = Task(location_of(drive), output)
         engine = Engine([task], Order(parameters=given, length=length), pools[jobs])
         engine.replay(task, output, lambda _done, _all: None)
         seen.runs += 1

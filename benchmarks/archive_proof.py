@@ -41,8 +41,8 @@ from repeated_drives import sweeps_of, write_repeated  # noqa: E402
 
 from lidar_outlier_filter.archive.engine import Engine  # noqa: E402
 from lidar_outlier_filter.archive.fingerprints import judging_code  # noqa: E402
+from lidar_outlier_filter.archive.locations import location_of  # noqa: E402
 from lidar_outlier_filter.archive.order import Order  # noqa: E402
-from lidar_outlier_filter.archive.places import place_of  # noqa: E402
 from lidar_outlier_filter.archive.task import Task  # noqa: E402
 from lidar_outlier_filter.archive.workers import local_workers  # noqa: E402
 
@@ -124,12 +124,12 @@ def memory(options: argparse.Namespace) -> None:
         drive = write_repeated(
             options.folder / 'long', [sweeps_of(options.data / 'bags' / name)], length
         )
-        task = Task(place_of(drive), options.folder / 'out')
+        task = Task(location_of(drive), options.folder / 'out')
         order = Order(drop_input=True)
         with local_workers(2) as workers:
             Engine([task], order, workers).replay(task, task.output, lambda _done, _all: None)
             peaks = [peak(one) for one in failures.worker_processes()]
-        size = task.place.size / 1e9
+        size = task.location.size / 1e9
         print(f'{name}, {length:g} s, {size:.2f} GB: a worker {max(peaks):.0f} MB at most')
         shutil.rmtree(drive)
         shutil.rmtree(options.folder / 'out')

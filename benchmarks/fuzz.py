@@ -142,7 +142,7 @@ def files(table: Table, count: int, start: int, folder: Path) -> None:
 
 
 def cuts(table: Table, count: int, folder: Path) -> None:
-    """Cut real recordings off at so many places, and read what is left."""
+    """Cut real recordings off at so many offsets, and read what is left."""
     for name in BAGS:
         data = (DATA / 'bags' / name).read_bytes()
         path = folder / Path(name).name

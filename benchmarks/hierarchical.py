@@ -80,9 +80,9 @@ def street(count: int, seed: int = 1) -> Floats:
 
 
 def _along(rng: np.random.Generator, length: float, count: int) -> Floats:
-    """Places along the street."""
-    places: Floats = rng.uniform(0.0, length, count)
-    return places
+    """Positions along the street."""
+    positions: Floats = rng.uniform(0.0, length, count)
+    return positions
 
 
 def run(console: Console, most: int) -> None:

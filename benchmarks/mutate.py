@@ -1,19 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Small wrong changes to the code, one at a time, each run against the tests that must catch it.
+"""Small wrong changes to a module, one at a time, each run against the tests that should catch it.
 
-    python benchmarks/mutate.py [--only PATTERN] [--jobs N] [--list]
+    scripts/environment python benchmarks/mutate.py FILE[::FUNCTION] TEST ... [--most N] [--jobs N]
 
-The changes are listed in mutations.toml. A table for each file names it and the tests that stand
-near it; each change has the old text, which must occur exactly once, the new one, and why it
-matters. It may name tests of its own.
+A change turns a comparison, a sum, a product or a condition around, makes a number larger by one,
+or leaves out a statement. Of more than ``--most`` some are drawn. A change that survives is either
+one that changes nothing, or a test that is missing: look at each.
 
 All work is done in copies of the project in a temporary folder. The tests must pass there unchanged
 first, which compiles the kernels, too. Each change then begins with a fresh copy of that. Compiled
 kernels carry a stamp of their sources: those that the change reaches are compiled anew.
 
 Printed are what became of each change, and the score. The exit status is 0 where all were caught,
-1 where one survived, and 2 where the list does not fit the code or the tests do not run.
+1 where one survived, and 2 where there is nothing to change or the tests do not run.
 """
 
 # ruff: noqa: INP001  a script, no package
@@ -21,17 +21,19 @@ Printed are what became of each change, and the score. The exit status is 0 wher
 from __future__ import annotations
 
 import argparse
+import ast
+import copy as copies
 import os
+import random
 import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rich.console import Console
 from rich.table import Table
@@ -39,10 +41,9 @@ from rich.table import Table
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 ROOT = Path(__file__).resolve().parents[1]
-LIST = Path(__file__).with_name('mutations.toml')
 # Bytecode is left out: Python would take that of an equally long file of the same second.
 LEFT_OUT = shutil.ignore_patterns('.git', '.venv', '*.pyc', '.*_cache')
 TEST_SECONDS = 300  # for one test, where Python can still stop it
@@ -50,19 +51,44 @@ RUN_SECONDS = 900  # for all tests of one change, where a kernel does not end
 PASSED, FAILED = 0, 1  # exit statuses of pytest
 
 
+# What a sign becomes.
+TURNED: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+}
+
+
 class Mutation(NamedTuple):
-    """One change: a text of a file that becomes another, why it matters, and who must catch it."""
+    """One change: a part of a file, from one character to another, that becomes another text."""
 
     file: str
+    line: int
+    begin: int
+    end: int
     old: str
     new: str
-    why: str
     tests: tuple[str, ...]
 
     @property
     def name(self) -> str:
         """Name it for people."""
-        return f'{self.file}: {self.why}'
+        old, new = (' '.join(text.split()) for text in (self.old, self.new))
+        return f'{self.file}:{self.line}: {old} → {new}'
 
 
 class Outcome(NamedTuple):
@@ -72,67 +98,79 @@ class Outcome(NamedTuple):
     seconds: float
 
 
-def read(path: Path) -> list[Mutation]:
-    """Read a list of changes."""
-    listed = tomllib.loads(path.read_text(encoding='utf-8'))
-    return [
-        Mutation(
-            module['file'],
-            item['old'],
-            item['new'],
-            item['why'],
-            tuple(item.get('tests', module['tests'])),
-        )
-        for module in listed['module']
-        for item in module['mutation']
-    ]
-
-
-def choose(pattern: str) -> list[Mutation]:
-    """Read the changes whose file or reason holds a pattern, and check that they fit the code."""
-    mutations = [mutation for mutation in read(LIST) if re.search(pattern, mutation.name)]
-    if not mutations:
-        raise FilterError('--only', 'found in the file or the reason of a change', pattern)
-    check(mutations, ROOT)
-    return mutations
-
-
-def check(mutations: Iterable[Mutation], root: Path) -> None:
-    """Refuse changes that do not fit the project in ``root``.
+def find(root: Path, file: str, function: str, tests: Sequence[str]) -> list[Mutation]:
+    """List the changes of a file, or of one function or class of it.
 
     Raises
     ------
     FilterError
-        If an old text does not occur exactly once, or a file or a test does not exist.
+        If there is no such file or function, or nothing in it to change.
 
     """
-    for mutation in mutations:
-        changed(mutation, root)
-        for test in mutation.tests:
-            file, _, name = test.partition('::')
-            path = root / file
-            if not path.is_file():
-                raise FilterError(f'the test file of {mutation.name}', 'there', file)
-            if name and f'def {name.partition("[")[0]}(' not in path.read_text(encoding='utf-8'):
-                raise FilterError(f'the test of {mutation.name}', f'in {file}', name)
-
-
-def changed(mutation: Mutation, root: Path) -> str:
-    """Return the text of a file after a change."""
-    path = root / mutation.file
+    path = root / file
     if not path.is_file():
-        raise FilterError('the file to change', 'there', mutation.file)
+        raise FilterError('the file to change', 'there', file)
     text = path.read_text(encoding='utf-8')
-    count = text.count(mutation.old)
-    if count != 1:
-        raise FilterError(f'the old text of {mutation.name}', 'there exactly once', count)
-    return text.replace(mutation.old, mutation.new)
+    tree: ast.AST = ast.parse(text)
+    if function:
+        named = (ast.FunctionDef, ast.ClassDef)
+        parts = [one for one in ast.walk(tree) if isinstance(one, named) and one.name == function]
+        if len(parts) != 1:
+            raise FilterError(f'the function in {file}', 'there once', function)
+        tree = parts[0]
+    lines = [0]  # bytes before each line
+    for line in text.encode().splitlines(keepends=True):
+        lines.append(lines[-1] + len(line))
+    found = []
+    for node in _code(tree):
+        for new in _turned(node):
+            begin = lines[node.lineno - 1] + node.col_offset
+            end = lines[(node.end_lineno or 0) - 1] + (node.end_col_offset or 0)
+            old = text.encode()[begin:end].decode()
+            found.append(Mutation(file, node.lineno, begin, end, old, new, tuple(tests)))
+    if not found:
+        raise FilterError(f'what can be changed in {file}', 'at least one place', 'none')
+    return found
+
+
+def _code(node: ast.AST) -> Iterator[Any]:
+    """Walk statements and expressions; not annotations, texts, and what is for types only."""
+    yield node
+    for name, value in ast.iter_fields(node):
+        if name in {'annotation', 'returns', 'decorator_list'}:
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            is_type = isinstance(child, ast.If) and 'TYPE_CHECKING' in ast.unparse(child.test)
+            if isinstance(child, ast.AST) and not isinstance(child, ast.JoinedStr) and not is_type:
+                yield from _code(child)
+
+
+def _turned(node: ast.AST) -> Iterator[str]:
+    """Write what a node may become."""
+    other: Any = copies.deepcopy(node)
+    if isinstance(node, ast.Compare) and len(node.ops) == 1:
+        other.ops = [TURNED[type(node.ops[0])]()]
+        yield f'({ast.unparse(other)})'
+    elif isinstance(node, ast.BinOp | ast.BoolOp) and type(node.op) in TURNED:
+        other.op = TURNED[type(node.op)]()
+        yield f'({ast.unparse(other)})'
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        yield f'({ast.unparse(node.operand)})'
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield str(not node.value)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+        yield str(node.value + 1)
+    elif isinstance(node, ast.AugAssign) or (
+        isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
+    ):
+        yield 'pass'
 
 
 def apply(mutation: Mutation, root: Path) -> None:
     """Change a file of the project in ``root``."""
-    text = changed(mutation, root)
-    (root / mutation.file).write_text(text, encoding='utf-8')
+    path = root / mutation.file
+    text = path.read_bytes()
+    path.write_bytes(text[: mutation.begin] + mutation.new.encode() + text[mutation.end :])
 
 
 def copy(source: Path, folder: Path) -> Path:
@@ -235,12 +273,11 @@ def judge_all(mutations: Sequence[Mutation], jobs: int, root: Path = ROOT) -> li
 def show(mutations: Sequence[Mutation], outcomes: Sequence[Outcome]) -> None:
     """Print a table, and the score."""
     console = Console()
-    table = Table('file', 'change', 'caught by', 's')
+    table = Table('change', 'caught by', 's')
     table.columns[-1].justify = 'right'
     for mutation, outcome in zip(mutations, outcomes, strict=True):
         by = outcome.caught_by.rpartition('/')[2] or '[bold]survived[/bold]'
-        file = mutation.file.partition('/')[2]
-        table.add_row(file, mutation.why, by, f'{outcome.seconds:.0f}')
+        table.add_row(mutation.name.rpartition('/')[2], by, f'{outcome.seconds:.0f}')
     console.print(table)
     caught = sum(bool(outcome.caught_by) for outcome in outcomes)
     share = f'{caught / len(outcomes):.1%}'
@@ -252,15 +289,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument('--only', default='', metavar='PATTERN', help='regular expression')
+    parser.add_argument('what', metavar='FILE[::FUNCTION]', help='what is changed')
+    parser.add_argument('tests', nargs='+', metavar='TEST', help='what should catch it')
+    parser.add_argument('--most', type=int, default=50, metavar='N', help='changes; default: 50')
+    parser.add_argument('--seed', type=int, default=1, metavar='N', help='that draws them')
     parser.add_argument('--jobs', type=int, default=1, metavar='N', help='changes at a time')
-    parser.add_argument('--list', action='store_true', help='print the changes, run nothing')
     options = parser.parse_args(arguments)
+    file, _, function = options.what.partition('::')
     try:
-        mutations = choose(options.only)
-        if options.list:
-            sys.stdout.writelines(f'{item.name}\n' for item in mutations)
-            return 0
+        mutations = find(ROOT, file, function, options.tests)
+        if len(mutations) > options.most:
+            drawn = random.Random(options.seed).sample(mutations, options.most)  # noqa: S311  no secret
+            mutations = sorted(drawn)
         outcomes = judge_all(mutations, options.jobs)
     except FilterError as err:
         sys.stderr.write(f'{err}\n')

@@ -36,8 +36,8 @@ from real_snow_peers import PEERS, features  # noqa: E402
 from real_snow_sweeps import read_rings, read_sweeps  # noqa: E402
 
 from lidar_outlier_filter.errors import FilterError  # noqa: E402
-from lidar_outlier_filter.evaluation.pictures import draw_sweep  # noqa: E402
 from lidar_outlier_lab.results.markdown import write  # noqa: E402
+from lidar_outlier_lab.results.pictures import draw_sweep  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -34,7 +34,7 @@ class Cloud:
     xyz : (N, 3) float32, metres
     intensity, label : (N,)
     ring, time : (N,), nanoseconds; None in a form without
-    source : (N,) int64, the place of the point that it is a copy of; its own, if it is none
+    source : (N,) int64, the index of the point that it is a copy of; its own, if it is none
 
     """
 
@@ -91,9 +91,9 @@ FORMS = {
 def cloud(sweep: Sweep, form: Form) -> Cloud:
     """Give a sweep a form; of a bare one the order of the points is lost as well."""
     given = form.points(sweep)
-    place = np.cumsum(given) - 1
+    index = np.cumsum(given) - 1
     where = np.flatnonzero(given)
-    source = place[np.where(sweep.copy, sweep.mate, np.arange(len(given)))[where]]
+    source = index[np.where(sweep.copy, sweep.mate, np.arange(len(given)))[where]]
     if form.bare:  # which has no copies
         where = np.random.default_rng(SEED).permutation(where)
         source = np.arange(len(where))

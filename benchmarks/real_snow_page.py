@@ -155,14 +155,14 @@ def by_class(judged: Judged) -> str:
 def by_range(judged: Judged) -> str:
     """Lay out recall, and the share of the good points that is lost, by range."""
     rows = [
-        (said, *(_of_range(one, place) for one in judged.values()))
-        for place, said in enumerate(range_names())
+        (said, *(_of_range(one, index) for one in judged.values()))
+        for index, said in enumerate(range_names())
     ]
     return table(('', *judged), rows)
 
 
-def _of_range(figures: Figures, place: int) -> str:
-    part = Confusion(*figures.ranges[place])
+def _of_range(figures: Figures, index: int) -> str:
+    part = Confusion(*figures.ranges[index])
     return f'{percent(part.recall.ratio)}, {percent(part.false_rejections.ratio)}'
 
 

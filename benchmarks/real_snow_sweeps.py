@@ -71,7 +71,7 @@ class Sweep:
     ring : (N,) uint16, from 0
     time : (N,) int64, nanoseconds
     second : (N,) bool, whether it is of the second block of its shot
-    mate : (N,) int64, the place of the other return of the same shot and laser; -1: there is none
+    mate : (N,) int64, the index of the other return of the same shot and laser; -1: there is none
 
     """
 
@@ -189,11 +189,11 @@ def find_rings(xyz: NDArray[np.float32], rings: Rings, name: str) -> Integers:
     """
     x, y, z = xyz.astype(np.float64).T
     elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
-    place = rings.elevation + TILT
-    order = np.argsort(place)
-    middle = (place[order][1:] + place[order][:-1]) / 2
+    tilted = rings.elevation + TILT
+    order = np.argsort(tilted)
+    middle = (tilted[order][1:] + tilted[order][:-1]) / 2
     ring: Integers = order[np.searchsorted(middle, elevation)]
-    away = np.abs(elevation - place[ring])
+    away = np.abs(elevation - tilted[ring])
     if not (away <= ON_RING).all():
         must_be = f'within {ON_RING} degrees of a ring'
         raise RecordingError(f'the elevations of {name}', must_be, f'{away.max():.3f} degrees')
@@ -214,12 +214,12 @@ def find_shots(xyz: NDArray[np.float32], ring: Integers, rings: Rings) -> tuple[
     shot = np.cumsum(np.where(begins, ahead, 0))
     falls = (np.diff(ring, prepend=-1) <= 0) & ~begins
     block = np.cumsum(falls)
-    first = np.searchsorted(shot, shot)  # the place of the first point of the same shot
+    first = np.searchsorted(shot, shot)  # the index of the first point of the same shot
     return shot, block > block[first]
 
 
 def find_mates(shot: Integers, ring: Integers, second: Mask) -> Integers:
-    """Return the place of the other return of the same shot and ring; -1: there is none."""
+    """Return the index of the other return of the same shot and ring; -1: there is none."""
     width = int(ring.max(initial=0)) + 1
     key = shot * width + ring
     mate = np.full(len(key), -1)

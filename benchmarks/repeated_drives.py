@@ -105,9 +105,9 @@ def moved(cloud: Any, later: int) -> Any:
         return replace(cloud, header=header)
     rows = cloud.data.reshape(-1, cloud.point_step).copy()
     for field in fields:
-        place = slice(field.offset, field.offset + 8)
-        times = rows[:, place].copy().view('<f8') + later / SECOND
-        rows[:, place] = times.view(np.uint8)
+        part = slice(field.offset, field.offset + 8)
+        times = rows[:, part].copy().view('<f8') + later / SECOND
+        rows[:, part] = times.view(np.uint8)
     return replace(cloud, header=header, data=rows.reshape(-1))
 
 

@@ -95,10 +95,10 @@ def voxels(xyz: Floats, bad: Bools) -> Best:
 
 
 def _isolated(xyz: Floats, side: float) -> Bools:
-    place = np.floor((xyz - xyz.min(axis=0)) / side).astype(np.int64) + 1
-    count = place.max(axis=0) + 2
+    voxel = np.floor((xyz - xyz.min(axis=0)) / side).astype(np.int64) + 1
+    count = voxel.max(axis=0) + 2
     step = np.array([count[1] * count[2], count[2], 1])
-    number, inverse, held = np.unique(place @ step, return_inverse=True, return_counts=True)
+    number, inverse, held = np.unique(voxel @ step, return_inverse=True, return_counts=True)
     total = np.zeros(len(number), np.int64)
     for offset in np.ndindex(3, 3, 3):
         wanted = number + (np.array(offset) - 1) @ step
@@ -136,14 +136,14 @@ def clouds(data: Path, presets: list[str], seeds: list[int]) -> Iterator[tuple[s
     """Simulate clouds, and read those with classes."""
     samples = (one for preset in presets for seed in seeds for one in simulated(preset, seed))
     for sample in samples:
-        yield sample.name, _places(sample), sample.data.bad
+        yield sample.name, _positions(sample), sample.data.bad
     for path in sorted((data / 'clouds').glob('*.laz')):
         found = labelled(path)
         if found is not None:
-            yield path.name, _places(found), found.data.bad
+            yield path.name, _positions(found), found.data.bad
 
 
-def _places(sample: Sample) -> Floats:
+def _positions(sample: Sample) -> Floats:
     return np.concatenate([cloud.xyz for cloud in sample.data.clouds])
 
 

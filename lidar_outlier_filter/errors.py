@@ -46,7 +46,18 @@ def printable(text: str) -> str:
 
 
 class FilterError(Exception):
-    """Something was refused: ``<what> must be <must_be>, got <got>``."""
+    """Something was refused: ``<what> must be <must_be>, got <got>``.
+
+    Examples
+    --------
+    >>> from lidar_outlier_filter import FilterError, detect_outliers
+    >>> try:
+    ...     detect_outliers([[0, 0, 0]], chain=['sor'], parameters={'sor.k': 0})
+    ... except FilterError as error:
+    ...     print(error)
+    sor.k must be from 1 to 1000, got 0
+
+    """
 
     def __init__(self, what: str, must_be: str, got: object) -> None:
         """Keep ``what`` apart, so that refusals can be counted by it."""

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.known_chain import KnowingChain
+from lidar_outlier_filter.archive.locations import staged
 from lidar_outlier_filter.archive.piece_queue import PieceQueue
 from lidar_outlier_filter.archive.pieces import Piece, cut, starts
-from lidar_outlier_filter.archive.places import staged
 from lidar_outlier_filter.archive.whole_recordings import WholeRecordings
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.recordings.replay import ReplayReport, replay
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
+    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.archive.order import Order
-    from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.bags import Topic
@@ -57,7 +57,7 @@ class Engine:
         self._parameters = order.filter
         self._cut: dict[str, list[Piece]] = {}
         self._queue = None
-        self._last = tasks[-1].place if tasks else None
+        self._last = tasks[-1].location if tasks else None
         self._workers = workers
         self.judged = self.judged_here = 0
         self._whole: WholeRecordings | None = None
@@ -66,19 +66,19 @@ class Engine:
             if folder is not None:
                 self._whole = WholeRecordings(tasks, order, workers, folder)
             cut_up = (task for task in tasks if self._whole is None or task not in self._whole)
-            following = (self._pieces(task.place) for task in cut_up)
+            following = (self._pieces(task.location) for task in cut_up)
             self._queue = PieceQueue(following, workers, tick)
 
-    def _pieces(self, place: Place) -> list[Piece]:
+    def _pieces(self, location: Location) -> list[Piece]:
         """Cut a recording; one that cannot be read has no pieces: who writes it says why."""
-        name = str(place.path)
+        name = str(location.path)
         if name not in self._cut:
             order, count = self._order, 0
-            if self._workers is not None and place is self._last:
+            if self._workers is not None and location is self._last:
                 count = max(1, self._workers.count)
             how = (order.topics, order.parameters, order.length, order.largest)
             try:
-                pieces = cut(place, *how, workers=count)
+                pieces = cut(location, *how, workers=count)
             except FilterError:
                 pieces = []
             self._cut[name] = pieces
@@ -102,7 +102,7 @@ class Engine:
         if self._whole is not None and task in self._whole:
             return self._take_whole(self._whole, task, output, progress, begin)
         order, names = self._order, {'this process'}
-        pieces = [] if self._queue is None else self._pieces(task.place)
+        pieces = [] if self._queue is None else self._pieces(task.location)
         chain = None
         if pieces:
             chain, names = self._chain(pieces)
@@ -117,7 +117,7 @@ class Engine:
             progress(done, total)
 
         try:
-            with staged(task.place) as path:
+            with staged(task.location) as path:
                 report = replay(
                     path,
                     output,
@@ -129,10 +129,10 @@ class Engine:
                     chain=chain,
                     begin=note,
                 )
-            task.place.check_unchanged()
+            task.location.check_unchanged()
         finally:
             if self._queue is not None:
-                self._queue.give_up(self._cut.pop(str(task.place.path), ()))
+                self._queue.give_up(self._cut.pop(str(task.location.path), ()))
         if chain is not None:
             self.judged += chain.judged
             self.judged_here += chain.judged_here
@@ -154,7 +154,7 @@ class Engine:
                 self._queue.send()  # for workers that have no other recording
 
         found = whole.take(task, output, tick, progress)
-        task.place.check_unchanged()
+        task.location.check_unchanged()
         for sentence in found.said:
             self._inform(sentence)
         for topic, times in found.times.items():

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whole files that workers clean; this process puts the outputs in their places.
+"""Whole files that workers clean; this process puts the outputs under their names.
 
 A worker writes each time it tries a file into another hidden folder of this run. So neither a
 worker that dies, nor one that was given up and still works, spoils an output.
@@ -120,9 +120,9 @@ class WorkersThatClean:
                 raise CloudError(what, 'cleaned by this version', type(done).__name__)
             check_code(done.cleaned.worker, done.code, judging_code(JUDGE))
             if done.made:
-                with new_files(job.outputs) as places:
-                    for made, place in zip(done.made, places, strict=True):
-                        shutil.move(made, place)
+                with new_files(job.outputs) as paths:
+                    for made, path in zip(done.made, paths, strict=True):
+                        shutil.move(made, path)
             return done.cleaned
         finally:
             for left in self._attempts(sent):

@@ -17,24 +17,24 @@ from lidar_outlier_filter.core.kernels import kernel_cache
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 WITHOUT_EFFECT = ('threads', 'save_to')  # on verdicts
 _JUDGE = 'lidar_outlier_filter.recordings.replay'
 
 
-def content_hash(place: Place) -> str:
+def content_hash(location: Location) -> str:
     """Return what changes with the content: SHA-256 of the files, or the mark of a store.
 
     A folder is hashed by the names and the hashes of its files.
     """
-    if not isinstance(place.path, Path):
-        return place.state
-    if place.path.is_file():
-        return _file_hash(place.path)
+    if not isinstance(location.path, Path):
+        return location.state
+    if location.path.is_file():
+        return _file_hash(location.path)
     total = sha256()
-    for file in sorted(place.path.iterdir()):
+    for file in sorted(location.path.iterdir()):
         if file.is_file():
             total.update(f'{file.name} {_file_hash(file)}\n'.encode())
     return total.hexdigest()

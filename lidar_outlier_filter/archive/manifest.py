@@ -13,8 +13,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from lidar_outlier_filter.archive.places import place_of
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.task import last_parts
+from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError, said_by
 
 if TYPE_CHECKING:
@@ -116,11 +117,11 @@ def begun(task: Task, how: How) -> Entry:
     """Make the entry of a source that is begun: what a killed run leaves is ours by it."""
     return Entry(
         source=task.source,
-        size=task.place.size,
+        size=task.location.size,
         hash='',
         output=task.made,
         state=FAILED,
-        source_state=task.place.state,
+        source_state=task.location.state,
         error=BROKEN_OFF,
         **how._asdict(),
     )
@@ -189,13 +190,11 @@ class Manifest:
 
     def tidy(self) -> None:
         """Leave the lines that count, in the order of the names of their sources."""
-        beside = self._path.with_name(f'.{self._path.name}.partial')
         kept = (entry for source in sorted(self.entries) for entry in self._kept(source))
-        with beside.open('wb') as stream:
+        with replaced(self._path) as built, built.open('wb') as stream:
             stream.writelines(map(_line, kept))
             stream.flush()
             os.fsync(stream.fileno())
-        beside.replace(self._path)
         _sync_folder(self._path.parent)
         self._sync()
 
@@ -265,15 +264,15 @@ class _Upload:
 
     def __init__(self, here: Path, there: RemotePath) -> None:
         self._here, self._there = here, there
-        self._state = place_of(there).state
+        self._state = location_of(there).state
 
     def __call__(self) -> None:
         """Write it there, in place of what this run has written or found there."""
-        if place_of(self._there).state != self._state:
+        if location_of(self._there).state != self._state:
             must_be = 'written by one run at a time'
             raise RecordingError(f'the manifest {self._there}', must_be, 'two that write')
         self._there.write_from(self._here)
-        self._state = place_of(self._there).state
+        self._state = location_of(self._there).state
 
 
 @contextmanager

@@ -20,10 +20,11 @@ from lidar_outlier_filter.archive.fingerprints import (
     parameters_hash,
     version,
 )
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How, begun
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.task import Task
+from lidar_outlier_filter.disk.publication import FILE, taken
 from lidar_outlier_filter.errors import CloudError, FilterError, SchedulerError, said_by
 from lidar_outlier_filter.files.cleaning.clean import list_logs
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -113,7 +114,7 @@ class ManyFiles:
         if self._manifest is None:
             return None
         try:
-            task = Task(place_of(job.path.absolute()), job.output)
+            task = Task(location_of(job.path.absolute()), job.output)
         except (FilterError, OSError):
             return None  # whoever opens it says what is wrong
         if self._resume and self._is_done(task, job):
@@ -130,11 +131,11 @@ class ManyFiles:
         self._manifest.add(entry)
         return entry
 
-    def _exists(self, path: Path) -> CloudError:
-        must_be = 'a new file'
+    def _exists(self, path: Path) -> FilterError:
+        must_be = FILE
         if self._resume:
             must_be += ', or one of this version, made of the same file with the same options'
-        return CloudError('the output', must_be, f'{path}, which exists')
+        return taken(path, must_be, CloudError)
 
     def _is_done(self, task: Task, job: Job) -> bool:
         """Return whether the manifest proves a file to be cleaned in this way."""
@@ -173,7 +174,7 @@ def _proved(entry: Entry, cleaned: CleanedFile, job: Job) -> Entry:
     report = cleaned.report
     if not report.outputs:
         return entry
-    source, made = place_of(job.path.resolve()), place_of(job.output.resolve())
+    source, made = location_of(job.path.resolve()), location_of(job.output.resolve())
     changed = (source.size, source.state) != (entry.size, entry.source_state)
     return replace(
         entry,

@@ -25,6 +25,7 @@ from lidar_outlier_filter.archive.oddness import (
     signed,
 )
 from lidar_outlier_filter.archive.page_style import COLOURS, SCRIPT, STYLE
+from lidar_outlier_filter.disk.new_files import replaced
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -63,9 +64,8 @@ def write_page(entries: Iterable[Mapping[str, Any]], path: Path, what: str = 're
     text = page(entries, what)
     if path.is_file() and path.read_bytes() == text.encode():
         return
-    beside = path.with_name(f'.{path.name}.partial')
-    beside.write_bytes(text.encode())
-    beside.replace(path)
+    with replaced(path) as built:
+        built.write_bytes(text.encode())
 
 
 def page(entries: Iterable[Mapping[str, Any]], what: str = 'recording') -> str:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.known_chain import NotingChain
-from lidar_outlier_filter.archive.places import staged
+from lidar_outlier_filter.archive.locations import staged
 from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -29,7 +29,7 @@ from lidar_outlier_filter.recordings.unpack import LARGEST
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.recordings.bags import Topic
 
 LENGTH = 10.0  # seconds of bag time of a piece
@@ -53,7 +53,7 @@ class Piece:
 
     """
 
-    recording: Place
+    recording: Location
     topics: tuple[str, ...]
     parameters: Mapping[str, object]
     start: int | None
@@ -75,7 +75,7 @@ class JudgedPiece:
 
 
 def cut(  # noqa: PLR0913  what a piece is made of
-    place: Place,
+    location: Location,
     topics: Collection[str] = (),
     parameters: Mapping[str, object] | None = None,
     length: float = LENGTH,
@@ -94,7 +94,7 @@ def cut(  # noqa: PLR0913  what a piece is made of
         If the recording cannot be read or has no such topic.
 
     """
-    with staged(place) as path, Recording(path, largest) as source:
+    with staged(location) as path, Recording(path, largest) as source:
         chosen = tuple(topic.name for topic in choose_clouds(source, topics, 'a topic to filter'))
         # The length of a recording is one more than the distance of its first and last message.
         duration, begin = source.duration - 1, source.start
@@ -105,7 +105,7 @@ def cut(  # noqa: PLR0913  what a piece is made of
     inner = [begin + sum(steps[:number]) for number in range(1, len(steps))]
     bounds = [None, *inner, None]
     given = dict(parameters or {})
-    return [Piece(place, chosen, given, *pair, largest) for pair in pairwise(bounds)]
+    return [Piece(location, chosen, given, *pair, largest) for pair in pairwise(bounds)]
 
 
 def _even(duration: int, length: int, least: int) -> list[int]:
@@ -197,7 +197,7 @@ class _Opened(threading.local):
     """The recording that a thread has read a piece of: the next one is likely of the same."""
 
     def __init__(self) -> None:
-        self.key: tuple[Place, int] | None = None
+        self.key: tuple[Location, int] | None = None
         self.source: Recording | None = None
         self.stack = ExitStack()
 
@@ -205,14 +205,14 @@ class _Opened(threading.local):
 _kept = _Opened()
 
 
-def _opened(place: Place, largest: int) -> Recording:
+def _opened(location: Location, largest: int) -> Recording:
     """Open a recording, or take the one that is open; refuse one that has changed since."""
-    if _kept.source is not None and (place, largest) == _kept.key:
+    if _kept.source is not None and (location, largest) == _kept.key:
         return _kept.source
     _kept.stack.close()
     _kept.source = None
-    place.check_unchanged()
-    path = _kept.stack.enter_context(staged(place))
+    location.check_unchanged()
+    path = _kept.stack.enter_context(staged(location))
     _kept.source = _kept.stack.enter_context(Recording(path, largest))
-    _kept.key = place, largest
+    _kept.key = location, largest
     return _kept.source

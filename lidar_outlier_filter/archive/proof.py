@@ -8,13 +8,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.fingerprints import content_hash
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import DONE, FAILED
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
+    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.archive.manifest import How, Manifest
-    from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.archive.task import Task
 
 
@@ -23,7 +23,7 @@ def is_proved(task: Task, how: How, manifest: Manifest) -> bool:
 
     Or that there is nothing to be made of it, as it has no clouds.
     """
-    entry, source = manifest.entries.get(task.source), task.place
+    entry, source = manifest.entries.get(task.source), task.location
     if entry is None or entry.state == FAILED or entry.output != task.made:
         return False
     if any(getattr(entry, name) != value for name, value in how._asdict().items()):
@@ -33,7 +33,7 @@ def is_proved(task: Task, how: How, manifest: Manifest) -> bool:
         if not _is_same(source, entry.size, entry.source_state, entry.hash):
             return False
         if entry.state == DONE:
-            made = place_of(task.output)
+            made = location_of(task.output)
             state = made.state
             if not _is_same(made, made.size, entry.output_state, entry.output_hash):
                 return False
@@ -45,6 +45,6 @@ def is_proved(task: Task, how: How, manifest: Manifest) -> bool:
     return True
 
 
-def _is_same(place: Place, size: int, state: str, known: str) -> bool:
+def _is_same(location: Location, size: int, state: str, known: str) -> bool:
     """Return whether the content is known: by size and times, or, where those differ, by hash."""
-    return place.size == size and (place.state == state or content_hash(place) == known)
+    return location.size == size and (location.state == state or content_hash(location) == known)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import shutil
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -12,20 +11,18 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from lidar_outlier_filter.archive.fingerprints import (
     content_hash,
     model_hash,
     parameters_hash,
     version,
 )
+from lidar_outlier_filter.archive.locations import location_of, published
 from lidar_outlier_filter.archive.manifest import DONE, FAILED, NO_CLOUDS, How, begun
-from lidar_outlier_filter.archive.places import place_of, published
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Step
-from lidar_outlier_filter.disk.hidden_folder import hidden_folder
-from lidar_outlier_filter.disk.publication import publish
+from lidar_outlier_filter.disk.new_files import replaced
+from lidar_outlier_filter.disk.publication import FOLDER, taken
 from lidar_outlier_filter.errors import (
     FilterError,
     NoCloudsError,
@@ -33,6 +30,7 @@ from lidar_outlier_filter.errors import (
     SchedulerError,
     said_by,
 )
+from lidar_outlier_filter.recordings.message_times import gaps_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -45,8 +43,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
-
-GAP = 2.0  # usual distances of two clouds, from which on clouds are missing between them
 
 
 def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Task]:
@@ -73,18 +69,18 @@ def replay_all(
 
     """
     entries, how = [], _how(order)
-    total, before = sum(task.place.size for task in tasks), 0
+    total, before = sum(task.location.size for task in tasks), 0
     for number, task in enumerate(tasks, 1):
 
         def progress(done: int, messages: int, task: Task = task, number: int = number) -> None:
             share = done / max(messages, done, 1)
-            at = before + share * task.place.size  # noqa: B023  called within this turn only
+            at = before + share * task.location.size  # noqa: B023  called within this turn only
             name = task.output.name
             show(Step(name, number, len(tasks), done, messages, at, total))
 
         progress(0, 0)
         entries.append(_replay_one(task, engine, how, manifest, progress))
-        before += task.place.size
+        before += task.location.size
     return entries
 
 
@@ -101,12 +97,12 @@ def _replay_one(
     try:
         _refuse_unknown(task.output, known=known)
         manifest.add(entry)
-        entry = replace(entry, hash=content_hash(task.place))
+        entry = replace(entry, hash=content_hash(task.location))
         times = _Times()
         with _built(task.output) as output:
             report, worker = engine.replay(task, output, progress, times.note)
         entry = replace(entry, **_counted(report, times), worker=worker, state=DONE, error=None)
-        made = place_of(task.output)
+        made = location_of(task.output)
         entry = replace(entry, output_hash=content_hash(made), output_state=made.state)
     except SchedulerError:
         raise
@@ -115,7 +111,7 @@ def _replay_one(
     except FilterError as err:
         entry = replace(entry, state=FAILED, error=str(err))
     except Exception as err:  # noqa: BLE001  whatever it is, the next recording is replayed
-        wrong = RecordingError(f'the recording {task.place.path}', 'replayed', said_by(err))
+        wrong = RecordingError(f'the recording {task.location.path}', 'replayed', said_by(err))
         entry = replace(entry, state=FAILED, error=str(wrong))
     finished = datetime.now(UTC).isoformat(timespec='seconds')
     entry = replace(entry, seconds=round(perf_counter() - began, 3), finished=finished)
@@ -126,8 +122,7 @@ def _replay_one(
 def _refuse_unknown(output: RecordingPath, *, known: bool) -> None:
     """Refuse to write over what no run has written."""
     if not known and output.exists():
-        must_be = 'a new folder, or one of the manifest'
-        raise RecordingError('the output', must_be, f'{output}, which exists')
+        raise taken(output, f'{FOLDER}, or one of the manifest')
 
 
 @contextmanager
@@ -140,12 +135,8 @@ def _built(output: RecordingPath) -> Iterator[Path]:
             yield path
         return
     output.parent.mkdir(parents=True, exist_ok=True)
-    older = output.exists()
-    with hidden_folder(output) as folder:
-        yield folder / output.name
-        if older:
-            shutil.rmtree(output)
-        publish(folder / output.name, output)
+    with replaced(output) as built:
+        yield built
 
 
 def _how(order: Order) -> How:
@@ -164,11 +155,8 @@ class _Times:
             self._times.setdefault(topic.name, []).append(time)
 
     def gaps(self, topic: str) -> int:
-        """Count where clouds are missing: distances longer than ``GAP`` × their median."""
-        distances = np.diff(np.sort(np.array(self._times.get(topic, []), np.int64)))
-        if not len(distances):
-            return 0
-        return int((distances > GAP * np.median(distances)).sum())
+        """Count where clouds are missing; pieces of a recording come in any order."""
+        return len(gaps_in(sorted(self._times.get(topic, [])))[1])
 
 
 def _counted(report: ReplayReport, times: _Times) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 
@@ -18,19 +18,19 @@ class Task:
 
     Attributes
     ----------
-    place, output : where both lie
+    location, output : where both lie
     depth : parts of both paths below the folder that is searched, and below that of the outputs
 
     """
 
-    place: Place
+    location: Location
     output: RecordingPath
     depth: int = 1
 
     @property
     def source(self) -> str:
         """The name of what is read, below the folder that is searched."""
-        return last_parts(self.place.path, self.depth)
+        return last_parts(self.location.path, self.depth)
 
     @property
     def made(self) -> str:

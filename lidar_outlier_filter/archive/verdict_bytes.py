@@ -28,8 +28,9 @@ def digest(points: Points) -> bytes:
     """Return what tells these points from all others that a chain would judge differently.
 
     It is the number of points with a CRC of each column. Other points of the same recording that
-    are as many have other times and places: a CRC always sees a change of up to 32 bits in a row,
-    and misses any other once in 2^32, in each of these columns. SHA-256 takes three times as long.
+    are as many have other times and positions: a CRC always sees a change of up to 32 bits in
+    a row, and misses any other once in 2^32, in each of these columns. SHA-256 takes three times
+    as long.
     Scan lines are compared with each other only: their numbers count from the first one's.
     """
     found = [len(points)]

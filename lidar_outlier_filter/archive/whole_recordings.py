@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from lidar_outlier_filter.archive.fingerprints import judging_code
-from lidar_outlier_filter.archive.places import staged
+from lidar_outlier_filter.archive.locations import staged
 from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.archive.workers import check_code
 from lidar_outlier_filter.disk.publication import publish
@@ -84,7 +84,7 @@ class WholeRecordings:
     def take(
         self, task: Task, output: Path, tick: Callable[[], object], step: Callable[..., object]
     ) -> ReplayedRecording:
-        """Wait for a recording, and put its output into its place; others are sent meanwhile.
+        """Wait for a recording, and put its output under its name; others are sent meanwhile.
 
         ``tick`` is called now and then, and may leave by an exception; ``step`` is called with how
         many messages of how many are done.
@@ -108,7 +108,7 @@ class WholeRecordings:
             self._workers.give_up(future)
             raise
         self._send()
-        what = f'the recording {task.place.path}'
+        what = f'the recording {task.location.path}'
         found = self._workers.result(future, what)
         if isinstance(found, FilterError):
             raise found
@@ -139,13 +139,15 @@ def choose(tasks: Sequence[Task], workers: int) -> Sequence[Task]:
     Each in turn goes to the worker that is free first. All others are better cut into pieces.
     Where one lies on a store, or goes there, none is chosen.
     """
-    if not all(isinstance(path, Path) for task in tasks for path in (task.place.path, task.output)):
+    if not all(
+        isinstance(path, Path) for task in tasks for path in (task.location.path, task.output)
+    ):
         return ()
     ends = [0] * workers
     total = chosen = 0
     for number, task in enumerate(tasks, 1):
-        total += task.place.size
-        heapq.heapreplace(ends, ends[0] + task.place.size)
+        total += task.location.size
+        heapq.heapreplace(ends, ends[0] + task.location.size)
         if max(ends) * workers <= IDLE * total:
             chosen = number
     return tasks[:chosen]
@@ -167,7 +169,7 @@ def replay_whole(
             times.setdefault(cloud, []).append(time)
 
     try:
-        with staged(task.place) as path:
+        with staged(task.location) as path:
             report = replay(
                 path,
                 made,
@@ -177,7 +179,7 @@ def replay_whole(
                 inform=said.append,
                 begin=note,
             )
-        task.place.check_unchanged()
+        task.location.check_unchanged()
     except FilterError as err:
         return err
     return ReplayedRecording(report, made, times, said, name_of_worker(), judging_code())

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
+    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.archive.manifest import Entry
     from lidar_outlier_filter.archive.order import Order
-    from lidar_outlier_filter.archive.places import Place
     from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
@@ -53,17 +53,17 @@ class FoundRecordings:
 
     root: RecordingPath
     is_searched: bool
-    places: Sequence[Place]
+    locations: Sequence[Location]
 
     @property
     def size(self) -> int:
         """Count bytes."""
-        return sum(place.size for place in self.places)
+        return sum(location.size for location in self.locations)
 
 
 def is_archive(address: str) -> bool:
     """Return whether an address is that of a folder of recordings, or a pattern."""
-    from lidar_outlier_filter.archive.places import METADATA, path_at
+    from lidar_outlier_filter.archive.locations import METADATA, path_at
 
     path = path_at(address)
     if not path.exists():
@@ -85,15 +85,15 @@ def find_all(address: str) -> FoundRecordings:
         If there are none.
 
     """
-    from lidar_outlier_filter.archive.places import find, path_at
+    from lidar_outlier_filter.archive.locations import find, path_at
 
     path = path_at(address)
     if isinstance(path, Path):
         path = path.resolve()
-    places, is_searched = find([str(path)]), path.exists()
+    locations, is_searched = find([str(path)]), path.exists()
     while not path.exists():
         path = path.parent
-    return FoundRecordings(path, is_searched, places)
+    return FoundRecordings(path, is_searched, locations)
 
 
 def replay_archive(options: argparse.Namespace) -> int:
@@ -121,7 +121,7 @@ def replay_archive(options: argparse.Namespace) -> int:
                 saying_how_far(how_far),
                 progress_of_all(found.root.name) as (show, leave_if_asked),
                 _scratch(options, folder) as scratch,  # there until the workers have ended
-                _workers(options, sum(task.place.size for task in todo)) as workers,
+                _workers(options, sum(task.location.size for task in todo)) as workers,
             ):
                 engine = Engine(todo, order, workers, leave_if_asked, _once(), scratch)
                 replay_all(todo, engine, order, manifest, show)
@@ -150,19 +150,19 @@ def _write_page(entries: Sequence[Entry], folder: RecordingPath) -> None:
 def replay_one(options: argparse.Namespace) -> ReplayReport:
     """Replay one recording, with workers where they are worth it."""
     from lidar_outlier_filter.archive.engine import Engine
-    from lidar_outlier_filter.archive.places import path_at, place_of, published
+    from lidar_outlier_filter.archive.locations import location_of, path_at, published
     from lidar_outlier_filter.archive.task import Task
 
     path = path_at(options.recording)
     output = _output(options, path)
-    place, order = place_of(path), _order(options)
+    location, order = location_of(path), _order(options)
     with (
         saying_how_far(lambda: f'nothing is written to {output}; the same command begins anew'),
         stopping() as leave_if_asked,
         progress_bar(path.name) as progress,
-        _workers(options, place.size) as workers,
+        _workers(options, location.size) as workers,
     ):
-        task = Task(place, output)
+        task = Task(location, output)
         engine = Engine([task], order, workers, leave_if_asked, say)
         with published(output) as built:
             report, _ = engine.replay(task, built, progress)
@@ -221,7 +221,7 @@ def _scratch(
 
 def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:
     """Return the output that is given, or name one beside what is replayed."""
-    from lidar_outlier_filter.archive.places import path_at
+    from lidar_outlier_filter.archive.locations import path_at
 
     if options.output is not None:
         return path_at(options.output)
@@ -244,14 +244,14 @@ def _tasks(found: FoundRecordings, folder: RecordingPath) -> list[Task]:
     from lidar_outlier_filter.archive.task import Task
 
     tasks: dict[RecordingPath, Task] = {}
-    for place in found.places:
-        inside = str(place.path)[len(str(found.root)) :].lstrip('/')
-        suffix = '' if place.path.is_dir() else place.path.suffix
+    for location in found.locations:
+        inside = str(location.path)[len(str(found.root)) :].lstrip('/')
+        suffix = '' if location.path.is_dir() else location.path.suffix
         output = folder / inside.removesuffix(suffix)
         if output in tasks:
-            got = f'{tasks[output].place.path} and {place.path}'
+            got = f'{tasks[output].location.path} and {location.path}'
             raise RecordingError(f'the output {output}', 'that of one recording', got)
-        tasks[output] = Task(place, output, inside.count('/') + 1)
+        tasks[output] = Task(location, output, inside.count('/') + 1)
     return list(tasks.values())
 
 
@@ -280,7 +280,7 @@ def _show(
     console.print(_table(tasks, entries))
     console.print(f'written to {folder}', markup=False, highlight=False, soft_wrap=True)
     for task, entry in zip(tasks, entries, strict=True):
-        _say_lacks(task.place, entry)
+        _say_lacks(task.location, entry)
     done = [entry for entry in entries if entry.state == IS_DONE]
     empty = sum(entry.state == NO_CLOUDS for entry in entries)
     both = zip(tasks, entries, strict=True)
@@ -291,20 +291,20 @@ def _show(
     console.print(f'{counts}, {empty} without clouds' if empty else counts, highlight=False)
 
 
-def _say_lacks(place: Place, entry: Entry) -> None:
+def _say_lacks(location: Location, entry: Entry) -> None:
     """Say what is missing in an output, or why there is none."""
     from lidar_outlier_filter.archive.manifest import FAILED
 
     if entry.state == FAILED:
         say(entry.error or 'no reason is known')
     if entry.refused:
-        say(f'{entry.refused} clouds of {place.path} were refused and have no answer')
+        say(f'{entry.refused} clouds of {location.path} were refused and have no answer')
     for topic, reason in entry.untested.items():
-        say(f'no point of {topic} of {place.path} could be tested: {reason}')
+        say(f'no point of {topic} of {location.path} could be tested: {reason}')
     if entry.unread:
-        say(f'{entry.unread} messages that {place.path} counts were not found in it')
+        say(f'{entry.unread} messages that {location.path} counts were not found in it')
     for reason in entry.lost:
-        say(f'lost of {place.path}: {reason}')
+        say(f'lost of {location.path}: {reason}')
 
 
 def _table(tasks: Sequence[Task], entries: Sequence[Entry]) -> Table:

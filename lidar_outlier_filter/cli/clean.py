@@ -18,6 +18,7 @@ from lidar_outlier_filter.cli.terminal import (
     REFUSED,
     add_chain_option,
     add_parameter_options,
+    can_draw,
     names_in,
     progress_bar,
     read_parameters,
@@ -174,7 +175,8 @@ def _clean(options: argparse.Namespace) -> int:
     wanted = _wanted(options)
     folder = _folder(options)
     _check(options, folder)
-    look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=options.picture)
+    picture = options.picture if options.picture is None or can_draw() else None
+    look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=picture)
     if len(options.files) == 1 and folder is None and not options.scheduler:
         results = [_clean_one(_job(options.files[0], options, None), wanted, look)]
     else:
@@ -188,7 +190,7 @@ def _clean(options: argparse.Namespace) -> int:
     show(results, {one.job.path: one.found for one in results if one.found is not None})
     good = [one for one in results if one.report is not None or one.state == LEFT]
     untested = [one for one in good if one.report is not None and is_untested(one.report)]
-    if len(good) == len(results) and not untested:
+    if len(good) == len(results) and not untested and picture == options.picture:
         return DONE
     return INCOMPLETE if good else REFUSED
 
@@ -261,13 +263,15 @@ def _folder(options: argparse.Namespace) -> Path | None:
 
 def _check(options: argparse.Namespace, folder: Path | None) -> None:
     """Refuse options that do not go together."""
+    from lidar_outlier_filter.disk.publication import FILE, check_new
+
     for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
         if value and len(options.files) > 1:
             raise ParameterError(name, 'given for one file', f'{len(options.files)} files')
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
-    if options.picture and options.picture.exists():
-        raise ParameterError('--picture', 'a new file', f'{options.picture}, which exists')
+    if options.picture:
+        check_new(options.picture, FILE, ParameterError, '--picture')
     if options.jobs is not None and options.jobs < 1:
         raise ParameterError('--jobs', 'at least 1', options.jobs)
     if options.scheduler is not None:

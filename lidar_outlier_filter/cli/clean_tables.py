@@ -173,9 +173,9 @@ def _table_of_groups(worst: Mapping[Path, Worst]) -> Table:
     found.sort(key=lambda item: -item[1].count)
     for number, (path, group) in enumerate(found[:MOST_GROUPS], 1):
         name = f'{number}' if len(worst) == 1 else f'{number} {path.name}'
-        places = (f'{value:.1f}' for value in group.middle)
+        position = (f'{value:.1f}' for value in group.middle)
         sizes = (f'{value:.2f}' for value in (group.across, group.height))
-        table.add_row(name, f'{group.count:,}', *places, *sizes)
+        table.add_row(name, f'{group.count:,}', *position, *sizes)
     return table
 
 

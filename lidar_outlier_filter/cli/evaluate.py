@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -151,6 +152,7 @@ def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.evaluation.report import evaluate, tables
 
     if options.output is not None:
+        import_module('matplotlib')  # before the work
         check_new(options.output, FOLDER)
     points, codes = _read(options)
     result = evaluate(points, codes, _numbers(options.ranges))

@@ -59,7 +59,7 @@ def add_info(commands: Commands) -> None:
 def _info(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lidar_outlier_filter.archive.places import SUFFIXES, path_at, place_of, staged
+    from lidar_outlier_filter.archive.locations import SUFFIXES, location_of, path_at, staged
     from lidar_outlier_filter.errors import ParameterError
 
     if not 0 <= options.sample < math.inf:
@@ -71,7 +71,7 @@ def _info(options: argparse.Namespace) -> int:
         return DONE
     from lidar_outlier_filter.recordings.info import look
 
-    with staged(place_of(path)) as readable, stoppable_bar(path.name) as progress:
+    with staged(location_of(path)) as readable, stoppable_bar(path.name) as progress:
         info = look(readable, options.sample, progress)
     _show(console, info)
     say_unread(info.unread)
@@ -203,6 +203,8 @@ def _show_file(console: Console, path: Path) -> None:
     console.print(table)
     if info.rings:
         console.print(f'{info.rings} rings recovered from elevation', highlight=False)
+    if info.way:
+        console.print(f'judged by {info.way}', highlight=False)
 
 
 def _plain(value: float) -> str:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A node and its page: the one place that knows both."""
+"""A node and its page: the one module that knows both."""
 
 from __future__ import annotations
 

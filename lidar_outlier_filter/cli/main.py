@@ -22,7 +22,7 @@ from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
 from lidar_outlier_filter.cli.replay import add_replay
 from lidar_outlier_filter.cli.report import add_report
 from lidar_outlier_filter.cli.right_verb import hint
-from lidar_outlier_filter.cli.terminal import REFUSED, say
+from lidar_outlier_filter.cli.terminal import REFUSED, missing_module, say
 from lidar_outlier_filter.cli.tune import add_tune
 from lidar_outlier_filter.errors import FilterError
 
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.cli.terminal import Commands
 
 GROUP = 'lidar_outlier_filter.commands'  # of entry points: functions that add a command
-EXTRAS = {'matplotlib': 'lab', 'PIL': 'lab', 'sklearn': 'lab', 'open3d': 'bench'}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -61,7 +60,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         say(f'{err}{hint(options, err)}')
         return REFUSED
     except ModuleNotFoundError as err:
-        say(str(_is_missing(err)))
+        say(str(missing_module(err)))
         return REFUSED
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -87,18 +86,6 @@ def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
         return known
     found = sorted(entry_points(group=GROUP), key=lambda one: one.name)
     return known + [one.load() for one in found]
-
-
-def _is_missing(err: ModuleNotFoundError) -> FilterError:
-    """Say which extra brings a module that a command needs; raise again what is none of them."""
-    module = (err.name or '').partition('.')[0]
-    if module == 'rosbags':  # of what the commands need, Ubuntu packages all but this
-        where = 'installed for recordings (the page on installation has the line)'
-        return FilterError('the module rosbags', where, 'none')
-    if module not in EXTRAS:
-        raise err
-    must_be = f"installed for this command: pip install '.[{EXTRAS[module]}]' in the project"
-    return FilterError(f'the module {module}', must_be, 'none')
 
 
 if __name__ == '__main__':

@@ -100,7 +100,7 @@ def add_replay(commands: Commands) -> None:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.archive.places import SUFFIXES, path_at
+    from lidar_outlier_filter.archive.locations import SUFFIXES, path_at
     from lidar_outlier_filter.cli.archive import is_archive, replay_archive, replay_one
     from lidar_outlier_filter.stream.memory import keep_memory
 

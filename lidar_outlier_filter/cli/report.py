@@ -13,8 +13,10 @@ from lidar_outlier_filter.cli.evaluate import add_truth, truth_of
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
+    REFUSED,
     add_parameter_options,
     beside,
+    can_draw,
     read_parameters,
     say,
     stoppable_bar,
@@ -72,13 +74,16 @@ def add_report(commands: Commands) -> None:
 
 def _report(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.disk.publication import FILE, FOLDER, check_new
-    from lidar_outlier_filter.report.figures import write_figures
     from lidar_outlier_filter.report.page import write_page
 
-    output = options.output
-    if output is None and options.figures is None:
+    output, figures = options.output, options.figures
+    if figures is not None and not can_draw():
+        if output is None:
+            return REFUSED
+        figures = None
+    if output is None and figures is None:
         output = beside(options.data, '_report.html')
-    for path, must_be in ((output, FILE), (options.figures, FOLDER)):
+    for path, must_be in ((output, FILE), (figures, FOLDER)):
         if path is not None:
             check_new(path, must_be)
     if options.points < 1:
@@ -87,9 +92,12 @@ def _report(options: argparse.Namespace) -> int:
         found = _gather(options, progress)
         if output is not None:
             write_page(found, output)
-        if options.figures is not None:
-            write_figures(found, options.figures)
-    return _say(found, output, options.figures)
+        if figures is not None:
+            from lidar_outlier_filter.report.figures import write_figures
+
+            write_figures(found, figures)
+    status = _say(found, output, figures)
+    return status if figures == options.figures else INCOMPLETE
 
 
 def _gather(options: argparse.Namespace, progress: Advance) -> Gathered:

@@ -76,7 +76,7 @@ def _is_recording(path: Path) -> bool:
 
 
 def _recorded() -> tuple[str, ...]:
-    from lidar_outlier_filter.archive.places import SUFFIXES  # noqa: PLC0415  help is instant
+    from lidar_outlier_filter.archive.locations import SUFFIXES  # noqa: PLC0415  help is instant
 
     return SUFFIXES
 

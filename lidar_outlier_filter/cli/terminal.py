@@ -10,12 +10,13 @@ Each function imports what is heavy when it runs, so that help is instant.
 from __future__ import annotations
 
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Protocol
 
 from lidar_outlier_filter.cli.interrupts import stopping
-from lidar_outlier_filter.errors import ParameterError, printable
+from lidar_outlier_filter.errors import FilterError, ParameterError, printable
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, _SubParsersAction
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 LINE_PERIOD = 5.0  # seconds between two lines of progress, where there is no terminal
 # Exit statuses; INTERRUPTED is another one, and argparse itself exits with 2.
 DONE, REFUSED, INCOMPLETE = 0, 1, 3
+EXTRAS = {'matplotlib': 'lab', 'PIL': 'lab', 'sklearn': 'lab', 'open3d': 'bench'}
 
 
 class Advance(Protocol):
@@ -40,6 +42,28 @@ def say(sentence: str) -> None:
     from rich.console import Console
 
     Console(stderr=True).print(printable(sentence), markup=False, highlight=False, soft_wrap=True)
+
+
+def missing_module(err: ModuleNotFoundError) -> FilterError:
+    """Say which extra brings a module that a command needs; raise again what is none of them."""
+    module = (err.name or '').partition('.')[0]
+    if module == 'rosbags':  # of what the commands need, Ubuntu packages all but this
+        where = 'installed for recordings (the page on installation has the line)'
+        return FilterError('the module rosbags', where, 'none')
+    if module not in EXTRAS:
+        raise err
+    must_be = f"installed for this command: pip install '.[{EXTRAS[module]}]' in the project"
+    return FilterError(f'the module {module}', must_be, 'none')
+
+
+def can_draw() -> bool:
+    """Return whether there is matplotlib; where there is none, say so."""
+    try:
+        import_module('matplotlib')
+    except ModuleNotFoundError as err:
+        say(f'{missing_module(err)}; no picture is drawn')
+        return False
+    return True
 
 
 @contextmanager

@@ -44,6 +44,14 @@ class Verdict:
     reason : (N,) uint8
         Why, where ``scores`` are wanted: a number that :func:`.registry.reasons` names, or 0.
 
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter import detect_outliers
+    >>> verdict = detect_outliers(np.array([[0, 0, 0], [0, 0, 1], [0, 0, 2.0]]), chain=['sor'])
+    >>> len(verdict), verdict.outlier.tolist(), np.isnan(verdict.score).all()
+    (3, [False, False, False], np.True_)
+
     """
 
     score: NDArray[np.float32]
@@ -91,7 +99,17 @@ class Verdict:
             np.greater_equal(votes, needed, out=self.rejected)
 
     def take(self, part: Part) -> Verdict:
-        """Choose points by index, mask or slice, in that order."""
+        """Choose points by index, mask or slice, in that order.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from lidar_outlier_filter import detect_outliers
+        >>> verdict = detect_outliers(np.zeros((5, 3)), chain=['sor'])
+        >>> len(verdict.take(slice(0, 2))), len(verdict.take(verdict.outlier))
+        (2, 0)
+
+        """
         return Verdict(*(getattr(self, field.name)[part] for field in fields(Verdict)))
 
     def put(self, where: Part, result: Verdict) -> None:

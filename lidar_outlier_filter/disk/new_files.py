@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.disk.hidden_folder import hidden_folder
 from lidar_outlier_filter.disk.publication import FILE, FOLDER, check_new, publish
-from lidar_outlier_filter.errors import CloudError, RecordingError, said_by
+from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError, said_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -63,7 +64,9 @@ def _hidden(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def new_output(path: Path, must_be: str = FILE) -> Iterator[Path]:
+def new_output(
+    path: Path, must_be: str = FILE, error: type[FilterError] = RecordingError
+) -> Iterator[Path]:
     """Give a path to write a new file at, or an empty new folder; move it to its name at the end.
 
     Until then it is, under its own name, in a hidden folder beside it, as :func:`new_files`.
@@ -72,20 +75,50 @@ def new_output(path: Path, must_be: str = FILE) -> Iterator[Path]:
     ----------
     path : of the output
     must_be : ``FILE`` or ``FOLDER``
+    error : what is raised
 
     Raises
     ------
-    RecordingError
-        If the path exists, at the start or at the end, or cannot be written.
+    FilterError
+        The ``error``, if the path exists, at the start or at the end, or cannot be written.
 
     """
-    check_new(path, must_be)
+    check_new(path, must_be, error)
     try:
         with hidden_folder(path) as folder:
             built = folder / path.name
             if must_be == FOLDER:
                 built.mkdir()
             yield built
-            publish(built, path)
+            publish(built, path, error)
     except OSError as err:
-        raise RecordingError(f'the output {path}', 'written in full', said_by(err)) from err
+        raise error(f'the output {path}', 'written in full', said_by(err)) from err
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """Give a path to write a file or a folder at; at the end it takes the place of an older one.
+
+    Until then, and after an error, the older one stays; see :func:`new_output`.
+
+    Raises
+    ------
+    RecordingError
+        If there was no older one, and the name has been taken meanwhile.
+    OSError
+        If it cannot be written.
+
+    """
+    older = os.path.lexists(path)
+    with hidden_folder(path) as folder:
+        built = folder / path.name
+        yield built
+        if not older:
+            publish(built, path)
+        elif built.is_dir():
+            with ExitStack() as undo:
+                undo.callback(path.rename(folder / 'older').rename, path)
+                publish(built, path)
+                undo.pop_all()
+        else:
+            built.replace(path)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The one place where an output gets its name, which is never that of something else.
+"""How an output gets its name, which is never that of something else.
 
 A check before the work is a courtesy: hours may lie between it and the end. ``rename`` itself
 replaces a file, and an empty folder. So the system is asked for a rename that refuses.
@@ -26,10 +26,25 @@ _NO_REPLACE = 1  # RENAME_NOREPLACE
 _NOT_KNOWN = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP}  # to an old kernel, or to NFS
 
 
-def check_new(path: Path, must_be: str = FILE, error: type[FilterError] = RecordingError) -> None:
+def taken(
+    path: object,
+    must_be: str = FILE,
+    error: type[FilterError] = RecordingError,
+    what: str = 'the output',
+) -> FilterError:
+    """Make the refusal of an output whose name something else has."""
+    return error(what, must_be, f'{path}, which exists')
+
+
+def check_new(
+    path: Path,
+    must_be: str = FILE,
+    error: type[FilterError] = RecordingError,
+    what: str = 'the output',
+) -> None:
     """Refuse an output whose name is taken, before the work begins."""
     if os.path.lexists(path):
-        raise error('the output', must_be, f'{path}, which exists')
+        raise taken(path, must_be, error, what)
 
 
 def publish(built: Path, path: Path, error: type[FilterError] = RecordingError) -> None:
@@ -48,7 +63,7 @@ def publish(built: Path, path: Path, error: type[FilterError] = RecordingError) 
         if not _rename_in_one_step(built, path):
             _rename_in_two_steps(built, path)
     except FileExistsError as err:
-        raise error('the output', must_be, f'{path}, which exists') from err
+        raise taken(path, must_be, error) from err
 
 
 def _rename_in_one_step(built: Path, path: Path) -> bool:

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated drives whose outliers are known, and how well a filter found them."""
+"""Verdicts compared with the truth: labels, counts, intervals, curves and pictures."""

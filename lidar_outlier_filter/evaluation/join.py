@@ -101,11 +101,11 @@ class Joiner:
             must_be = f'for {messages[0].width * messages[0].height} points'
             raise RecordingError(f'the labels in {file}', must_be, len(code))
         rows = [_rows(message, messages[0].point_step) for message in messages]
-        place = match(*rows)
-        if place is None:
+        found = match(*rows)
+        if found is None:
             must_be = f'the points of cloud {number} of {self._topic}'
             raise RecordingError('the answers', must_be, 'others')
-        for message, index, rejected in zip(messages[1:], place, (False, True), strict=True):
+        for message, index, rejected in zip(messages[1:], found, (False, True), strict=True):
             if not is_empty(message):
                 points = structured(message).reshape(-1)
                 yield JoinedAnswer(points, rejected, code[index], number)
@@ -121,7 +121,7 @@ def _rows(message: Any, step: int) -> Rows:
 
 
 def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Integers, Integers] | None:
-    """Find the place in a cloud that each point of its two answers has; None: they are not its own.
+    """Find the index in a cloud of each point of its two answers; None: they are not its own.
 
     Points are found by their bytes. Of points that are equal byte by byte, the first are taken for
     those that were kept.
@@ -137,6 +137,6 @@ def match(given: Rows, cleaned: Rows, outliers: Rows) -> tuple[Integers, Integer
     in_answers = np.argsort(answers, kind='stable')
     if (given[in_given] != answers[in_answers]).any():
         return None
-    place = np.empty(len(given), np.int64)
-    place[in_answers] = in_given
-    return place[: len(cleaned)], place[len(cleaned) :]
+    where = np.empty(len(given), np.int64)
+    where[in_answers] = in_given
+    return where[: len(cleaned)], where[len(cleaned) :]

@@ -59,7 +59,7 @@ class Judged:
         Truth: whether the point is an outlier.
     rejected : (N,) bool
         Verdict.
-    place : (N,) int64
+    index : (N,) int64
         Number of the cloud in its recording, or of the point in its file.
     score : (N,) float or None
         Largest score; NaN where untested.
@@ -75,7 +75,7 @@ class Judged:
     code: NDArray[np.int64]
     bad: NDArray[np.bool_]
     rejected: NDArray[np.bool_]
-    place: NDArray[np.int64]
+    index: NDArray[np.int64]
     score: NDArray[np.floating] | None = None
     detectors: NDArray[np.uint16] | None = None
     range: NDArray[np.float64] | None = None
@@ -98,9 +98,9 @@ class Judged:
 
         Returns the number of each point's stretch, and how many there are.
         """
-        places = int(self.place.max()) + 1 if len(self) else 1
-        count = min(count, places)
-        return self.place * count // places, count
+        length = int(self.index.max()) + 1 if len(self) else 1
+        count = min(count, length)
+        return self.index * count // length, count
 
 
 def read_recording(
@@ -303,6 +303,6 @@ def read_files(
     detectors = None
     if DETECTORS in names:
         detectors = read_codes(verdicts, DETECTORS).astype(np.uint16)
-    place = np.arange(len(code), dtype=np.int64)
+    index = np.arange(len(code), dtype=np.int64)
     no_truth_yet = np.zeros(len(code), np.bool_)
-    return _with_truth(Judged(code, no_truth_yet, rejected, place, values, detectors), codes)
+    return _with_truth(Judged(code, no_truth_yet, rejected, index, values, detectors), codes)

@@ -101,21 +101,21 @@ def by_number(folder: Path) -> list[Path]:
     if not paths:
         raise RecordingError('the folder of the labels', 'with files', f'{folder}, empty')
     paths.sort(key=_parts)
-    place = None
+    index = None
     for one, other in pairwise(paths):
         parts = enumerate(zip_longest(_parts(one), _parts(other)))
         differ = [number for number, (this, that) in parts if this != that]
-        place = differ[0] if place is None and differ else place
-        if differ != [place] or differ[0] % 2 == 0:
+        index = differ[0] if index is None and differ else index
+        if differ != [index] or differ[0] % 2 == 0:
             must_be = 'alike but for one number, that of the cloud'
             raise RecordingError(f'the names in {folder}', must_be, f'{one.name} and {other.name}')
     return paths
 
 
 def _parts(path: Path) -> list[str | int]:
-    """Cut a name into texts, at even places, and the numbers between them."""
+    """Cut a name into texts, at even indices, and the numbers between them."""
     name = re.sub(r'(\d{10})[._](\d{9})(?!\d)', r'\1\2', path.name)
-    return [int(part) if place % 2 else part for place, part in enumerate(re.split(r'(\d+)', name))]
+    return [int(part) if index % 2 else part for index, part in enumerate(re.split(r'(\d+)', name))]
 
 
 def column_names(path: Path) -> Collection[str]:

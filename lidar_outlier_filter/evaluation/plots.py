@@ -174,8 +174,8 @@ def _legend(figure: Figure, axes: Axes, where: str) -> None:
         figure.set_figwidth(figure.get_figwidth() + BESIDE)
         legend = figure.legend(handles, labels, loc='outside right upper', **look)
     else:
-        place: Any = where
-        legend = axes.legend(handles, labels, loc=place, **look)
+        corner: Any = where
+        legend = axes.legend(handles, labels, loc=corner, **look)
     legend.get_frame().set_edgecolor(GRID)
 
 

@@ -128,8 +128,8 @@ def _ranges(points: Judged, edges: Sequence[float]) -> dict[str, Confusion]:
     """Count by range; nothing where all points are in one of them, as in a georeferenced cloud."""
     if points.range is None:
         return {}
-    place = np.searchsorted(edges, points.range, side='right')
-    counts = tally(points.bad, points.rejected, place, len(edges) + 1)
+    band = np.searchsorted(edges, points.range, side='right')
+    counts = tally(points.bad, points.rejected, band, len(edges) + 1)
     names = [
         f'below {edges[0]:g} m',
         *(f'{low:g} to {high:g} m' for low, high in pairwise(edges)),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError, FilterError, said_by
-from lidar_outlier_filter.files.room import check_count
+from lidar_outlier_filter.files.size_check import check_count
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

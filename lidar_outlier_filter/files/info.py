@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.registry import explanations
+from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.core.neighbours.recovered_rings import MOST_POINTS
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cleaning import points
@@ -27,12 +29,14 @@ class FileInfo:
     """Points, the types of the columns by name, and the least and largest number of each.
 
     ``rings`` is how many were recovered from elevations, for want of times or scan lines; 0: none.
+    ``way`` is how the default judges the file, for people; empty: nobody looked.
     """
 
     points: int
     columns: Mapping[str, str]
     extent: Mapping[str, tuple[float, float]]
     rings: int = 0
+    way: str = ''
 
 
 def look_at_file(path: Path) -> FileInfo:
@@ -56,17 +60,22 @@ def look_at_file(path: Path) -> FileInfo:
                     low, high = extent.get(name, (np.inf, -np.inf))
                     extent[name] = min(low, float(known.min())), max(high, float(known.max()))
     types = {name: str(kind) for name, kind in file.columns.items()}
-    return FileInfo(len(file), types, extent, _rings(file))
+    return FileInfo(len(file), types, extent, *_judged(file))
 
 
-def _rings(file: CloudFile) -> int:
-    """Count the rings that ``clean`` would recover of a file."""
+def _judged(file: CloudFile) -> tuple[int, str]:
+    """Count the rings that ``clean`` would recover of a file, and say how it would judge."""
     if len(file) > MOST_POINTS:
-        return 0
+        return 0, ''
     parameters = FilterParameters()
     try:
         coordinates = points.choose_coordinates(file, ())
         loaded = points.load(file, coordinates, parameters, timed=True)
     except CloudError:  # `clean` says it
-        return 0
-    return points.recovered(file, loaded, parameters).rings if loaded.lack else 0
+        return 0, ''
+    if loaded.lack:
+        loaded = points.recovered(file, loaded, parameters)
+    valid = loaded.points.take(loaded.points.valid)
+    seen = Seen(valid, parameters, whole=True)
+    known = (explanations()[name] for name in parameters.chain if name in explanations())
+    return loaded.rings, '; '.join(one.choose(seen, parameters) for one in known)

@@ -59,7 +59,7 @@ _PARTS = {
     'point_source_id': Parts.POINT_SOURCE_ID,
     'gps_time': Parts.GPS_TIME,
 }
-# Places in the header (LAS 1.4, table 3), first byte and the one behind the last.
+# Offsets in the header (LAS 1.4, table 3), first byte and the one behind the last.
 _IDENTITY = slice(4, 94)  # file source, encoding, project, system, software, day and year
 _LEGACY = slice(107, 131)  # number of points, and by return, as LAS 1.3 knew them
 _BOUNDS = slice(179, 227)
@@ -178,7 +178,7 @@ class LasFile:
             self._restore(stream, writer.header, records, evlrs, change)
 
     def _records(self, layout: struct.Struct, begin: slice, count: slice) -> list[_Record]:
-        """Read the records once more, as bytes; ``begin`` and ``count`` are places in the header.
+        """Read the records once more, as bytes; ``begin`` and ``count`` are offsets in the header.
 
         Those on the layout of the points are left out: the copy has its own, and is no COPC.
         """
@@ -217,9 +217,9 @@ class LasFile:
             record.head + record.data for record in records
         )
         parts[header.start_of_first_evlr] = b''.join(record.head + record.data for record in evlrs)
-        for place, data in parts.items():
+        for offset, data in parts.items():
             if data:
-                stream.seek(place)
+                stream.seek(offset)
                 stream.write(data)
 
 

@@ -15,7 +15,12 @@ from typing import TYPE_CHECKING, BinaryIO
 import lazrs
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.room import check_count, check_place, check_points, check_room
+from lidar_outlier_filter.files.size_check import (
+    check_count,
+    check_fits,
+    check_offset,
+    check_points,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -27,7 +32,7 @@ _WITH_EVLRS = 4  # the minor version that brought extended records
 VLR = struct.Struct('<H16sHH32s')
 EVLR = struct.Struct('<H16sHQ32s')
 _TABLE = struct.Struct('<II')  # version, chunks
-_POINTERS = 8  # bytes of the place of the chunk table, in front of the first chunk
+_POINTERS = 8  # bytes of the offset of the chunk table, in front of the first chunk
 _CHUNKED, _LAYERED = 2, 3  # compressors of LASzip
 # Layers of the items of a point, by their kind; of bytes as many as there are.
 _LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
@@ -39,7 +44,7 @@ LARGEST_CHUNK = 256_000_000  # bytes of the points of a chunk; lazrs takes memor
 
 
 def check_records(path: Path) -> None:
-    """Refuse records, before and behind the points, that the file has no room for."""
+    """Refuse records, before and behind the points, that do not fit into the file."""
     size = path.stat().st_size
     with path.open('rb') as stream:
         header = stream.read(LONGEST)
@@ -49,28 +54,28 @@ def check_records(path: Path) -> None:
         if len(header) < SHORTEST:
             raise CloudError(f'{what} {path}', f'of at least {SHORTEST} bytes', len(header))
         begin, points = _number(header, 94, 2), _number(header, 96, 4)
-        check_place(path, 'the end of the header', begin, SHORTEST, size)
-        check_place(path, 'the first point', points, begin, size)
+        check_offset(path, 'the end of the header', begin, SHORTEST, size)
+        check_offset(path, 'the first point', points, begin, size)
         _check_chain(stream, path, VLR, (begin, points), _number(header, 100, 4))
         if header[25] >= _WITH_EVLRS and (count := _number(header, 243, 4)):
             begin = _number(header, 235, 8)
-            check_place(path, 'the first extended record', begin, points, size)
+            check_offset(path, 'the first extended record', begin, points, size)
             _check_chain(stream, path, EVLR, (begin, size), count)
 
 
 def _check_chain(
-    stream: BinaryIO, path: Path, layout: struct.Struct, places: tuple[int, int], count: int
+    stream: BinaryIO, path: Path, layout: struct.Struct, offsets: tuple[int, int], count: int
 ) -> None:
-    """Refuse records that do not all lie between two places (bytes) of the file."""
-    place, end = places
-    check_room(path, 'the number of records', count, layout.size, end - place)
+    """Refuse records that do not all lie between two offsets (bytes) of the file."""
+    offset, end = offsets
+    check_fits(path, 'the number of records', count, layout.size, end - offset)
     for _ in range(count):
-        check_place(path, 'a record', place, 0, end - layout.size)
-        stream.seek(place)
+        check_offset(path, 'a record', offset, 0, end - layout.size)
+        stream.seek(offset)
         length = layout.unpack(stream.read(layout.size))[3]
-        place += layout.size
-        check_room(path, 'the bytes in a record', length, 1, end - place)
-        place += length
+        offset += layout.size
+        check_fits(path, 'the bytes in a record', length, 1, end - offset)
+        offset += length
 
 
 def check_scaling(path: Path, scales: Iterable[float], offsets: Iterable[float]) -> None:
@@ -137,13 +142,13 @@ def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
             stream.seek(max(0, size - _POINTERS))
             table = int.from_bytes(stream.read(_POINTERS), 'little', signed=True)
         begin += _POINTERS
-        check_place(path, 'the table of chunks', table, begin, size - _TABLE.size)
+        check_offset(path, 'the table of chunks', table, begin, size - _TABLE.size)
         stream.seek(table)
         chunks = _TABLE.unpack(stream.read(_TABLE.size))[1]
-        check_room(path, 'the number of chunks', chunks, each, table - begin)
+        check_fits(path, 'the number of chunks', chunks, each, table - begin)
         stream.seek(begin - _POINTERS)
         found = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip)) if chunks else []
-        check_room(path, 'the bytes in all chunks', sum(n for _, n in found), 1, table - begin)
+        check_fits(path, 'the bytes in all chunks', sum(n for _, n in found), 1, table - begin)
         if (largest := each * max((n for n, _ in found), default=0)) > LARGEST_CHUNK:
             must_be = f'at most {LARGEST_CHUNK} bytes'
             raise CloudError(f'the points of a chunk in {path}', must_be, largest)
@@ -181,8 +186,8 @@ def _count_layered(  # noqa: PLR0913  where the chunks are, and how large
         stream.seek(begin + each)
         head = stream.read(4 + 4 * layers)
         inside = sum(number for (number,) in struct.iter_unpack('<I', head[4 : len(head) & ~3]))
-        room = size - each - 4 - 4 * layers
-        check_room(path, 'the bytes in the layers of a chunk', inside, 1, room)
+        left = size - each - 4 - 4 * layers
+        check_fits(path, 'the bytes in the layers of a chunk', inside, 1, left)
         counts.append(int.from_bytes(head[:4], 'little'))
         begin += size
     return counts
@@ -201,5 +206,5 @@ def _check_chunks(path: Path, counts: list[int], said: list[int], *, fixed: bool
         raise CloudError(what, f'{said[wrong]}, as it says', counts[wrong])
 
 
-def _number(data: bytes, place: int, size: int) -> int:
-    return int.from_bytes(data[place : place + size], 'little')
+def _number(data: bytes, offset: int, size: int) -> int:
+    return int.from_bytes(data[offset : offset + size], 'little')

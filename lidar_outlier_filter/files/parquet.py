@@ -13,9 +13,9 @@ from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK
-from lidar_outlier_filter.files.parquet_room import check_groups, check_texts, texts
-from lidar_outlier_filter.files.room import check_count
+from lidar_outlier_filter.files.parquet_sizes import check_groups, check_texts, texts
 from lidar_outlier_filter.files.rows import check_names
+from lidar_outlier_filter.files.size_check import check_count
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

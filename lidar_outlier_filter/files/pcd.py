@@ -18,7 +18,6 @@ import lzf
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.room import check_count, check_room, whole
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     Rows,
@@ -26,6 +25,7 @@ from lidar_outlier_filter.files.rows import (
     check_names,
     single_numbers,
 )
+from lidar_outlier_filter.files.size_check import check_count, check_fits, whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -106,7 +106,7 @@ class PcdFile:
             if kind not in _KINDS or size not in _KINDS[kind][1]:
                 must_be = 'I or U of 1, 2, 4 or 8 bytes, or F of 4 or 8'
                 raise CloudError(f'a field of {self.path}', must_be, f'{kind} of {size}')
-            check_room(self.path, 'COUNT', count, 1, length)
+            check_fits(self.path, 'COUNT', count, 1, length)
         if sum(counts) == 0:
             raise CloudError(f'COUNT of {self.path}', 'at least 1 for a field', '0 for all')
         return np.dtype(
@@ -124,8 +124,8 @@ class PcdFile:
     def _rows(self) -> Rows:
         if self._data == 'ascii':
             counts = [dtype.itemsize // dtype.base.itemsize for dtype in self._kinds]
-            places = dict(zip(self._dtype.names or (), accumulate([0, *counts]), strict=False))
-            columns = {name: (places[name], kind) for name, kind in self.columns.items()}
+            indices = dict(zip(self._dtype.names or (), accumulate([0, *counts]), strict=False))
+            columns = {name: (indices[name], kind) for name, kind in self.columns.items()}
             return TextRows(self.path, self._offset, self._count, sum(counts), columns)
         if self._data == 'binary':
             return BinaryRows.map(self.path, self._offset, self._dtype, self._count)
@@ -143,12 +143,12 @@ class PcdFile:
             return rows
         with self.path.open('rb') as stream:
             stream.seek(self._offset)
-            room = self.path.stat().st_size - self._offset - _SIZES.size
-            check_room(self.path, 'the sizes', 1, 1, room)
+            left = self.path.stat().st_size - self._offset - _SIZES.size
+            check_fits(self.path, 'the sizes', 1, 1, left)
             packed, size = _SIZES.unpack(stream.read(_SIZES.size))
-            check_room(self.path, 'the compressed bytes', packed, 1, room)
+            check_fits(self.path, 'the compressed bytes', packed, 1, left)
             # LZF makes at most 264 bytes of three.
-            check_room(self.path, 'the bytes unpacked', size, 1, packed * 88)
+            check_fits(self.path, 'the bytes unpacked', size, 1, packed * 88)
             check_count(self.path, self._count, size // self._dtype.itemsize)
             columns = lzf.decompress(stream.read(packed), size) or b''
             if len(columns) != size:
@@ -199,7 +199,7 @@ class PcdFile:
         ]
         kept = slice(None) if change.keep is None else change.keep
         data = b''.join(column[kept].tobytes() for column in columns)
-        # Given room, LZF also takes what it cannot make smaller.
+        # Given more memory, LZF also takes what it cannot make smaller.
         packed = lzf.compress(data, len(data) + len(data) // 16 + 64) if data else b''
         stream.write(_SIZES.pack(len(packed), len(data)))
         stream.write(packed)

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.room import check_room, whole
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     Rows,
@@ -25,6 +24,7 @@ from lidar_outlier_filter.files.rows import (
     check_names,
     single_numbers,
 )
+from lidar_outlier_filter.files.size_check import check_fits, whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -98,8 +98,8 @@ class PlyFile:
         found = [i for i, element in enumerate(self._elements) if element.name == 'vertex']
         if len(found) != 1:
             raise CloudError(f'the elements vertex of {path}', 'one', len(found))
-        self._place = found[0]
-        self._vertex = self._elements[self._place]
+        self._index = found[0]
+        self._vertex = self._elements[self._index]
         if not self._vertex.properties:
             raise CloudError(f'the element vertex of {path}', 'with properties', 'none')
         if self._vertex.has_lists:
@@ -114,10 +114,10 @@ class PlyFile:
         """Return the rows of the vertices, and where they begin and end in the file."""
         with self.path.open('rb') as stream:
             stream.seek(self._begin)
-            for element in self._elements[: self._place]:
+            for element in self._elements[: self._index]:
                 _skip(self.path, stream, element, self._format)
             offset = stream.tell()
-        behind = self._elements[self._place + 1 :]
+        behind = self._elements[self._index + 1 :]
         if self._format == 'ascii':
             columns = {name: (i, kind) for i, (name, kind) in enumerate(self.columns.items())}
             count, width = self._vertex.count, len(self._vertex.properties)
@@ -127,7 +127,7 @@ class PlyFile:
         least = sum(element.count * element.least for element in behind)
         # Lists behind the vertices may have any length.
         before = end if any(element.has_lists for element in behind) else self._size - least
-        check_room(self.path, 'the bytes of all elements', end + least, 1, self._size)
+        check_fits(self.path, 'the bytes of all elements', end + least, 1, self._size)
         rows = BinaryRows.map(self.path, offset, self._dtype, self._vertex.count, before)
         return rows, offset, end
 
@@ -192,7 +192,7 @@ def _parse(path: Path, header: Sequence[bytes]) -> tuple[str, list[_Element]]:
                 form = word
             case ['element', name, count]:
                 elements.append(_Element(name, whole(path, f'the number of {name}', count)))
-                check_room(path, f'the number of {name}', elements[-1].count, 1, size)
+                check_fits(path, f'the number of {name}', elements[-1].count, 1, size)
             case ['property', 'list', length, kind, name] if elements:
                 _add(path, elements[-1], name, [kind, length])
             case ['property', kind, name] if elements:
@@ -224,8 +224,8 @@ def _skip(path: Path, stream: BinaryIO, element: _Element, form: str) -> None:
             if not stream.readline():
                 raise CloudError(f'the element {element.name} of {path}', 'whole', 'an end')
         return
-    room = path.stat().st_size - stream.tell()
-    check_room(path, f'the number of {element.name}', element.count, element.least, room)
+    left = path.stat().st_size - stream.tell()
+    check_fits(path, f'the number of {element.name}', element.count, element.least, left)
     if not element.has_lists:
         stream.seek(element.layout(_ORDERS[form]).itemsize * element.count, 1)
         return
@@ -233,12 +233,12 @@ def _skip(path: Path, stream: BinaryIO, element: _Element, form: str) -> None:
     kinds = [
         [np.dtype(order + _KINDS[word]) for word in words] for words in element.properties.values()
     ]
-    end = stream.tell() + room
+    end = stream.tell() + left
     for _ in range(element.count):
         for kind, *length in kinds:
             count = 1
             if length:
                 data = stream.read(length[0].itemsize).ljust(length[0].itemsize, b'\0')
                 count = int(np.frombuffer(data, length[0])[0])
-            check_room(path, 'the length of a list', count, kind.itemsize, end - stream.tell())
+            check_fits(path, 'the length of a list', count, kind.itemsize, end - stream.tell())
             stream.seek(count * kind.itemsize, 1)

@@ -15,7 +15,7 @@ import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK
-from lidar_outlier_filter.files.room import check_count, check_points
+from lidar_outlier_filter.files.size_check import check_count, check_points
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -104,7 +104,7 @@ class TextRows:
         *,
         is_last: bool = True,
     ) -> None:
-        """Note where the lines begin, how many there are, and place and type of the columns.
+        """Note where the lines begin, how many there are, and index and type of the columns.
 
         Each line has as many numbers as the ``width``. Behind the last lines of a file no other may
         stand.
@@ -114,10 +114,10 @@ class TextRows:
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk, each number in its own type, as PCL does."""
-        places = [self._columns[name] for name in names]
-        dtype = np.dtype([(f'f{i}', kind) for i, (_, kind) in enumerate(places)])
+        columns = [self._columns[name] for name in names]
+        dtype = np.dtype([(f'f{i}', kind) for i, (_, kind) in enumerate(columns)])
         # numpy reads columns in the order in which they are asked for.
-        use = [place for place, _ in places]
+        use = [index for index, _ in columns]
         done = 0
         with self._path.open('rb') as stream:
             stream.seek(self._offset)
@@ -157,7 +157,7 @@ class TextRows:
                 yield done
 
     def end(self) -> int:
-        """Find where the lines end: the place in the file."""
+        """Find where the lines end: the offset in the file."""
         with self._path.open('rb') as stream:
             stream.seek(self._offset)
             return self._offset + sum(len(line) for lines in self._chunks(stream) for line in lines)

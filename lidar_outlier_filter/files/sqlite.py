@@ -118,8 +118,8 @@ class SqliteFile:
                 f', {_quoted(key)} {_TYPES[values.dtype.kind]}'
                 for key, values in change.added.items()
             )
-            places = ', ?' * len(change.added)
-            insert = f'INSERT INTO {name} VALUES (?{places})'  # noqa: S608  quoted
+            marks = ', ?' * len(change.added)
+            insert = f'INSERT INTO {name} VALUES (?{marks})'  # noqa: S608  quoted
             done = 0
             with target:
                 target.execute(f'CREATE TABLE {name} (row_id INTEGER PRIMARY KEY{columns})')

@@ -73,12 +73,12 @@ class TextFile:
             first_row = next(self._rows(stream), _Row([], '', 1)).fields
         with self._open() as stream:
             self._count = sum(1 for _ in self._rows(stream))
-        self._places = {
-            name: place
-            for place, (name, text) in enumerate(zip(names, first_row, strict=False))
+        self._indices = {
+            name: index
+            for index, (name, text) in enumerate(zip(names, first_row, strict=False))
             if not text or _is_number(text)
         }
-        self.columns: Mapping[str, np.dtype[Any]] = dict.fromkeys(self._places, FLOAT)
+        self.columns: Mapping[str, np.dtype[Any]] = dict.fromkeys(self._indices, FLOAT)
 
     def _open(self) -> TextIO:
         # What is no UTF-8 comes out again as it went in; a byte order mark belongs to no column.
@@ -135,20 +135,20 @@ class TextFile:
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk; an empty field is missing."""
-        places = [self._places[name] for name in names]
+        indices = [self._indices[name] for name in names]
         with self._open() as stream:
             for rows in self._chunks(stream):
                 table = [np.empty(len(rows)) for _ in names]
                 for i, row in enumerate(rows):
-                    for column, place in zip(table, places, strict=True):
-                        column[i] = self._number(row, place)
+                    for column, index in zip(table, indices, strict=True):
+                        column[i] = self._number(row, index)
                 yield tuple(
-                    _exact(column, [row.fields[place] for row in rows])
-                    for column, place in zip(table, places, strict=True)
+                    _exact(column, [row.fields[index] for row in rows])
+                    for column, index in zip(table, indices, strict=True)
                 )
 
-    def _number(self, row: _Row, place: int) -> float:
-        text = row.fields[place]
+    def _number(self, row: _Row, index: int) -> float:
+        text = row.fields[index]
         try:
             return float(text) if text and not text.isspace() else np.nan
         except ValueError:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""THE place of every parameter: name, type, default, unit, range and one sentence.
+"""Every parameter, declared once: name, type, default, unit, range and one sentence.
 
-ROS declarations, ``config/defaults.yaml``, the table in the README and command-line help are made
-from this file, from that of the node, and from those of the detectors that are installed. A
+ROS declarations, ``config/defaults.yaml``, the tables of the pages and what ``--set`` takes are
+made from this file, from that of the node, and from those of the detectors that are installed. A
 parameter of a detector is named ``detector.parameter``.
 """
 
@@ -196,7 +196,21 @@ class FilterParameters:
         self.motion.check(len(self.inputs))
 
     def changed(self, values: Mapping[str, object]) -> FilterParameters:
-        """Return a validated copy with the flat, dotted names in ``values`` set; all or nothing."""
+        """Return a validated copy with the flat, dotted names in ``values`` set; all or nothing.
+
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or a value makes no sense.
+
+        Examples
+        --------
+        >>> from lidar_outlier_filter.parameters.filter import FilterParameters
+        >>> faster = FilterParameters().changed({'chain': ['lof'], 'max_delay': 0.5})
+        >>> faster.chain, faster.max_delay
+        (('lof',), 0.5)
+
+        """
         for name in _named(values):
             if name in installed().refused:
                 raise installed().refused[name]
@@ -245,7 +259,15 @@ class FilterParameters:
         return getattr(self.of(own) if own else getattr(self, section), leaf)
 
     def flat(self) -> dict[str, Any]:
-        """All values by their flat, dotted names, in the order of declaration."""
+        """All values by their flat, dotted names, in the order of declaration.
+
+        Examples
+        --------
+        >>> from lidar_outlier_filter.parameters.filter import FilterParameters
+        >>> FilterParameters().flat()['chain']
+        ('evidence',)
+
+        """
         return {parameter.name: self.value(parameter.name) for parameter in describe()}
 
 
@@ -294,7 +316,15 @@ def _sections() -> dict[str, type[Section]]:
 
 @cache
 def describe() -> tuple[Parameter, ...]:
-    """List every parameter: those of no section first, then those of the detectors."""
+    """List every parameter: those of no section first, then those of the detectors.
+
+    Examples
+    --------
+    >>> from lidar_outlier_filter.parameters.filter import describe
+    >>> next(one.unit for one in describe() if one.name == 'max_delay')
+    's'
+
+    """
     found = list(walk(FilterParameters, ''))
     alone = [one for one in found if '.' not in one.name]
     for name, section in _sections().items():

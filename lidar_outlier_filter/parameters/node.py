@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sections of parameters.py that are for a node on a vehicle: motion, load, health."""
+"""The parameters of a node on a vehicle: motion, load, health."""
 
 from __future__ import annotations
 

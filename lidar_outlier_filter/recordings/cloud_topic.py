@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 from rosbags.serde import SerdeError
@@ -15,18 +15,19 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import CloudError, RecordingError, refused_for
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 from lidar_outlier_filter.stream.motion import Odometry
+from lidar_outlier_filter.stream.session import Session
 from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, answers, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from lidar_outlier_filter.core.judging.chain import Chain
+    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.bags import NewBag
     from lidar_outlier_filter.recordings.journal import Journal
-    from lidar_outlier_filter.stream.cloud_filter import Answer
+    from lidar_outlier_filter.stream.session import Answer
     from lidar_outlier_filter.stream.statistics import Statistics
 
 MOST_SENTENCES = 50  # that are kept of refusals
@@ -81,11 +82,13 @@ class CloudTopic:
         parameters: FilterParameters,
         inform: Callable[[str], object] = str,
         chain: Chain | None = None,
+        motion: Odometry | None = None,
     ) -> None:
-        """Take a topic; ``chain`` stands in for that of the parameters."""
+        """Take a topic; ``chain`` and ``motion`` stand in for those of the parameters."""
         self.topic = topic
         self._parameters = parameters
-        motion = Odometry(parameters) if parameters.motion.source == 'odometry' else None
+        if motion is None and parameters.motion.source == 'odometry':
+            motion = Odometry(parameters)
         self.odometry = '' if motion is None else resolve(motion.topic)
         self._motion = motion
         name = resolve(topic.name)
@@ -93,7 +96,7 @@ class CloudTopic:
         def say(text: str) -> None:
             inform(f'{name}: {text}')
 
-        self._filter = CloudFilter(parameters, say, say, motion)
+        self._filter = Session(parameters, say, say, motion)
         if chain is not None:
             self._filter.judge_by(chain)
         self._filter.wanted = (False, False)
@@ -104,11 +107,28 @@ class CloudTopic:
         self._journal: Journal | None = None
         self._done = Done(0, 0, 0, {})  # by a killed run
         self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._take: Callable[[StreamCloud, Any, int], object] | None = None
+        self._shown: list[tuple[StreamCloud, Any]] = []  # and not taken yet
 
     @property
     def settled(self) -> bool:
         """Whether the first clouds have decided all that they decide for those to come."""
         return self._filter.settled
+
+    @property
+    def convention(self) -> str:
+        """How the clouds are read, for people; empty: no cloud had a valid point."""
+        return self._filter.convention
+
+    @property
+    def unmoved(self) -> int:
+        """Count the clouds that were taken without poses, though there is odometry."""
+        return self._filter.statistics.unmoved
+
+    def show(self, take: Callable[[StreamCloud, Any, int], object]) -> None:
+        """Call with each cloud that is judged, its message and its number in the topic, from 0."""
+        self._filter.show = lambda cloud, msg: self._shown.append((cloud, msg))
+        self._take = take
 
     @property
     def listeners(self) -> Mapping[tuple[str, str], Callable[[int, bytes], None]]:
@@ -193,6 +213,10 @@ class CloudTopic:
             refuse_other(journal.left.folder, 'recording')
 
     def _write(self, finished: Sequence[Answer]) -> None:
+        if self._take is not None:
+            for (cloud, msg), answer in zip(self._shown, finished, strict=True):
+                self._take(cloud, msg, answer.tag[0] - 1)
+            self._shown.clear()
         if not any(self._filter.wanted):
             return
         for answer in finished:

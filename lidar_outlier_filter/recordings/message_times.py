@@ -6,11 +6,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.points.points import SECOND
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 GAP = 2.0  # usual distances of two messages, from which on some are missing between them
-_BINS = 2000  # of the distances, for each factor of e
+_BINS = 1400  # of the distances, for each factor of 2: twice a distance is so many bins on
 
 
 class MessageTimes:
@@ -36,19 +41,17 @@ class MessageTimes:
             distance = time - self._last
             self.jumps += distance < 0
             self.longest = max(self.longest, distance)
-            self._distances[round(_BINS * math.log(distance)) if distance > 0 else -1] += 1
+            self._distances[_bin(distance)] += 1
         self._last = time
         self.count += 1
 
     @property
     def usual(self) -> float:
         """The median distance of two messages, s, to 0.03 %; nan of less than two."""
-        left = (self._distances.total() + 1) // 2
-        for number, count in sorted(self._distances.items()):
-            left -= count
-            if left <= 0:
-                return _distance(number)
-        return math.nan
+        number = self._usual_bin()
+        if number is None:
+            return math.nan
+        return 2 ** (number / _BINS) / SECOND if number >= 0 else 0.0
 
     @property
     def rate(self) -> float:
@@ -59,9 +62,46 @@ class MessageTimes:
     @property
     def gaps(self) -> int:
         """Count the distances that are longer than ``GAP`` usual ones."""
-        least = GAP * self.usual
-        return sum(n for number, n in self._distances.items() if _distance(number) > least > 0)
+        longest = self._longest_bin()
+        return sum(count for number, count in self._distances.items() if number > longest)
+
+    def is_gap(self, distance: int) -> bool:
+        """Return whether messages are missing where two are so many ns apart."""
+        return _bin(distance) > self._longest_bin()
+
+    def _usual_bin(self) -> int | None:
+        """Return the bin of the median distance; None of less than two messages."""
+        left = (self._distances.total() + 1) // 2
+        for number, count in sorted(self._distances.items()):
+            left -= count
+            if left <= 0:
+                return number
+        return None
+
+    def _longest_bin(self) -> float:
+        """Return the last bin of no gap; there is none where messages come at once."""
+        usual = self._usual_bin()
+        return math.inf if usual is None or usual < 0 else usual + _BINS * math.log2(GAP)
 
 
-def _distance(number: int) -> float:
-    return math.exp(number / _BINS) / SECOND if number >= 0 else 0.0
+def _bin(distance: int) -> int:
+    return round(_BINS * math.log2(distance)) if distance > 0 else -1
+
+
+def gaps_in(times: Sequence[int]) -> tuple[MessageTimes, list[tuple[int, int]]]:
+    """Find where messages are missing: the times of the last ones before, and how long, ns.
+
+    Parameters
+    ----------
+    times : of the messages of a topic, ns, in their order
+
+    Returns
+    -------
+    what is counted of them, and the gaps, as many as are counted
+
+    """
+    found = MessageTimes()
+    for time in times:
+        found.add(time)
+    apart = ((before, after - before) for before, after in pairwise(times))
+    return found, [(before, distance) for before, distance in apart if found.is_gap(distance)]

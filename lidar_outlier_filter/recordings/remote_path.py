@@ -24,18 +24,18 @@ BLOCKS = 8  # ranges that an open file keeps
 
 @contextmanager
 def reached(address: object) -> Iterator[None]:
-    """Refuse, in one sentence, a place that is not there, not ours or not reached."""
+    """Refuse, in one sentence, an address that is not there, not ours or not reached."""
     try:
         yield
     except FilterError:
         raise
     except Exception as err:  # each store has errors of its own
-        raise RecordingError(f'the place {address}', 'reached', said_by(err)) from err
+        raise RecordingError(f'the address {address}', 'reached', said_by(err)) from err
 
 
 @contextmanager
 def written(address: object) -> Iterator[None]:
-    """Refuse, in one sentence, what could not be written to a place."""
+    """Refuse, in one sentence, what could not be written to an address."""
     try:
         yield
     except Exception as err:  # as above

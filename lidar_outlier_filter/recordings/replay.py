@@ -24,7 +24,7 @@ from lidar_outlier_filter.recordings.salvage.salvage import salvaged
 from lidar_outlier_filter.recordings.unpack import LARGEST
 from lidar_outlier_filter.stream.topics import CLOUD, check_name
 
-ROOM = 2**21  # bytes: a chunk that we write, beside a message that is longer
+OWN_CHUNK = 2**21  # bytes: a chunk that we write, beside a message that is longer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -115,7 +115,7 @@ def replay(  # noqa: PLR0913  what the command line offers
             if not isinstance(recording, Path):
                 raise RecordingError('a recording to salvage', 'on this machine', recording)
             path, lost = stack.enter_context(salvaged(recording, output, largest))
-            largest += ROOM  # the copy has chunks of its own
+            largest += OWN_CHUNK  # the copy has chunks of its own
         source = stack.enter_context(Recording(path, largest))
         bag = stack.enter_context(NewBag(output, source.custom_data))
         chosen = choose_clouds(source, topics, 'a topic to filter')

@@ -57,8 +57,8 @@ def bound_mcap() -> None:
 
 def bound_chunks(reader: Reader1, largest: int) -> None:
     """Let rosbags unpack no chunk of a ROS 1 bag that is larger than ``largest`` bytes."""
-    for place, chunk in reader.chunks.items():
+    for offset, chunk in reader.chunks.items():
         for name in ('bz2', 'lz4'):
             if name in getattr(chunk.decompressor, '__module__', ''):
                 bounded = partial(unpack, most=largest, compression=name)
-                reader.chunks[place] = chunk._replace(decompressor=bounded)
+                reader.chunks[offset] = chunk._replace(decompressor=bounded)

@@ -163,5 +163,5 @@ def _judge_steps(  # noqa: PLR0913  what a second reading adds to
         first, last = np.searchsorted(kept.cloud, (cloud.number, cloud.number + 1))
         bit = np.uint32(1 << (given[slider].first + step))
         mine = kept.bits[first:last]
-        rejected = cloud.verdict.rejected[kept.place[first:last]]
+        rejected = cloud.verdict.rejected[kept.index[first:last]]
         kept.bits[first:last] = np.where(rejected, mine | bit, mine & ~bit)

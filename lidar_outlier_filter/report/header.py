@@ -50,7 +50,7 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'moved': found.moved,
         'convention': found.convention,
         'period': None if math.isnan(found.period) else found.period,
-        'seconds': (found.ends[-1] - found.starts[0]) / SECOND if found.starts else None,
+        'seconds': (found.span[1] - found.span[0]) / SECOND if found.span else None,
         'gaps': [list(gap) for gap in found.gaps],
         'chain': list(gathered.parameters.chain),
         'ways': list(gathered.ways),

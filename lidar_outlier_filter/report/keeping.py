@@ -30,8 +30,8 @@ class Kept:
 
     Attributes
     ----------
-    cloud, place : (N,) int32
-        The number of the cloud, and the place among its valid points.
+    cloud, index : (N,) int32
+        The number of the cloud, and the index among its valid points.
     xyz : (N, 3) float64, metres
     t : (N,) int64, nanoseconds
     line : (N,) int64
@@ -52,7 +52,7 @@ class Kept:
     """
 
     cloud: NDArray[np.int32]
-    place: NDArray[np.int32]
+    index: NDArray[np.int32]
     xyz: NDArray[np.float64]
     t: NDArray[np.int64]
     line: NDArray[np.int64]
@@ -107,8 +107,8 @@ class Keeper:
         """Take the points of a judged cloud."""
         count = len(cloud.points)
         row = np.full(count, UNKNOWN, np.int32)
-        for place, reason in reasons.items():
-            row[place] = len(self.reasons)
+        for index, reason in reasons.items():
+            row[index] = len(self.reasons)
             self.reasons.append(reason)
         nothing = np.full(count, np.nan, np.float32)
         self._parts.append(
@@ -138,10 +138,10 @@ class Keeper:
             self._thin()
 
     def finish(self) -> Kept:
-        """Give the points that are kept, in the order of their clouds and places."""
+        """Give the points that are kept, in the order of their clouds and indices."""
         self._thin()
         (kept,) = self._parts
-        return kept.take(np.lexsort((kept.place, kept.cloud)))
+        return kept.take(np.lexsort((kept.index, kept.cloud)))
 
     def _thin(self) -> None:
         """Leave no more than are to be kept."""

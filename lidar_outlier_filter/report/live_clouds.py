@@ -45,7 +45,7 @@ ALIGNMENT = 16  # bytes: the points begin at a multiple
 
 @dataclass(frozen=True)
 class LivePoints:
-    """N points: place in metres, score, detectors, whether rejected, why, intensity, line."""
+    """N points: position in metres, score, detectors, whether rejected, why, intensity, line."""
 
     xyz: NDArray[np.float64]
     score: NDArray[np.float32]
@@ -94,7 +94,7 @@ class LiveFrame:
         bits = np.where(points.rejected, REJECTED_BIT, 0) | np.where(near, NEAR_BIT, 0)
         ranks = np.unique(points.line, return_inverse=True)[1] % LINES
         packed = Fields(
-            place=np.rint((points.xyz - origin) / step).astype(np.uint64),
+            position=np.rint((points.xyz - origin) / step).astype(np.uint64),
             score=scores(points.score),
             brightness=brightness(points.intensity, self.span),
             reason=reason_numbers()[points.reason],

@@ -3,7 +3,7 @@
 """Sixteen bytes a point: four words that the page hands to the GPU as they are.
 
 Words 0 and 1: x, y and z in steps of the frame's box, 21 bits each. Word 2, from the lowest bit:
-score × 256 (10 bits, ``UNTESTED`` without), intensity (7), strongest reason (7, its place in
+score × 256 (10 bits, ``UNTESTED`` without), intensity (7), strongest reason (7, its index in
 :func:`reason_names`, from 1; 0 without), number of the first detector that rejects it (4, 0: none),
 truth (2). Word 3: the steps of the sliders that reject it (21 bits), then the rank of its scan line
 in the frame (11, modulo).
@@ -68,13 +68,13 @@ class Fields:
 
     Attributes
     ----------
-    place : (N, 3) uint64, steps of the box
+    position : (N, 3) uint64, steps of the box
     score, brightness, reason, detector, truth : (N,) uint32, of word 2
     bits, rank : (N,) uint32, of word 3
 
     """
 
-    place: NDArray[np.uint64]
+    position: NDArray[np.uint64]
     score: Words
     brightness: Words
     reason: Words
@@ -85,8 +85,8 @@ class Fields:
 
     def words(self) -> Words:
         """Lay them out, (N, 4)."""
-        x, y, z = self.place.astype(np.uint32).T
-        words = np.empty((len(self.place), WORDS), np.uint32)
+        x, y, z = self.position.astype(np.uint32).T
+        words = np.empty((len(self.position), WORDS), np.uint32)
         words[:, 0] = x | (y << np.uint32(21))
         words[:, 1] = (y >> np.uint32(11)) | (z << np.uint32(10))
         words[:, 2] = self.score
@@ -119,7 +119,7 @@ def pack(gathered: Gathered, frames: Frames) -> Packed:
     origin, step = _boxes(kept.xyz, frames)
     limits = span(kept.intensity)
     fields = Fields(
-        place=np.rint((kept.xyz - origin[number]) / step[number]).astype(np.uint64),
+        position=np.rint((kept.xyz - origin[number]) / step[number]).astype(np.uint64),
         score=scores(kept.score),
         brightness=brightness(kept.intensity, limits),
         reason=reason_numbers()[kept.strongest],

@@ -10,8 +10,6 @@ import json
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
-from matplotlib import colormaps
-
 from lidar_outlier_filter.disk.new_files import new_output
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.header import header, split
@@ -131,8 +129,5 @@ def _inline(code: str) -> str:
 
 def colour_maps() -> dict[str, str]:
     """Give maps of 256 colours as base64, three bytes each."""
-    tables = {name: colormaps[name](range(256), bytes=True) for name in ('viridis', 'cividis')}
-    return {
-        name: base64.b64encode(table[:, :3].tobytes()).decode('ascii')
-        for name, table in tables.items()
-    }
+    maps: dict[str, str] = json.loads(asset('colour_maps.json'))
+    return maps

@@ -41,13 +41,13 @@ class Vocabulary(NamedTuple):
     ----------
     features : (name, few words) of each; a name may mean different things. REST follows
     of_sum : from there on, features add up to scores; the others to log-odds
-    place : place among the features, by way and name
+    number : number of a feature, by way and name
 
     """
 
     features: tuple[tuple[str, str], ...]
     of_sum: int
-    place: dict[tuple[str, str], int]
+    number: dict[tuple[str, str], int]
 
 
 @cache
@@ -59,9 +59,9 @@ def vocabulary() -> Vocabulary:
         for way, texts in one.ways.items():
             (sums if way in one.of_score else odds).append((way, texts))
     every = [(way, name, text) for way, texts in odds + sums for name, text in texts.items()]
-    place = {(way, name): number for number, (way, name, _) in enumerate(every)}
+    index = {(way, name): number for number, (way, name, _) in enumerate(every)}
     features = tuple((name, text) for _, name, text in every)
-    return Vocabulary(features, sum(len(texts) for _, texts in odds), place)
+    return Vocabulary(features, sum(len(texts) for _, texts in odds), index)
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Reason:
     ----------
     score : that of the chain, float32
     features : (ADDED,) uint16
-        Places in the vocabulary of those that add or take away most, the largest first; then those
+        Indices in the vocabulary of those that add or take away most, the largest first; then those
         of ``REST``.
     added : (ADDED,) float32
         What each adds to the log-odds, or to the score.
@@ -112,7 +112,7 @@ class NotedReasons:
         found = explanation.explain(seen, parameters, wanted)
         self.ways.add(found.way)
         known = vocabulary()
-        places = np.array([known.place[found.way, name] for name in found.names], np.uint16)
+        indices = np.array([known.number[found.way, name] for name in found.names], np.uint16)
         where = np.flatnonzero(wanted)
         order = np.argsort(-np.abs(found.added), axis=0, kind='stable')[:STRONGEST]
         largest = np.take_along_axis(found.added, order, axis=0)
@@ -120,12 +120,12 @@ class NotedReasons:
         added = np.concatenate([largest, [others, found.average]])
         rest = len(known.features) + np.arange(len(REST), dtype=np.uint16)
         for i, key in enumerate(_keys(points, where)):
-            features = np.concatenate([places[order[:, i]], rest])
+            features = np.concatenate([indices[order[:, i]], rest])
             reason = Reason(float(single[where[i]]), features, added[:, i])
             self._noted.setdefault(key, (int(points.t[where[i]]), []))[1].append(reason)
 
     def of(self, cloud: StreamCloud) -> dict[int, Reason]:
-        """Find the reasons of the points of a finished cloud, by their places in it.
+        """Find the reasons of the points of a finished cloud, by their indices in it.
 
         A point is explained as often as it is seen, as halo too: the reason that counts is the one
         whose score it has in the end.
@@ -133,10 +133,10 @@ class NotedReasons:
         score = cloud.verdict.score
         where = np.flatnonzero(score > NEAR)
         found = {}
-        for place, key in zip(where.tolist(), _keys(cloud.points, where), strict=True):
+        for index, key in zip(where.tolist(), _keys(cloud.points, where), strict=True):
             for reason in self._noted.get(key, (0, []))[1]:
-                if reason.score == float(score[place]):
-                    found[place] = reason
+                if reason.score == float(score[index]):
+                    found[index] = reason
                     break
         return found
 

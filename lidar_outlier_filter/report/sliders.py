@@ -51,10 +51,10 @@ class Slider:
 def sliders(parameters: FilterParameters) -> tuple[Slider, ...]:
     """Make a slider for each detector of the chain, as far as the bits of a point suffice."""
     chain = tuple(dict.fromkeys(parameters.chain))
-    room = min(BITS // len(chain), MOST_STEPS) if len(chain) <= BITS else 1
+    bits = min(BITS // len(chain), MOST_STEPS) if len(chain) <= BITS else 1
     found: list[Slider] = []
     for detector in chain[:BITS]:
-        found.append(_slider(detector, parameters, (room - 1) // 2, len(found) * room))
+        found.append(_slider(detector, parameters, (bits - 1) // 2, len(found) * bits))
     return tuple(found)
 
 
@@ -80,10 +80,10 @@ def _nearest(
     criticals: NDArray[np.float64], goals: NDArray[np.float64], allowed: NDArray[np.bool_]
 ) -> list[int]:
     """Find the critical values nearest to some goals, ascending, each once."""
-    places = np.flatnonzero(allowed)
-    if len(places) == 0:
+    indices = np.flatnonzero(allowed)
+    if len(indices) == 0:
         return []
-    return sorted({int(places[np.abs(criticals[places] - goal).argmin()]) for goal in goals})
+    return sorted({int(indices[np.abs(criticals[indices] - goal).argmin()]) for goal in goals})
 
 
 def fits(parameters: FilterParameters, name: str, value: float) -> bool:

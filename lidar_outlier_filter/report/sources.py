@@ -18,6 +18,7 @@ from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_c
 from lidar_outlier_filter.files.cleaning import points as columns
 from lidar_outlier_filter.files.cloud_file import open_cloud, read
 from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.recordings.message_times import gaps_in
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud
 
 INTENSITIES = ('intensity', 'reflectivity', 'i')
-GAP = 1.5  # × the usual time between two clouds: more is a gap
 MOST_GAPS = 50  # that are listed
 
 
@@ -65,7 +65,8 @@ class SourceFacts:
     sentences : the first one for each of these
     unmoved : clouds that were taken without poses, though there is odometry
     convention : how they are read
-    starts, ends : of each cloud with a valid point, nanoseconds
+    span : times of the first and the last valid point, nanoseconds; None: there is none
+    times : of all messages with clouds in their recording, nanoseconds
     topic : of the clouds; empty: they are a file
     moved : whether the points were moved to a frame that stands still
 
@@ -78,34 +79,32 @@ class SourceFacts:
     sentences: dict[str, str] = field(default_factory=dict)
     unmoved: int = 0
     convention: str = ''
-    starts: list[int] = field(default_factory=list)
-    ends: list[int] = field(default_factory=list)
+    span: tuple[int, int] | None = None
+    times: list[int] = field(default_factory=list)
     topic: str = ''
     moved: bool = False
 
-    def note(self, cloud: StreamCloud, count: int) -> None:
-        """Count a cloud of so many points, valid or not."""
+    def note(self, cloud: StreamCloud) -> None:
+        """Count a cloud."""
         self.clouds += 1
-        self.points += count
-        self.invalid += count - len(cloud.points)
+        self.points += cloud.count
+        self.invalid += cloud.count - len(cloud.points)
         if len(cloud.points):
-            self.starts.append(cloud.first)
-            self.ends.append(cloud.last)
+            self.span = (self.span[0] if self.span else cloud.first, cloud.last)
 
     @property
     def period(self) -> float:
         """Usual time from cloud to cloud, seconds; NaN of less than two."""
-        steps = np.diff(np.array(self.starts, np.int64))
-        return float(np.median(steps)) / SECOND if len(steps) else np.nan
+        return gaps_in(self.times)[0].usual
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
         """When clouds are missing, and for how long: seconds after the first, the longest first."""
-        starts = np.array(self.starts, np.int64)
-        steps = np.diff(starts) / SECOND
-        late = np.flatnonzero(steps > GAP * self.period) if len(steps) else np.empty(0, int)
-        after = [(float((starts[i] - starts[0]) / SECOND), float(steps[i])) for i in late]
-        return sorted(after, key=lambda gap: -gap[1])[:MOST_GAPS]
+        gaps = [
+            ((time - self.times[0]) / SECOND, distance / SECOND)
+            for time, distance in gaps_in(self.times)[1]
+        ]
+        return sorted(gaps, key=lambda gap: -gap[1])[:MOST_GAPS]
 
 
 class Source(Protocol):
@@ -148,7 +147,7 @@ class RecordedSource:
             streams[-1].chain = chain
         found = SourceFacts(moved=self.found.moved)
         for taken in self._clouds:
-            found.note(taken, taken.count)
+            found.note(taken.cloud)
             for number, stream in enumerate(streams):
                 for cloud in stream.push(self._cloud(taken)):
                     yield number, cloud
@@ -158,16 +157,17 @@ class RecordedSource:
         found.refusals = dict(self._clouds.refusals)
         found.sentences = dict(self._clouds.sentences)
         found.unmoved, found.convention = self._clouds.unmoved, self._clouds.convention
-        found.topic = self._clouds.topic
+        found.topic, found.times = self._clouds.topic, self._clouds.times
         if self._files and len(self._files) != self._clouds.count:
             must_be = f'as many as there are clouds, {self._clouds.count}'
             raise RecordingError('the files with labels', must_be, len(self._files))
         self.found = found
 
     def _cloud(self, taken: RecordedCloud) -> ReportCloud:
-        view = structured(taken.msg).reshape(-1) if taken.count else None
+        where, count = taken.cloud.where, taken.cloud.count
+        view = structured(taken.msg).reshape(-1) if count else None
         names = (view.dtype.names or ()) if view is not None else ()
-        intensity = None if view is None else intensity_of(view, taken.where)
+        intensity = None if view is None else intensity_of(view, where)
         code = None
         if self._files:
             code = self._codes(taken)
@@ -175,11 +175,15 @@ class RecordedSource:
             if self._label not in names:
                 must_be = f'one of the fields {", ".join(names)}'
                 raise CloudError('the field with the truth', must_be, repr(self._label))
-            code = view[self._label][taken.where].astype(np.int64)
+            code = view[self._label][where].astype(np.int64)
         elif view is not None and LABEL in names and view.dtype[LABEL].kind in 'iu':
-            code = view[LABEL][taken.where].astype(np.int64)
+            code = view[LABEL][where].astype(np.int64)
         return ReportCloud(
-            taken.points, taken.frame, number=taken.number, intensity=intensity, code=code
+            taken.cloud.points,
+            taken.cloud.frame,
+            number=taken.number,
+            intensity=intensity,
+            code=code,
         )
 
     def _codes(self, taken: RecordedCloud) -> NDArray[np.int64]:
@@ -187,10 +191,10 @@ class RecordedSource:
             must_be = f'as many as there are clouds, at least {taken.number + 1}'
             raise RecordingError('the files with labels', must_be, len(self._files))
         codes = read_codes(self._files[taken.number])
-        if len(codes) != taken.count:
-            must_be = f'of {taken.count} points, as the cloud'
+        if len(codes) != taken.cloud.count:
+            must_be = f'of {taken.cloud.count} points, as the cloud'
             raise RecordingError(f'the labels {self._files[taken.number]}', must_be, len(codes))
-        return codes[taken.where]
+        return codes[taken.cloud.where]
 
 
 class FileSource:

@@ -78,9 +78,9 @@ class Tally:
         known = ~np.isnan(score)
         self.untested += int(np.count_nonzero(~known))
         scaled = np.minimum(score[known], LARGEST_SCORE) * (SCORE_BINS / LARGEST_SCORE)
-        place = np.minimum(scaled.astype(np.int64), SCORE_BINS - 1)
+        bins = np.minimum(scaled.astype(np.int64), SCORE_BINS - 1)
         for row, mask in enumerate((~bad, bad)):
-            self.scores[row] += np.bincount(place[mask[known]], minlength=SCORE_BINS)
+            self.scores[row] += np.bincount(bins[mask[known]], minlength=SCORE_BINS)
         if cloud.code is not None:
             counted = bad | good
             self._truth.append((score[counted], bad[counted]))
@@ -133,5 +133,5 @@ def _add(counts: Counts, cloud: ReportCloud, mask: Mask, bad: Mask, good: Mask) 
     counts.points += int(np.count_nonzero(mask))
     counts.bad += int(np.count_nonzero(mask & bad))
     counts.good += int(np.count_nonzero(mask & good))
-    place = np.searchsorted(RANGES, cloud.points.range[mask], side='right') - 1
-    counts.by_range += np.bincount(place, minlength=len(RANGES))
+    bins = np.searchsorted(RANGES, cloud.points.range[mask], side='right') - 1
+    counts.by_range += np.bincount(bins, minlength=len(RANGES))

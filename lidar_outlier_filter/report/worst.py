@@ -33,7 +33,7 @@ class RejectedGroup:
 
     Attributes
     ----------
-    members : (n,) int64, places in the file
+    members : (n,) int64, indices in the file
     count : how many
     middle : of the box around them, in the units of the file
     across, height : of the box, metres

@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.errors import CloudError, said_by
+from lidar_outlier_filter.disk.new_files import new_output
+from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,11 +50,8 @@ def draw(judged: JudgedFile, worst: Worst, path: Path) -> None:
     count, total = int(judged.verdict.rejected.sum()), len(judged.file)
     title = f'{judged.file.path.name}: {count:,} of {total:,} points rejected'
     figure.suptitle(title, color=INK, fontsize=15)
-    try:
-        with path.open('xb') as stream:
-            canvas.print_png(stream)  # type: ignore[no-untyped-call]
-    except OSError as err:
-        raise CloudError(f'the picture {path}', 'written in full', said_by(err)) from err
+    with new_output(path, error=CloudError) as built:
+        canvas.print_png(str(built))  # type: ignore[no-untyped-call]
 
 
 def _map(axes: Axes, judged: JudgedFile, worst: Worst) -> None:
@@ -120,7 +118,7 @@ def _dots(axes: Axes, xyz: NDArray[np.float64], along: int, colour: str, size: f
 
 
 def _origin(judged: JudgedFile) -> NDArray[np.float64]:
-    """Return a round place near the points, in their units, for short numbers."""
+    """Return a round position near the points, in their units, for short numbers."""
     origin, where = np.zeros(3), np.flatnonzero(judged.loaded.points.valid)
     if len(where):
         first = judged.loaded.points.xyz[where[0]] / judged.units

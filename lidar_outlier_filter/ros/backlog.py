@@ -63,7 +63,7 @@ class Inbox:
         return max(self._clouds / self.load.clouds, self._size / (self.load.megabytes * 1e6))
 
     def put(self, item: Received) -> int:
-        """Add a cloud; return how many were dropped for it, the oldest first. One always has room.
+        """Add a cloud; return how many were dropped for it, the oldest first. One always fits.
 
         After the end it is the cloud itself that is dropped.
         """

@@ -17,7 +17,7 @@ from lidar_outlier_filter.ros.publisher import AnswerPublisher
 from lidar_outlier_filter.ros.receiver import CloudReceiver
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import Worker
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_filter.stream.session import Session
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,7 +37,7 @@ REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
 MEGABYTE = 1e6
 
 
-class _FilterOfNode(CloudFilter):
+class _NodeSession(Session):
     """Its kernels become ready while the node subscribes already."""
 
     compiles = False
@@ -61,7 +61,7 @@ class Channel:
         self._parameters = parameters
         self._motion = make_motion(node, parameters)
         self._compiler: Compiler | None = None
-        self._filter = _FilterOfNode(parameters, self._log_info, self._log_warning, self._motion)
+        self._filter = _NodeSession(parameters, self._log_info, self._log_warning, self._motion)
         self._filter.refuse = self._log_refusal
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.ros.losses import Loss
 from lidar_outlier_filter.stream.statistics import Statistics
 
 if TYPE_CHECKING:
@@ -128,16 +129,16 @@ class Health:
         with self._lock:
             self._counts = counts
 
-    def losses(self) -> dict[str, int]:
+    def losses(self) -> dict[Loss, int]:
         """Count the clouds since the start that were not filtered as asked, by what happened."""
         with self._lock:
             counts = self._counts
             return {
-                'lost on the way': self._lost,
-                'dropped': self._dropped,
-                'passed unfiltered': counts.passed['overload'] + counts.passed['failure'],
-                'filtered by the smoother alone': counts.shed,
-                'judged without poses': counts.unmoved,
+                Loss.ON_THE_WAY: self._lost,
+                Loss.DROPPED: self._dropped,
+                Loss.PASSED: counts.passed['overload'] + counts.passed['failure'],
+                Loss.SHED: counts.shed,
+                Loss.UNMOVED: counts.unmoved,
             }
 
     def look(
@@ -282,6 +283,7 @@ class _Look:
         ):
             found[name] = str(getattr(now, name))
         for text, counter in (
+            ('blocks judged by', now.ways),
             ('rejected by', now.rejected),
             ('reason', now.reasons),
             ('undecided by', now.undecided),

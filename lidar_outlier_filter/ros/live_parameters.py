@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
+from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import ParameterError, said_by
 from lidar_outlier_filter.parameters.declaration import did_you_mean, shown
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
@@ -175,12 +176,8 @@ class TunableNode(Node):  # type: ignore[misc]
 def _write_whole(path: Path, text: str) -> None:
     """Write a file that is never seen half written."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f'.{path.name}.{os.getpid()}')
-    try:
-        unfinished.write_text(text, encoding='utf-8')
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with replaced(path) as built:
+        built.write_text(text, encoding='utf-8')
 
 
 def _to_ros(value: object) -> object:

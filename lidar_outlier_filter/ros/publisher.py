@@ -14,7 +14,7 @@ from lidar_outlier_filter.stream.topics import answers
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from lidar_outlier_filter.stream.cloud_filter import Answer
+    from lidar_outlier_filter.stream.session import Answer
 
 ACKNOWLEDGE = Duration(seconds=2)  # how long the last clouds may take to arrive
 

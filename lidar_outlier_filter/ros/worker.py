@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.ros.clocks import DelayClock
     from lidar_outlier_filter.ros.health import Health
     from lidar_outlier_filter.ros.publisher import AnswerPublisher
-    from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
+    from lidar_outlier_filter.stream.session import Answer, Session
 
 LOOK = 0.02  # seconds between two looks whether a cloud has waited long enough for the kernels
 
@@ -35,7 +35,7 @@ class Worker:
 
     def __init__(
         self,
-        filter_: CloudFilter,
+        filter_: Session,
         publisher: AnswerPublisher,
         clock: DelayClock,
         health: Health,

@@ -85,7 +85,7 @@ class MovingStream(Generic[AnyCloud]):
         self._newest = max(self._newest, cloud.last)
         finished += self.advance()
         if not self._queue and self._stream.held + cloud.count > self._most:
-            self._stream.make_room(cloud.first, cloud.last)
+            self._stream.make_space(cloud.first, cloud.last)
         try:
             self._refuse_too_many(self._held + self._stream.held + cloud.count)
         except CloudError:

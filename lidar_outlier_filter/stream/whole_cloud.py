@@ -160,8 +160,8 @@ def _points(
     given = _numbers('xyz', xyz, 'iuf')
     if given.ndim != 2 or given.shape[1] != 3:  # noqa: PLR2004  x, y, z
         raise CloudError('the shape of xyz', '(N, 3)', given.shape)
-    place, count = np.ascontiguousarray(given, np.float64), len(given)
-    valid = is_return(place)
+    xyz, count = np.ascontiguousarray(given, np.float64), len(given)
+    valid = is_return(xyz)
     zeros = np.zeros(count, np.int64)
     time, number = zeros, zeros
     if t is not None:
@@ -174,7 +174,7 @@ def _points(
     if intensity is not None:
         bright = _column('intensity', intensity, 'iuf', count).astype(np.float32)
     lack = NO_TIME if t is None else NO_LINES if line is None else ''
-    return Points(place, time, number, valid, intensity=bright), lack
+    return Points(xyz, time, number, valid, intensity=bright), lack
 
 
 def _column(name: str, values: ArrayLike, kinds: str, count: int) -> NDArray[Any]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Outliers made from a user's own good points, as Pirotti et al. (2018) made theirs.
 
-Points picked at random leave their place; their time and scan line stay, as those of a shot that
+Points picked at random leave their position; their time and scan line stay, as those of a shot that
 was measured wrongly. Class 1 are single points, class 2 clusters, which keep together.
 """
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Integers = NDArray[np.int64]
 
 MOST_SHARE = 0.5
-TRIES = 200  # until a place is given up to be found
+TRIES = 200  # until a position is given up to be found
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Injection:
     ----------
     share : of all points
     distance : (low, high)
-        Metres from the place a point had, at random between them; and at least low from every good
-        point that is seen with it. Clusters are twice as far at least: theirs is the distance of
-        the middle, and the paper has 2 m for it.
+        Metres from the position a point had, at random between them; and at least low from every
+        good point that is seen with it. Clusters are twice as far at least: theirs is the
+        distance of the middle, and the paper has 2 m for it.
     clustered : share of the outliers that are in clusters, as far as these find points that were
         taken after each other
     size : (low, high)
@@ -91,7 +91,7 @@ def inject(
     Raises
     ------
     FilterError
-        If there are too few points, or no place is far enough from all of them.
+        If there are too few points, or no position is far enough from all of them.
 
     """
     rng = np.random.default_rng(how.seed)
@@ -145,9 +145,9 @@ def _choose(
     groups[Cause.CLUSTER].sort(key=lambda group: group.start)
     singles = wanted - int(np.count_nonzero(code))
     free = np.flatnonzero(code == Cause.GOOD)
-    for place in np.sort(rng.choice(free, singles, replace=False)).tolist():
-        code[place] = Cause.SINGLE
-        groups[Cause.SINGLE].append(slice(place, place + 1))
+    for index in np.sort(rng.choice(free, singles, replace=False)).tolist():
+        code[index] = Cause.SINGLE
+        groups[Cause.SINGLE].append(slice(index, index + 1))
     return code, groups
 
 
@@ -204,7 +204,7 @@ def _move(
 def _moved(
     points: Floats, low: float, high: float, spread: float, rng: np.random.Generator
 ) -> Floats:
-    """Give a group another place: a single point, or its first one as the middle of a cluster."""
+    """Give a group another position: a single point, or a cluster around its first one."""
     single = len(points) == 1
     direction = rng.standard_normal(3)
     direction /= np.linalg.norm(direction)

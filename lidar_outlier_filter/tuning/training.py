@@ -189,12 +189,12 @@ def from_recording(  # noqa: PLR0913  what the command line offers
     source = RecordedClouds(recording, parameters, topic, with_eyes=injected)
     clouds, frames, eyes, labels = [], [], [], []
     for cloud in source:
-        clouds.append(cloud.points)
-        frames.append(cloud.frame)
+        clouds.append(cloud.cloud.points)
+        frames.append(cloud.cloud.frame)
         eyes.append(cloud.eye)
         if not injected and not (files and cloud.number >= len(files)):
             path = files[cloud.number] if files else None
-            labels.append(_labels(cloud.msg, path, truth)[cloud.where])
+            labels.append(_labels(cloud.msg, path, truth)[cloud.cloud.where])
     if files and source.count != len(files):
         must_be = f'one for each of the {source.count} clouds of {source.topic}'
         raise RecordingError('the files with labels', must_be, len(files))

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.results.contest import Progress
 
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
-    # Judgement where pictures go; returns the texts of its parts of the page, by name.
+    # Takes the folder for pictures; returns the text of each of its parts of the page, by its name.
     Section = Callable[[argparse.Namespace, Path, Progress], dict[str, str]]
 
 PAGE = Path('doc/results.md')
@@ -100,6 +101,8 @@ def _run(options: argparse.Namespace) -> int:
 
     from lidar_outlier_lab.results import markdown
 
+    for module in ('matplotlib', 'PIL'):
+        import_module(module)  # before the work
     if options.full < 1:
         raise FilterError('--full', 'at least 1', options.full)
     options.presets = options.presets or (QUICK_PRESETS if options.quick else tuple(PRESETS))
@@ -116,9 +119,9 @@ def _run(options: argparse.Namespace) -> int:
                 texts = SECTIONS[name](options, Path(folder), progress)
                 pictures = sorted(Path(folder).glob('*.png'))
                 page = options.output.parent / 'papers' if name == 'papers' else options.output
-                for place, (part, text) in enumerate(texts.items()):
+                for index, (part, text) in enumerate(texts.items()):
                     one = page / f'{part}.md' if name == 'papers' else page
-                    markdown.write(one, part, text, () if place else pictures)
+                    markdown.write(one, part, text, () if index else pictures)
             console.print(f'{name} written to {page}', markup=False, highlight=False)
     return DONE
 

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +47,7 @@ def add_train(commands: Commands) -> None:
         'once; the figures printed are of the sensors left out. With --profile, train those for '
         'profile scanners, on simulated streets alone. With --survey, train those for clouds '
         'without scan lines. Each takes one to four minutes of processor time. '
-        'Needs the extra "train".',
+        'Needs the extra "lab".',
     )
     parser.add_argument(
         '--profile', action='store_true', help='for profile scanners, on simulated streets alone'
@@ -106,9 +107,8 @@ def _run(options: argparse.Namespace) -> int:
 
     from lidar_outlier_filter.disk.new_files import new_output
     from lidar_outlier_filter.disk.publication import check_new
-    from lidar_outlier_lab.training.learner import check_learner
 
-    check_learner()
+    import_module('sklearn')  # before the work
     if options.profile and options.survey:
         raise FilterError('--profile', 'without --survey', 'both')
     train, usual = _train_spinning, OUTPUT

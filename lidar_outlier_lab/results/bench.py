@@ -30,7 +30,7 @@ from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_filter.stream.session import Session
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 
@@ -218,7 +218,7 @@ def stream_work(
     parameters = FilterParameters().changed({**form, 'chain': chain})
 
     def stream() -> None:
-        cloud_filter = CloudFilter(parameters)
+        cloud_filter = Session(parameters)
         answers = sum(len(cloud_filter.push(msg)) for msg in messages)
         answers += len(cloud_filter.flush())
         if answers != len(messages):

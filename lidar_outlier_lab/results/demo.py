@@ -5,15 +5,12 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-from lidar_outlier_filter.disk.publication import publish
+from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation import pictures as picture
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_points, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate, summary
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -22,12 +19,14 @@ from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.page import write_page
 from lidar_outlier_filter.report.sources import RecordedSource
+from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from pathlib import Path
 
     from rich.console import Console
 
@@ -140,15 +139,11 @@ def _new_folder(output: Path) -> Iterator[Path]:
     _check(output)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=f'.{output.name}.partial-', dir=output.parent) as hidden:
-            new, old = Path(hidden, 'new'), Path(hidden, 'old')
+        with replaced(output) as new:
             new.mkdir()
             (new / MARKER).touch()
             yield new
             _check(output)
-            if output.exists():
-                output.rename(old)
-            publish(new, output)
     except OSError as err:
         reason = err.strerror or err
         raise RecordingError(f'the folder {output}', 'written in full', reason) from err

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.evaluation.pictures import FOUND, INK, LEFT, LOST, PAPER, add_legend, save
+from lidar_outlier_lab.results.pictures import FOUND, INK, LEFT, LOST, PAPER, add_legend, save
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,8 +52,8 @@ def draw(panels: Sequence[tuple[str, Cutout]], path: Path) -> None:
     height = HEAD + ROW * rows + FOOT
     figure = Figure((WIDTH, height), dpi=DPI, facecolor=PAPER)
     canvas = FigureCanvasAgg(figure)
-    for place, (title, cutout) in enumerate(panels):
-        row, column = divmod(place, COLUMNS)
+    for index, (title, cutout) in enumerate(panels):
+        row, column = divmod(index, COLUMNS)
         left = (column + 0.2) / COLUMNS
         bottom = (height - HEAD - (row + 0.87) * ROW) / height
         axes = figure.add_axes((left, bottom, 0.77 / COLUMNS, 0.71 * ROW / height))
@@ -61,7 +61,7 @@ def draw(panels: Sequence[tuple[str, Cutout]], path: Path) -> None:
         _panel(axes, cutout)
         if column == 0:
             axes.set_ylabel('across, m', fontsize=9, color=INK, labelpad=1)
-        if place + COLUMNS >= len(panels):
+        if index + COLUMNS >= len(panels):
             axes.set_xlabel('along, m', fontsize=9, color=INK, labelpad=1)
     outliers = ('outlier, rejected', FOUND), ('outlier, missed', LEFT)
     add_legend(figure, [('good', KEPT), ('good, lost', LOST), *outliers])

@@ -5,14 +5,14 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from pathlib import Path
 
 NOTHING = '–'
 COMMAND = 'lidar-outlier-filter results'
@@ -93,15 +93,9 @@ def write(
         images = path.parent / 'images'
         images.mkdir(parents=True, exist_ok=True)
         for picture in pictures:
-            _place(picture.read_bytes(), images / picture.name)
-        _place(page.encode(), path)
+            with replaced(images / picture.name) as built:
+                built.write_bytes(picture.read_bytes())
+        with replaced(path) as built:
+            built.write_bytes(page.encode())
     except (OSError, UnicodeDecodeError) as err:
         raise RecordingError(f'the page {path}', 'readable and writable', err) from err
-
-
-def _place(data: bytes, path: Path) -> None:
-    """Write a file whole or not at all."""
-    with TemporaryDirectory(prefix=f'.{path.name}.partial-', dir=path.parent) as folder:
-        built = Path(folder, path.name)
-        built.write_bytes(data)
-        built.replace(path)

@@ -26,19 +26,24 @@ class Preset:
     is_named: bool = True  # the function makes several presets, and is given the name
 
 
-_SURVEY, _FLIGHT, _STREET = 'surveyed_streets.survey', 'aerial.flight', 'spinning_streets.street'
+_SURVEY, _FLIGHT = 'papers.surveyed_streets.survey', 'papers.aerial.flight'
+_STREET = 'scenes.spinning_streets.street'
 
 PRESETS = {
     'leslar-a': Preset(_SURVEY, 'street, wet and cold; 1 098 689 points, 1.00 % in dense clouds'),
     'leslar-b': Preset(_SURVEY, 'street, wet; 295 147 points, 0.30 % scattered, a barrier arm'),
     'leslar-c': Preset(_SURVEY, 'street, dry; 237 740 points, 0.01 % just above the road'),
     'pirotti-sfm': Preset(
-        'aerial.photogrammetry', '1 002 596 points from images, 2596 moved off', is_named=False
+        'papers.aerial.photogrammetry',
+        '1 002 596 points from images, 2596 moved off',
+        is_named=False,
     ),
     'pirotti-fcd': Preset(
-        'bus_tracks.lines', 'positions of two bus lines, 2-D and 3-D', is_named=False
+        'papers.bus_tracks.lines', 'positions of two bus lines, 2-D and 3-D', is_named=False
     ),
-    'sotoodeh-hod': Preset('sotoodeh_cloud.cloud', '656 points, 84 outliers', is_named=False),
+    'sotoodeh-hod': Preset(
+        'papers.sotoodeh_cloud.cloud', '656 points, 84 outliers', is_named=False
+    ),
     'kang-urban': Preset(_FLIGHT, 'houses from the air; 500 000 points, 0.05 % gross errors'),
     'kang-mountain': Preset(_FLIGHT, 'mountains from the air; 1 000 000 points, 0.024 %'),
     'street-16': Preset(_STREET, '16 rings, rain and spray; 2 % outliers'),
@@ -76,7 +81,7 @@ def make(
     if share is not None and not (math.isfinite(share) and 0.0 <= share <= 1.0):
         raise FilterError('the share', 'from 0 to 1', share)
     preset = PRESETS[name]
-    module, function = preset.maker.split('.')
+    module, _, function = preset.maker.rpartition('.')
     maker = getattr(import_module(f'{__package__}.{module}'), function)
     arguments = (name,) if preset.is_named else ()
     clouds: Iterator[Cloud] = maker(*arguments, seed, share, progress)

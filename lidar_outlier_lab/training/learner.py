@@ -8,7 +8,6 @@ And what both kinds of sensor share in training one: features of a pass, and wha
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,6 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
     measure_again,
 )
 from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees, add_up
-from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -53,12 +51,6 @@ class Trained(NamedTuple):
     text: str
     threshold: float
     held_out: Mapping[str, Any]
-
-
-def check_learner() -> None:
-    """Refuse to begin where scikit-learn is not installed."""
-    if find_spec('sklearn') is None:
-        raise FilterError('scikit-learn', 'installed: the extra "train"', 'none')
 
 
 def window_features(prepared: Prepared, odds: Singles | None) -> Singles:
@@ -159,20 +151,20 @@ def _tree(nodes: Any, names: Sequence[str]) -> tuple[list[str], list[float], lis
     feature = [names[0]] * QUESTIONS
     limit = [float(np.float32(NEVER))] * QUESTIONS
     value = [0.0] * VALUES
-    pending = [(0, 0)]  # nodes, and their places in the full tree
+    pending = [(0, 0)]  # nodes, and their indices in the full tree
     while pending:
-        number, place = pending.pop()
+        number, index = pending.pop()
         node = nodes[number]
         if node['is_leaf']:
-            low = high = place
+            low = high = index
             while low < QUESTIONS:
                 low, high = 2 * low + 1, 2 * high + 2
             for k in range(low, high + 1):
                 value[k - QUESTIONS] = float(np.float32(node['value']))
         else:
-            feature[place] = names[node['feature_idx']]
-            limit[place] = _not_above(float(node['num_threshold']))
-            pending += [(node['left'], 2 * place + 1), (node['right'], 2 * place + 2)]
+            feature[index] = names[node['feature_idx']]
+            limit[index] = _not_above(float(node['num_threshold']))
+            pending += [(node['left'], 2 * index + 1), (node['right'], 2 * index + 2)]
     return feature, limit, value
 
 

@@ -93,7 +93,7 @@ def read_sweeps(recording: CleanRecording, most: int = MOST_CLEAN) -> list[Point
     every = 1
     for taken in RecordedClouds(recording.path, parameters):
         if taken.number % every == 0:
-            kept.append(taken.points.take(taken.points.valid))
+            kept.append(taken.cloud.points)
         if len(kept) > most:
             kept, every = kept[::2], 2 * every
     if not kept:

@@ -275,13 +275,13 @@ def lie_between(pattern: Pattern, values: Singles) -> Mask:
     The returns before and after in the ring are well nearer and well farther, and no straight line
     through neighbours predicts the range. ``values`` (F, N) are the features.
     """
-    place = np.flatnonzero(pattern.order >= 0)
+    cell = np.flatnonzero(pattern.order >= 0)
     line = np.repeat(np.arange(len(pattern.first)), pattern.last - pattern.first)
     reach, phase = pattern.range, pattern.phase
-    before, after = reach[place] - reach[place - 1], reach[place + 1] - reach[place]
+    before, after = reach[cell] - reach[cell - 1], reach[cell + 1] - reach[cell]
     most = NEXT * pattern.step[line] * pattern.turn[line]
-    beside = (phase[place] - phase[place - 1] <= most) & (phase[place + 1] - phase[place] <= most)
-    least = BETWEEN + pattern.gap[line] * reach[place]
+    beside = (phase[cell] - phase[cell - 1] <= most) & (phase[cell + 1] - phase[cell] <= most)
+    least = BETWEEN + pattern.gap[line] * reach[cell]
     apart = (before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
     between: Mask = beside & apart & (values[FEATURES.index('along_m')] > OFF)
     return between

@@ -16,8 +16,8 @@ import pytest
 from helpers.drives import FAST, hashes, write_drive
 
 from lidar_outlier_filter.archive import fingerprints, manifest, run, workers
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import NAME, opened_manifest
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.cli import archive as command
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
@@ -256,10 +256,10 @@ def test_any_error_costs_its_recording_only(
     """Whatever it is: here the memory is full."""
     known = fingerprints.content_hash
 
-    def full(place: Any) -> str:
-        if place.path.name == 'first':
+    def full(location: Any) -> str:
+        if location.path.name == 'first':
             raise MemoryError
-        return known(place)
+        return known(location)
 
     monkeypatch.setattr(run, 'content_hash', full)
     assert clean(drives) == 3
@@ -272,12 +272,12 @@ def test_a_recording_that_changes_meanwhile(
     """It is not taken for what it was, and has no output."""
     known = fingerprints.content_hash
 
-    def change(place: Any) -> str:
-        found = known(place)
-        if place.path.name == 'first':
-            with next(place.path.glob('*.mcap')).open('ab') as stream:
+    def change(location: Any) -> str:
+        found = known(location)
+        if location.path.name == 'first':
+            with next(location.path.glob('*.mcap')).open('ab') as stream:
                 stream.write(b'')
-            os.utime(next(place.path.glob('*.mcap')))
+            os.utime(next(location.path.glob('*.mcap')))
         return found
 
     monkeypatch.setattr(run, 'content_hash', change)
@@ -382,7 +382,7 @@ def test_hashes_are_of_content(tmp_path: Path) -> None:
         folder.mkdir()
         for name, data in files.items():
             (folder / name).write_bytes(data)
-        found.add(fingerprints.content_hash(place_of(folder)))
+        found.add(fingerprints.content_hash(location_of(folder)))
     assert len(found) == 3
 
 

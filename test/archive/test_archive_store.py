@@ -12,7 +12,7 @@ import fsspec
 import pytest
 from helpers.stores import Store, running_store
 
-from lidar_outlier_filter.archive import places, run
+from lidar_outlier_filter.archive import locations, run
 from lidar_outlier_filter.archive.fingerprints import content_hash
 from lidar_outlier_filter.archive.manifest import BROKEN_OFF
 from lidar_outlier_filter.cli.main import main
@@ -22,7 +22,7 @@ from lidar_outlier_filter.recordings.replay import replay
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from lidar_outlier_filter.archive.places import Place
+    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
     Capture = pytest.CaptureFixture[str]
@@ -86,13 +86,13 @@ def test_from_store_to_store(  # noqa: PLR0913  fixtures
     capsys: Capture,
 ) -> None:
     """Two processes give the bytes of a replay here; what changes meanwhile fails alone."""
-    monkeypatch.setattr(places, 'PART', 5 * 2**20)
+    monkeypatch.setattr(locations, 'PART', 5 * 2**20)
 
-    def change(place: Place) -> str:
-        if place.path.name == 'two.bag':
+    def change(location: Location) -> str:
+        if location.path.name == 'two.bag':
             data = (recordings / 'bags' / BAG).read_bytes()
             store.put('s3://drives/two.bag', data + data[-1:])
-        return content_hash(place)
+        return content_hash(location)
 
     before = len(store.requests.lines)
     with monkeypatch.context() as patch:
@@ -151,10 +151,10 @@ def test_ctrl_c_leaves_its_manifest(
 ) -> None:
     """What was done and what was begun is on the store; the next run does the rest."""
 
-    def interrupt(place: Place) -> str:
-        if place.path.name == 'one':
+    def interrupt(location: Location) -> str:
+        if location.path.name == 'one':
             raise KeyboardInterrupt
-        return content_hash(place)
+        return content_hash(location)
 
     with monkeypatch.context() as patch:
         patch.setattr(run, 'content_hash', interrupt)
@@ -174,9 +174,9 @@ def test_two_runs_that_write(
 ) -> None:
     """A run ends when another one has written the manifest, which stays as that wrote it."""
 
-    def other(place: Place) -> str:
+    def other(location: Location) -> str:
         store.put('s3://cleaned/all/manifest.jsonl', b'')
-        return content_hash(place)
+        return content_hash(location)
 
     monkeypatch.setattr(run, 'content_hash', other)
     assert main(archive) == 1

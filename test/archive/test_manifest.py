@@ -286,7 +286,7 @@ def test_on_the_disk_before_it_takes_the_place(
         opened.add(entry('a'))
         monkeypatch.setattr(os, 'fsync', note_sync)
         monkeypatch.setattr(Path, 'replace', note_replace)
-    assert events == [f'sync .{NAME}.partial', f'replace {NAME}', f'sync {tmp_path.name}']
+    assert events == [f'sync {NAME}', f'replace {NAME}', f'sync {tmp_path.name}']
 
 
 def test_a_manifest_that_was_replaced_meanwhile(

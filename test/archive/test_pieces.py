@@ -15,8 +15,8 @@ from hypothesis import given as each
 from hypothesis import strategies as st
 
 from lidar_outlier_filter.archive import pieces as module
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.pieces import cut
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.archive.verdict_bytes import digest, pack, unpack
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.judging.chain import Chain
@@ -119,22 +119,22 @@ def test_real_recordings_give_the_same_bytes(
 
 def test_pieces_cover_all_times(tmp_path: Path) -> None:
     """Each begins where the one before ends; the ends are open; none is nearly empty."""
-    place = place_of(write_drive(tmp_path / 'drive'))
-    pieces = cut(place, length=0.5)
+    location = location_of(write_drive(tmp_path / 'drive'))
+    pieces = cut(location, length=0.5)
     assert len(pieces) == 6
     assert [piece.start for piece in pieces[1:]] == [piece.stop for piece in pieces[:-1]]
     assert (pieces[0].start, pieces[-1].stop) == (None, None)
-    assert len(cut(place, length=0.001)) == 91 // module.LEAST
+    assert len(cut(location, length=0.001)) == 91 // module.LEAST
     with pytest.raises(RecordingError, match='a topic to filter must be one of /lidar, got'):
-        cut(place, topics=['/other'])
+        cut(location, topics=['/other'])
 
 
 def test_pieces_shrink_towards_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """None is longer than asked for, nor than two thirds of what each worker has left."""
     monkeypatch.setattr(module, 'LEAST', 1)
     monkeypatch.setattr(module, 'SHORTEST', 0.1)
-    place = place_of(write_drive(tmp_path / 'drive'))
-    pieces = cut(place, length=0.5, workers=2)
+    location = location_of(write_drive(tmp_path / 'drive'))
+    pieces = cut(location, length=0.5, workers=2)
     assert [piece.start for piece in pieces[1:]] == [piece.stop for piece in pieces[:-1]]
     assert (pieces[0].start, pieces[-1].stop) == (None, None)
     bounds = [
@@ -149,7 +149,7 @@ def test_pieces_shrink_towards_the_end(tmp_path: Path, monkeypatch: pytest.Monke
         left = steps[number:].sum()
         assert step == max(SECOND // 10, min(SECOND // 2, round(left * 2 / 3 / 2)))
     assert SECOND // 10 <= steps[-1] < SECOND // 5
-    assert len(cut(place, length=0.5)) == 6
+    assert len(cut(location, length=0.5)) == 6
 
 
 @pytest.mark.parametrize('sensor', SENSORS)
@@ -169,9 +169,9 @@ def test_numbers_of_lines_do_not_count(name: str, sensor: str) -> None:
 def some_points() -> Points:
     """Make points with all columns."""
     rng = np.random.default_rng(5)
-    place = rng.normal(size=(7, 3))
+    xyz = rng.normal(size=(7, 3))
     line, there, bright = np.arange(7) // 2, np.ones(7, np.bool_), np.ones(7, np.float32)
-    return Points(place, np.arange(7), line, there, np.ones(7), place, bright, line, there)
+    return Points(xyz, np.arange(7), line, there, np.ones(7), xyz, bright, line, there)
 
 
 @pytest.mark.parametrize('name', [column.name for column in fields(Points)])

@@ -7,18 +7,20 @@ from __future__ import annotations
 import os
 import sys
 from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from lidar_outlier_filter.disk import new_files as new_files_module
 from lidar_outlier_filter.disk import publication
-from lidar_outlier_filter.disk.new_files import new_files, new_output
+from lidar_outlier_filter.disk.new_files import new_files, new_output, replaced
 from lidar_outlier_filter.disk.publication import FILE, FOLDER
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.files.cloud_file import open_cloud
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Callable
 
 
 def names(folder: Path) -> list[str]:
@@ -129,6 +131,40 @@ def test_what_was_made_meanwhile_stays(tmp_path: Path) -> None:
             assert not list(path.iterdir())
         elif kind == 'file':
             assert path.read_text() == 'theirs'
+
+
+@pytest.mark.usefixtures('renames')
+@pytest.mark.parametrize('must_be', [FILE, FOLDER])
+def test_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, must_be: str) -> None:
+    """The older one stays until the new one is whole; what was made meanwhile is refused."""
+    path = tmp_path / 'output'
+
+    def write(text: str, then: Callable[[Path], object]) -> None:
+        with replaced(path) as built:
+            if must_be == FOLDER:
+                built.mkdir()
+            (built / 'page' if must_be == FOLDER else built).write_text(text)
+            then(path)
+
+    with pytest.raises(RecordingError, match='which exists'):
+        write('mine', Path.touch)
+    path.unlink()
+    page = path / 'page' if must_be == FOLDER else path
+    for text in ('first', 'second'):
+        write(text, str)
+        assert page.read_text() == text
+    with pytest.raises(KeyboardInterrupt):
+        write('third', interrupt)
+    if must_be == FOLDER:
+        monkeypatch.setattr(new_files_module, 'publish', interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            write('third', str)
+    assert (page.read_text(), names(tmp_path)) == ('second', ['output'])
+
+
+def interrupt(*_paths: Path) -> None:
+    """Press Ctrl-C."""
+    raise KeyboardInterrupt
 
 
 @pytest.mark.usefixtures('renames')

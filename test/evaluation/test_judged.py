@@ -31,7 +31,7 @@ EMPTY = np.zeros(0, POINT)
 NONE = np.zeros(0, np.bool_)
 
 
-def by_place(points: Judged) -> Judged:
+def by_index(points: Judged) -> Judged:
     """Put points into the order that they had before they were split, by their range."""
     assert points.range is not None
     order = np.argsort(points.range, kind='stable')
@@ -44,15 +44,15 @@ def test_a_recording_is_read_as_its_clouds_say(tmp_path: Path) -> None:
     topics = answers(clouds, [REJECTED, NONE, ~REJECTED])
     bag = write(tmp_path / 'bag', {'/lidar': clouds, **topics})
     for topic in (None, '/lidar'):
-        points = by_place(read_recording(bag, topic))
+        points = by_index(read_recording(bag, topic))
         assert len(points) == 16
         np.testing.assert_array_equal(points.code, np.repeat(TRUTH[:, 0], 2))
         np.testing.assert_array_equal(points.bad, np.repeat(BAD, 2))
         np.testing.assert_array_equal(points.range, np.repeat(10 * np.arange(8) + 1, 2))
         np.testing.assert_array_equal(points.surface, np.repeat(TRUTH[:, 1], 2))
-        first = points.take(points.place == 0)
+        first = points.take(points.index == 0)
         np.testing.assert_array_equal(first.rejected, REJECTED)
-        last = points.take(points.place == 2)
+        last = points.take(points.index == 2)
         np.testing.assert_array_equal(last.rejected, ~REJECTED)
         assert points.score is None
         assert points.detectors is None
@@ -77,7 +77,7 @@ def test_what_else_comes_on_the_topics(tmp_path: Path, beside: str) -> None:
 def test_scores_are_read_where_they_are(tmp_path: Path) -> None:
     """Score and bits belong to their points."""
     cloud = rows(SCORED)
-    points = by_place(read_recording(write(tmp_path / 'bag', answers([cloud], [REJECTED]))))
+    points = by_index(read_recording(write(tmp_path / 'bag', answers([cloud], [REJECTED]))))
     np.testing.assert_array_equal(points.score, cloud['outlier_score'])
     np.testing.assert_array_equal(points.detectors, cloud['outlier_detectors'])
 
@@ -95,7 +95,7 @@ def test_missing_returns_and_holes_are_no_points(tmp_path: Path, *, keep_organiz
     cleaned, outliers = split(message, verdict, keep_organized=keep_organized)
     assert cleaned.width * cleaned.height == (8 if keep_organized else 6)
     bag = write(tmp_path / 'bag', {'/lidar/cleaned': [cleaned], '/lidar/outliers': [outliers]})
-    points = by_place(read_recording(bag))
+    points = by_index(read_recording(bag))
     np.testing.assert_array_equal(points.rejected, [True, True, False, False])
     np.testing.assert_array_equal(points.code, TRUTH[4:, 0])
     read, rejected = read_points(bag)
@@ -106,7 +106,7 @@ def test_missing_returns_and_holes_are_no_points(tmp_path: Path, *, keep_organiz
 def test_codes_say_what_is_an_outlier_and_what_counts(tmp_path: Path) -> None:
     """Exhaust alone is bad here; mixed points do not count at all."""
     bag = write(tmp_path / 'bag', answers([rows()], [REJECTED]))
-    points = by_place(read_recording(bag, codes=Codes(frozenset({2}), frozenset({5}))))
+    points = by_index(read_recording(bag, codes=Codes(frozenset({2}), frozenset({5}))))
     np.testing.assert_array_equal(points.code, [0, 2, 0, 2, 0, 0, 0])
     np.testing.assert_array_equal(points.bad, [0, 1, 0, 1, 0, 0, 0])
 
@@ -114,7 +114,7 @@ def test_codes_say_what_is_an_outlier_and_what_counts(tmp_path: Path) -> None:
 def test_any_field_of_whole_numbers_is_a_truth(tmp_path: Path) -> None:
     """The field may have another name; a float is none."""
     bag = write(tmp_path / 'bag', answers([rows()], [REJECTED]))
-    points = by_place(read_recording(bag, label='surface'))
+    points = by_index(read_recording(bag, label='surface'))
     np.testing.assert_array_equal(points.code, TRUTH[:, 1])
     with pytest.raises(FilterError, match="cleaned must be with whole numbers 'x', got x, y, z"):
         read_recording(bag, label='x')
@@ -122,13 +122,13 @@ def test_any_field_of_whole_numbers_is_a_truth(tmp_path: Path) -> None:
 
 def test_stretches_follow_the_clouds() -> None:
     """As many as there are clouds at most, each of clouds in a row, as equal as can be."""
-    zeros, place = np.zeros(10, np.bool_), np.arange(10)
-    points = Judged(place, zeros, zeros, place)
+    zeros, index = np.zeros(10, np.bool_), np.arange(10)
+    points = Judged(index, zeros, zeros, index)
     assert points.stretch(20)[1] == 10
     stretch, count = points.stretch(4)
     assert count == 4
     np.testing.assert_array_equal(stretch, [0, 0, 0, 1, 1, 2, 2, 2, 3, 3])
-    assert points.take(place < 0).stretch(5)[1] == 1
+    assert points.take(index < 0).stretch(5)[1] == 1
 
 
 def test_refusals(tmp_path: Path) -> None:
@@ -194,7 +194,7 @@ def test_label_files_beside_a_recording(tmp_path: Path, dtype: np.dtype[np.void]
     bag = write(tmp_path / 'bag', {'/lidar': inputs, **answers(outputs, rejected)})
     given = read_recording(bag, files=files(tmp_path, 3))
     inside = read_recording(bag)
-    for name in ('code', 'bad', 'rejected', 'place', 'range'):
+    for name in ('code', 'bad', 'rejected', 'index', 'range'):
         np.testing.assert_array_equal(getattr(given, name), getattr(inside, name))
 
 
@@ -206,7 +206,7 @@ def test_label_files_beside_organised_clouds(tmp_path: Path) -> None:
     verdict.rejected[:] = REJECTED
     cleaned, outliers = split(message, verdict, keep_organized=True)
     topics = {'/lidar': [message], '/lidar/cleaned': [cleaned], '/lidar/outliers': [outliers]}
-    points = by_place(read_recording(write(tmp_path / 'bag', topics), files=files(tmp_path, 1)))
+    points = by_index(read_recording(write(tmp_path / 'bag', topics), files=files(tmp_path, 1)))
     np.testing.assert_array_equal(points.code, TRUTH[:, 0])
     np.testing.assert_array_equal(points.rejected, REJECTED)
 
@@ -233,8 +233,8 @@ def test_a_refused_cloud_has_labels_and_no_answer(tmp_path: Path) -> None:
     }
     bag = write(tmp_path / 'bag', {'/lidar': inputs, **messages})
     points = read_recording(bag, files=files(tmp_path, 3))
-    assert sorted(set(points.place.tolist())) == [0, 2]
-    np.testing.assert_array_equal(by_place(points).code, np.repeat(TRUTH[:, 0], 2))
+    assert sorted(set(points.index.tolist())) == [0, 2]
+    np.testing.assert_array_equal(by_index(points).code, np.repeat(TRUTH[:, 0], 2))
 
 
 def test_refused_label_files(tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ def test_scores_and_labels(tmp_path: Path) -> None:
     points = read_files(*pair, Codes(frozenset({7, 18})))
     np.testing.assert_array_equal(points.rejected, [0, 1, 0, 0, 1, 0])
     np.testing.assert_array_equal(points.bad, [0, 1, 0, 1, 1, 0])
-    np.testing.assert_array_equal(points.place, np.arange(6))
+    np.testing.assert_array_equal(points.index, np.arange(6))
     np.testing.assert_array_equal(points.score, SCORE)
     assert points.detectors is None
     points = read_files(*pair, columns=Columns(threshold=0.25))

@@ -38,31 +38,31 @@ def raw(path: Path) -> NDArray[np.void]:
     return points
 
 
-def number(data: bytes, place: int, size: int) -> int:
+def number(data: bytes, offset: int, size: int) -> int:
     """Read an unsigned number out of a header."""
-    return int.from_bytes(data[place : place + size], 'little')
+    return int.from_bytes(data[offset : offset + size], 'little')
 
 
 def records(path: Path) -> list[bytes]:
     """Read the variable length records as they are, that of LASzip left out."""
     data = path.read_bytes()
-    place, found = number(data, 94, 2), []
+    offset, found = number(data, 94, 2), []
     for _ in range(number(data, 100, 4)):
-        end = place + 54 + number(data, place + 20, 2)
-        if number(data, place + 18, 2) != LASZIP:
-            found.append(data[place:end])
-        place = end
+        end = offset + 54 + number(data, offset + 20, 2)
+        if number(data, offset + 18, 2) != LASZIP:
+            found.append(data[offset:end])
+        offset = end
     return found
 
 
 def evlrs(path: Path) -> list[bytes]:
     """Read the extended variable length records as they are."""
     data = path.read_bytes()
-    place, found = number(data, 235, 8), []
+    offset, found = number(data, 235, 8), []
     for _ in range(number(data, 243, 4)):
-        end = place + 60 + number(data, place + 20, 8)
-        found.append(data[place:end])
-        place = end
+        end = offset + 60 + number(data, offset + 20, 8)
+        found.append(data[offset:end])
+        offset = end
     return found
 
 
@@ -88,10 +88,10 @@ def make(path: Path, point_format: int = 3, version: str = '1.4', count: int = 1
     return path
 
 
-def patch(path: Path, place: int, data: bytes) -> None:
+def patch(path: Path, offset: int, data: bytes) -> None:
     """Overwrite some bytes of a file."""
     whole = bytearray(path.read_bytes())
-    whole[place : place + len(data)] = data
+    whole[offset : offset + len(data)] = data
     path.write_bytes(whole)
 
 
@@ -167,9 +167,9 @@ def test_header_and_records_byte_for_byte(tmp_path: Path) -> None:
     path = make(tmp_path / 'made.las')
     patch(path, 26, b'SYSTEM\0behind the zero, no ASCII:\xff'[:32])
     patch(path, 90, struct.pack('<HH', 0, 0))  # a date that is none
-    place = number(path.read_bytes(), 94, 2)
-    patch(path, place, b'\xbb\xaa')
-    patch(path, place + 22, b'a note\0behind the zero \xff')
+    offset = number(path.read_bytes(), 94, 2)
+    patch(path, offset, b'\xbb\xaa')
+    patch(path, offset + 22, b'a note\0behind the zero \xff')
     patch(path, number(path.read_bytes(), 235, 8) + 28, b'\0behind')
     assert copied(path, Change()).read_bytes() == path.read_bytes()
     copy = copied(path, Change(keep=every_third(1000)))
@@ -262,12 +262,12 @@ def test_coordinates_are_scaled(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('value', [np.nan, np.inf, -1e300])
-@pytest.mark.parametrize('place', [131, 163])
-def test_coordinates_that_are_no_numbers(tmp_path: Path, place: int, value: float) -> None:
+@pytest.mark.parametrize('offset', [131, 163])
+def test_coordinates_that_are_no_numbers(tmp_path: Path, offset: int, value: float) -> None:
     """A scale or an offset that makes them so is refused: laspy would change all points."""
     path = make(tmp_path / 'made.las', version='1.2')
-    patch(path, place, struct.pack('<d', value))
-    if (place, value) == (163, -1e300):  # far away, but finite
+    patch(path, offset, struct.pack('<d', value))
+    if (offset, value) == (163, -1e300):  # far away, but finite
         assert len(open_cloud(path, None)) == 1000
         return
     with pytest.raises(CloudError, match=r'made.las must be such that all coordinates are finite'):
@@ -275,11 +275,11 @@ def test_coordinates_that_are_no_numbers(tmp_path: Path, place: int, value: floa
 
 
 @pytest.mark.parametrize('value', [0.0, -0.0])
-@pytest.mark.parametrize('place', [131, 139, 147])
-def test_coordinates_that_are_all_one(tmp_path: Path, place: int, value: float) -> None:
-    """A scale of 0 puts all points at one place, and is refused."""
+@pytest.mark.parametrize('offset', [131, 139, 147])
+def test_coordinates_that_are_all_one(tmp_path: Path, offset: int, value: float) -> None:
+    """A scale of 0 puts all points at one offset, and is refused."""
     path = make(tmp_path / 'made.las', version='1.2')
-    patch(path, place, struct.pack('<d', value))
+    patch(path, offset, struct.pack('<d', value))
     with pytest.raises(CloudError, match=r'made.las must be such that coordinates differ, got -?0'):
         open_cloud(path, None)
 
@@ -308,9 +308,9 @@ def write_copc(path: Path, sizes: tuple[int, ...] = (40, 25, 1, 300)) -> Any:
     packer.compress_chunks([part.tobytes() for part in np.split(points.array, ends[:-1])])
     packer.done()
     stream.seek(begin)
-    entries, begin = b'', begin + 8  # behind the place of the table of chunks
-    for place, (size, length) in enumerate(lazrs.read_chunk_table(stream, laszip)):
-        key = (0, 0, 0, 0) if place == 0 else (1, place & 1, place >> 1, 0)
+    entries, begin = b'', begin + 8  # behind the offset of the table of chunks
+    for offset, (size, length) in enumerate(lazrs.read_chunk_table(stream, laszip)):
+        key = (0, 0, 0, 0) if offset == 0 else (1, offset & 1, offset >> 1, 0)
         entries += struct.pack('<4iQ2i', *key, begin, length, size)
         begin += length
     begin = stream.seek(0, io.SEEK_END)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Headers that lie: counts, places and sizes that the file has no room for are refused."""
+"""Headers that lie: counts, offsets and sizes that do not fit into the file are refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cleaning.clean import clean
 from lidar_outlier_filter.files.cleaning.clean_log import Wanted
 from lidar_outlier_filter.files.cloud_file import Change, open_cloud
-from lidar_outlier_filter.files.room import check_points
+from lidar_outlier_filter.files.size_check import check_points
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -53,17 +53,17 @@ def rows(count: int = COUNT) -> bytes:
     return struct.pack('<3f', 1.5, 2.5, 3.5) * count
 
 
-def patch(path: Path, place: int, data: bytes) -> Path:
+def patch(path: Path, offset: int, data: bytes) -> Path:
     """Overwrite some bytes of a file."""
     whole = bytearray(path.read_bytes())
-    whole[place : place + len(data)] = data
+    whole[offset : offset + len(data)] = data
     path.write_bytes(whole)
     return path
 
 
-def number(path: Path, place: int, size: int) -> int:
+def number(path: Path, offset: int, size: int) -> int:
     """Read a number out of a file."""
-    return int.from_bytes(path.read_bytes()[place : place + size], 'little')
+    return int.from_bytes(path.read_bytes()[offset : offset + size], 'little')
 
 
 def refused(path: Path, sentence: str = ' must be ') -> None:
@@ -82,7 +82,7 @@ def refused(path: Path, sentence: str = ' must be ') -> None:
 
 
 @pytest.mark.parametrize(
-    ('place', 'data', 'sentence'),
+    ('offset', 'data', 'sentence'),
     [
         (94, '<H', 'the end of the header of'),
         (96, '<I', 'the first point of'),
@@ -94,11 +94,11 @@ def refused(path: Path, sentence: str = ' must be ') -> None:
 )
 @pytest.mark.parametrize('part', [1, 2])
 def test_numbers_of_a_las_header(
-    tmp_path: Path, place: int, data: str, sentence: str, part: int
+    tmp_path: Path, offset: int, data: str, sentence: str, part: int
 ) -> None:
-    """A count or a place beyond what is in the file is refused, whatever it counts."""
+    """A count or an offset beyond what is in the file is refused, whatever it counts."""
     largest = 256 ** struct.calcsize(data) - 1
-    refused(patch(las(tmp_path), place, struct.pack(data, largest // part)), sentence)
+    refused(patch(las(tmp_path), offset, struct.pack(data, largest // part)), sentence)
 
 
 @pytest.mark.parametrize('suffix', ['.las', '.laz'])
@@ -106,8 +106,8 @@ def test_numbers_of_a_las_header(
 def test_records_longer_than_the_file(tmp_path: Path, suffix: str, size: int) -> None:
     """A record before the points that ends behind their begin is refused."""
     path = las(tmp_path, f'cloud{suffix}')
-    place = number(path, 94, 2)
-    refused(patch(path, place + 20, struct.pack('<H', size)), 'the bytes in a record of')
+    offset = number(path, 94, 2)
+    refused(patch(path, offset + 20, struct.pack('<H', size)), 'the bytes in a record of')
 
 
 def test_extended_records_longer_than_the_file(tmp_path: Path) -> None:
@@ -141,11 +141,11 @@ def test_number_of_chunks(tmp_path: Path, chunks: int) -> None:
     refused(patch(path, table + 4, struct.pack('<I', chunks)), 'the number of chunks of')
 
 
-@pytest.mark.parametrize('place', [0, 10**6, 2**62, 2**63])
-def test_place_of_the_chunks(tmp_path: Path, place: int) -> None:
+@pytest.mark.parametrize('offset', [0, 10**6, 2**62, 2**63])
+def test_place_of_the_chunks(tmp_path: Path, offset: int) -> None:
     """A table of chunks that is not in the file is refused."""
     path = las(tmp_path, 'cloud.laz')
-    patch(path, number(path, 96, 4), struct.pack('<Q', place))
+    patch(path, number(path, 96, 4), struct.pack('<Q', offset))
     refused(path, 'the table of chunks of')
 
 
@@ -153,8 +153,8 @@ def test_place_of_the_chunks(tmp_path: Path, place: int) -> None:
 def test_layers_of_a_chunk(tmp_path: Path, layer: int) -> None:
     """A layer that is larger than its chunk is refused: gigabytes were taken for it."""
     path = las(tmp_path, 'cloud.laz')
-    place = number(path, 96, 4) + 8 + number(path, 105, 2) + 4 + 4 * layer
-    refused(patch(path, place, b'\xff' * 4), 'the bytes in the layers of a chunk of')
+    offset = number(path, 96, 4) + 8 + number(path, 105, 2) + 4 + 4 * layer
+    refused(patch(path, offset, b'\xff' * 4), 'the bytes in the layers of a chunk of')
 
 
 @pytest.mark.parametrize(
@@ -170,19 +170,19 @@ def test_layers_of_a_chunk(tmp_path: Path, layer: int) -> None:
 def test_points_of_a_chunk(tmp_path: Path, point_format: int, points: int, sentence: str) -> None:
     """What a chunk is said to have ended the process, or made the library panic."""
     path = las(tmp_path, 'cloud.laz', point_format)
-    place = path.read_bytes().index(b'laszip encoded') - 2 + 54 + 12
-    refused(patch(path, place, struct.pack('<I', points)), sentence)
+    offset = path.read_bytes().index(b'laszip encoded') - 2 + 54 + 12
+    refused(patch(path, offset, struct.pack('<I', points)), sentence)
 
 
 def test_items_of_a_point(tmp_path: Path) -> None:
     """The items that LASzip lists make up a point: else the library ended by a panic."""
     path = las(tmp_path, 'cloud.laz')
-    place = path.read_bytes().index(b'laszip encoded') - 2 + 54 + 34
-    patch(path, place + 2, b'\xff\xff')
+    offset = path.read_bytes().index(b'laszip encoded') - 2 + 54 + 34
+    patch(path, offset + 2, b'\xff\xff')
     for compressor in (3, 2, 1, 0):
-        patch(path, place - 34, bytes([compressor]))
+        patch(path, offset - 34, bytes([compressor]))
         refused(path, 'must be of 30 bytes, as it says, got 65535')
-    patch(path, place - 2, b'\0\0')
+    patch(path, offset - 2, b'\0\0')
     refused(path, 'must be of 30 bytes, as it says, got 0')
 
 
@@ -190,8 +190,8 @@ def test_items_of_a_point(tmp_path: Path) -> None:
 def test_compressor_of_other_points(tmp_path: Path, point_format: int, compressor: int) -> None:
     """Layers without chunks: 720 bytes took two gigabytes."""
     path = las(tmp_path, 'cloud.laz', point_format)
-    place = path.read_bytes().index(b'laszip encoded') - 2 + 54
-    refused(patch(path, place, bytes([compressor])), 'the compressor of')
+    offset = path.read_bytes().index(b'laszip encoded') - 2 + 54
+    refused(patch(path, offset, bytes([compressor])), 'the compressor of')
 
 
 def texts(count: int) -> str:
@@ -261,7 +261,7 @@ def test_number_of_vertices(tmp_path: Path, form: str, said: object) -> None:
     ],
 )
 def test_elements_before_the_vertices(tmp_path: Path, form: str, element: str) -> None:
-    """No loop runs over elements that the file has no room for."""
+    """No loop runs over elements that do not fit into the file."""
     path = tmp_path / 'cloud.ply'
     path.write_bytes(PLY.format(COUNT, form, element, '').encode() + rows())
     refused(path)
@@ -331,7 +331,7 @@ def test_pages_filled_with_zeros(tmp_path: Path) -> None:
 
 
 def test_too_large_for_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cloud that the memory has no room for is refused in one sentence."""
+    """A cloud that does not fit into memory is refused in one sentence."""
 
     def none(*_: object, **__: object) -> Iterator[object]:
         raise MemoryError

@@ -153,6 +153,6 @@ def drive(seed: int, shots: int = 600, rings: int = 4, shot_ns: int = 200_000) -
 
 
 def cut(rows: Rows, seed: int, cuts: int) -> list[Rows]:
-    """Cut points into parts at random places; some parts are empty."""
-    places = np.random.default_rng(seed).integers(0, len(rows) + 1, cuts)
-    return np.split(rows, np.sort(places))
+    """Cut points into parts at random; some parts are empty."""
+    ends = np.random.default_rng(seed).integers(0, len(rows) + 1, cuts)
+    return np.split(rows, np.sort(ends))

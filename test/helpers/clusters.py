@@ -8,24 +8,45 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import psutil
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
+    from contextlib import AbstractContextManager
 
 COMMAND = 'lidar_outlier_filter.cli.main'
+# Says which processes it has started, and sends a group of processes a signal, when so many
+# recordings of an archive are done: what the signal finds under way does not depend on the machine.
+SIGNALLING = """
+import os, sys
+import psutil
+from lidar_outlier_filter.archive import run
+from lidar_outlier_filter.cli.main import main
+number, group, last, *arguments = sys.argv[1:]
+plain, done = run._replay_one, []
+def replay_one(*given):
+    done.append(plain(*given))
+    if len(done) == int(last):
+        print(*(one.pid for one in psutil.Process().children(recursive=True)), flush=True)
+        os.killpg(int(group), int(number))
+    return done[-1]
+run._replay_one = replay_one
+sys.exit(main(arguments))
+"""
+PATIENCE = 300.0  # seconds for an end that comes, on a machine with much other work
+OWN = 0  # group of processes: as if all of a terminal get the signal
 
 
 class Program:
     """A process whose lines on stderr can be awaited."""
 
     def __init__(self, *words: str) -> None:
-        """Start it, in a session of its own."""
+        """Start Python with some words, in a session of its own."""
         self.process = subprocess.Popen(
-            [sys.executable, '-P', '-m', *words],
+            [sys.executable, '-P', *words],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -44,12 +65,8 @@ class Program:
 
     def rest(self) -> tuple[int, str]:
         """Wait for the end; return the exit status, and all that was said."""
-        out, err = self.process.communicate(timeout=200)
+        out, err = self.process.communicate(timeout=PATIENCE)
         return self.process.returncode, self.said + err + out
-
-    def interrupt(self) -> None:
-        """Press Ctrl-C: every process of the terminal gets the signal."""
-        os.killpg(self.process.pid, signal.SIGINT)
 
     def kill(self) -> None:
         """End it, with all that it has started, at once."""
@@ -68,18 +85,25 @@ def program(*words: str) -> Iterator[Program]:
         one.process.communicate()
 
 
+def signalling(
+    number: signal.Signals, group: int, last: int, arguments: Iterable[str]
+) -> AbstractContextManager[Program]:
+    """Start a replay that sends a group of processes a signal when so many recordings are done."""
+    return program('-c', SIGNALLING, str(int(number)), str(group), str(last), *arguments)
+
+
 @contextmanager
 def cluster(workers: int = 1) -> Iterator[tuple[str, Program]]:
     """Start a scheduler and workers, as users do; give its address, and its process."""
     plain = ('--no-dashboard', '--host', '127.0.0.1')
     with ExitStack() as stack:
         scheduler = stack.enter_context(
-            program('distributed.cli.dask_scheduler', *plain, '--port', '0')
+            program('-m', 'distributed.cli.dask_scheduler', *plain, '--port', '0')
         )
         address = scheduler.until('Scheduler at:').split()[-1]
         words = (address, '--nthreads', '1', '--no-nanny', '--no-dashboard')
         started = [
-            stack.enter_context(program('distributed.cli.dask_worker', *words))
+            stack.enter_context(program('-m', 'distributed.cli.dask_worker', *words))
             for _ in range(workers)
         ]
         for worker in started:
@@ -88,6 +112,32 @@ def cluster(workers: int = 1) -> Iterator[tuple[str, Program]]:
 
 
 def worker_processes() -> list[psutil.Process]:
-    """List the workers that this process has started."""
-    found = psutil.Process().children(recursive=True)
-    return [one for one in found if any('spawn_main' in word for word in one.cmdline())]
+    """List the workers that this process has started, and that have not ended."""
+    return [one for one in psutil.Process().children(recursive=True) if _is_worker(one)]
+
+
+def _is_worker(process: psutil.Process) -> bool:
+    try:
+        return any('spawn_main' in word for word in process.cmdline())
+    except psutil.NoSuchProcess:  # it ends at this moment
+        return False
+
+
+def kill_a_worker(killed: list[int]) -> None:
+    """End another one of the workers that this process has started; note it with those before.
+
+    There is one where what was asked for since the last kill is there: the dead have taken theirs
+    with them.
+    """
+    process = next(one for one in worker_processes() if one.pid not in killed)
+    process.kill()
+    killed.append(process.pid)
+
+
+def survivors(numbers: Iterable[int]) -> list[psutil.Process]:
+    """Wait for the end of processes; list those that do not end."""
+    found = []
+    for number in numbers:
+        with suppress(psutil.NoSuchProcess):
+            found.append(psutil.Process(number))
+    return psutil.wait_procs(found, timeout=PATIENCE)[1]

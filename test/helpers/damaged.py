@@ -205,7 +205,7 @@ WAYS = ('cut', 'flip', 'zero', 'wild', 'leave out', 'metadata', 'missing')
 
 
 class Damage(NamedTuple):
-    """What is done to a recording: a way, a place as a share of the file, and a seed."""
+    """What is done to a recording: a way, an offset as a share of the file, and a seed."""
 
     way: str
     share: float
@@ -235,18 +235,18 @@ def inflict(recording: Path, damage: Damage) -> None:
         return
     rng = np.random.default_rng(damage.seed)
     data = bytearray(file.read_bytes())
-    place = int(damage.share * len(data))
+    offset = int(damage.share * len(data))
     if damage.way == 'cut':
-        del data[place:]
+        del data[offset:]
     elif damage.way == 'flip':
         for at in rng.integers(0, max(1, len(data)), 3):
             data[at : at + 1] = bytes([int(rng.integers(256))])
     elif damage.way == 'zero':
-        data[place : place + 600] = bytes(len(data[place : place + 600]))
+        data[offset : offset + 600] = bytes(len(data[offset : offset + 600]))
     elif damage.way == 'wild':
-        data[place : place + 8] = b'\xff' * len(data[place : place + 8])
+        data[offset : offset + 8] = b'\xff' * len(data[offset : offset + 8])
     else:
-        del data[place : place + int(rng.integers(1, 3000))]
+        del data[offset : offset + int(rng.integers(1, 3000))]
     file.write_bytes(data)
 
 

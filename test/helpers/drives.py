@@ -14,8 +14,8 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.archive.known_chain import KnowingChain
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.pieces import cut, judge_piece, starts
-from lidar_outlier_filter.archive.places import place_of
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
 from lidar_outlier_filter.recordings.replay import replay
@@ -127,8 +127,8 @@ def write_drive(  # noqa: PLR0913  what may differ
             for step in (0, 1):
                 at = BEGIN + number * PERIOD + step * PERIOD // 2
                 bag.write(odometry, at, pose_bytes(at, (2 * number + step) * 0.01))
-            for place, topic in enumerate(names):
-                rows = rows_of_turn(seed + 1000 * place + number, points)
+            for series, topic in enumerate(names):
+                rows = rows_of_turn(seed + 1000 * series + number, points)
                 bag.write(topic, arrived, cloud_bytes(rows, stamp_of(number), columns))
         bag.write(odometry, arrived, pose_bytes(arrived, 2 * clouds * 0.01))
     return path
@@ -165,7 +165,7 @@ def replayed(
     if length is None:
         report = replay(path, output / 'bag', parameters=given)
         return hashes(output / 'bag'), report.topics, 0
-    pieces = cut(place_of(path), (), given, length)
+    pieces = cut(location_of(path), (), given, length)
     judged = [judge_piece(piece).verdicts for piece in reversed(pieces)][::-1]
     filter_parameters = FilterParameters().changed(given)
     chain = KnowingChain(filter_parameters, starts(pieces), judged.__getitem__)

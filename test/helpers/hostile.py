@@ -69,10 +69,10 @@ def message(
         for name, offset, kind, _ in fields:
             if kind in {7, 8} and name in {'x', 'y', 'z'}:
                 for i in range(height * width):
-                    place = i // width * row + i % width * step + offset
+                    at = i // width * row + i % width * step + offset
                     text = ('>' if is_big else '<') + ('f' if kind == 7 else 'd')
                     raw = struct.pack(text, rng.normal())
-                    data[place : place + len(raw)] = np.frombuffer(raw, np.uint8)
+                    data[at : at + len(raw)] = np.frombuffer(raw, np.uint8)
     point_field, header = TYPES['sensor_msgs/msg/PointField'], TYPES['std_msgs/msg/Header']
     stamp = TYPES['builtin_interfaces/msg/Time'](seed % 1000, seed % 10**9)
     return TYPES['sensor_msgs/msg/PointCloud2'](
@@ -223,25 +223,25 @@ def broken(data: bytes, seed: int) -> bytes:
     for _ in range(int(rng.integers(1, 4))):
         # Headers are what is believed.
         high = len(made) if rng.random() < 0.4 else min(len(made), 400)
-        place = int(rng.integers(0, max(1, high)))
+        at = int(rng.integers(0, max(1, high)))
         way = int(rng.integers(0, 7))
         if way == 0:
-            made[place : place + 1] = bytes([int(rng.integers(256))])
+            made[at : at + 1] = bytes([int(rng.integers(256))])
         elif way == 1:
             size = int(rng.choice([1, 2, 4, 8]))
             number = int(rng.choice(np.array(WILD, np.int64))) % 256**size
-            made[place : place + size] = number.to_bytes(size, 'little')
+            made[at : at + size] = number.to_bytes(size, 'little')
         elif way == 2:
-            made[place : place + 8] = b'\xff' * 8
+            made[at : at + 8] = b'\xff' * 8
         elif way == 3:
-            del made[place:]
+            del made[at:]
         elif way == 4:
-            del made[place : place + int(rng.integers(1, 30))]
+            del made[at : at + int(rng.integers(1, 30))]
         elif way == 5:
-            made[place:place] = made[place : place + int(rng.integers(1, 60))]
+            made[at:at] = made[at : at + int(rng.integers(1, 60))]
         else:
             words = (b'-3', b'99999999999', b'nan', b'element q 9', b'1e999', b'\n', b'"', b'\0')
-            made[place : place + 1] = words[int(rng.integers(len(words)))]
+            made[at : at + 1] = words[int(rng.integers(len(words)))]
     return bytes(made)
 
 

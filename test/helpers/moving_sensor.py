@@ -11,8 +11,8 @@ import numpy as np
 from helpers.profile_scanner import MOUNTING, Drive, seconds
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
 from lidar_outlier_filter.stream.motion import Odometry
+from lidar_outlier_filter.stream.session import Answer, Session
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -37,7 +37,7 @@ class Moving:
     def __init__(self, extra: Mapping[str, object] | None = None) -> None:
         parameters = FilterParameters().changed({**MOVING, **(extra or {})})
         self.motion = Odometry(parameters)
-        self.filter = CloudFilter(parameters, motion=self.motion)
+        self.filter = Session(parameters, motion=self.motion)
 
     def run(
         self, clouds: Iterable[PointCloud2], odometry: Iterable[object], delay: float = 0.0

@@ -10,33 +10,14 @@ from __future__ import annotations
 
 import re
 import sys
-from contextlib import chdir
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from helpers.clouds import table
-from helpers.detectors import BITS
-from helpers.page_runs import DATA, ROOT, Pages, run, write_clouds
-from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.cli.terminal import REFUSED
-from lidar_outlier_filter.core.detectors.evidence.models import PATTERN_MODEL, read_file
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge import judge
-from lidar_outlier_filter.core.judging.whole_cloud import judge_whole, with_rings
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
-from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
-from lidar_outlier_filter.evaluation.report import evaluate
-from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.parameters.yaml_files import read_yaml
-from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
-from lidar_outlier_lab.simulation.world.recording import record
-from lidar_outlier_lab.training.held_out import CHOOSE_BY
-from lidar_outlier_lab.training.scenes import known_recordings, read_sweeps
-from lidar_outlier_lab.training.single_sweeps import read_single_sweeps
+from helpers import page_sources
+from helpers.page_runs import ROOT, Pages
+from helpers.page_sources import LETTERS, REPLAY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -47,15 +28,6 @@ if TYPE_CHECKING:
 # Rows of a table that the machine decides.
 MACHINE = re.compile(r'.*(points per second|× real time).*')
 NAMED = re.compile(r'\{([\w -]+)\}')
-REPLAY = 'lidar-outlier-filter replay'
-# The default, and the smoother by its own defaults.
-STREET_FORMS: Mapping[str, Mapping[str, object]] = {
-    'default': {},
-    'smoother': {'chain': ['alpha_beta_gamma']},
-}
-SHORT = 10_000
-WEATHER_NAMES = {'light_snow': 'light snow', 'heavy_snow': 'heavy snow', 'mixed': 'mixed points'}
-WORDS = {1: 'one', 2: 'two', 3: 'three', 4: 'four', 5: 'five'}
 
 
 @dataclass(frozen=True)
@@ -94,9 +66,9 @@ class Quote:
         """Put the figures into the page."""
         match = self.search()
         page = match.string
-        for place, name in reversed(list(enumerate(self.names, 1))):
-            text = with_speeds_of(match[place], figures[name])
-            page = page[: match.start(place)] + text + page[match.end(place) :]
+        for index, name in reversed(list(enumerate(self.names, 1))):
+            text = with_speeds_of(match[index], figures[name])
+            page = page[: match.start(index)] + text + page[match.end(index) :]
         (ROOT / self.page).write_text(page, 'utf-8')
 
 
@@ -104,200 +76,16 @@ def with_speeds_of(old: str, new: str) -> str:
     """Keep the rows that depend on the machine as they were, where there are as many."""
     speeds = [line for line in old.splitlines() if MACHINE.fullmatch(line)]
     lines = new.splitlines()
-    places = [place for place, line in enumerate(lines) if MACHINE.fullmatch(line)]
-    if len(places) == len(speeds):
-        for place, line in zip(places, speeds, strict=True):
-            lines[place] = line
+    indices = [index for index, line in enumerate(lines) if MACHINE.fullmatch(line)]
+    if len(indices) == len(speeds):
+        for index, line in zip(indices, speeds, strict=True):
+            lines[index] = line
     return '\n'.join(lines)
 
 
 def steady(text: str) -> str:
     """Leave out what depends on the machine."""
     return '\n'.join(line.rstrip() for line in text.splitlines() if not MACHINE.fullmatch(line))
-
-
-# The sources --------------------------------------------------------------------------------------
-
-
-def _numpy(_pages: Pages) -> Figures:
-    """Judge the cloud of the page without naming a chain."""
-    xyz = np.random.default_rng(1).uniform((-20, -20, 0), (20, 20, 0.02), (5000, 3))
-    xyz[77] = 1, 2, 3
-    verdict = detect_outliers(xyz)
-    bits = int(np.bitwise_or.reduce(verdict.detectors))
-    chain = ', '.join(f'`{name}`' for name, bit in BITS.items() if bits & bit)
-    assert np.flatnonzero(verdict.outlier).tolist() == [77], 'the sentence says: the bird'
-    return {'chain': chain, 'count': str(np.count_nonzero(verdict.outlier))}
-
-
-def _output(page: str, command: str) -> Source:
-    """Quote what a command of a page writes: all of it, or what stands above its table."""
-
-    def source(pages: Pages) -> Figures:
-        output = pages.run(page).output(command)
-        said, _, table = output.partition('┏')
-        return {
-            'all': output.rstrip(),
-            'to the table': (said + '┏' + table).partition('\nwritten to ')[0],
-            'above the table': said.rstrip(),
-        }
-
-    return source
-
-
-def _xyzi(pages: Pages) -> Figures:
-    """Replay clouds of a driver that was built without ring and time."""
-    folder = pages.new('xyzi')
-    rows = table(400, intensity=('f4', np.ones(400)))
-    write_clouds(folder / 'my_recording', '/rslidar_points', [rows])
-    with chdir(folder):
-        (folder / 'config').symlink_to(ROOT / 'config')
-        status, output = run(f'{REPLAY} my_recording --params config/robosense.yaml')
-    assert status == REFUSED
-    return {'sentence': output.partition(' for: /rslidar_points: ')[2].partition(' (')[0]}
-
-
-def _shares(recordings: Mapping[str, str], parameters: str, **more: object) -> Source:
-    """Measure what the default rejects of recordings, of the points that are there."""
-
-    def source(pages: Pages) -> Figures:
-        values = read_yaml(ROOT / 'config' / parameters) | more
-        figures: dict[str, str] = {}
-        for name, recording in recordings.items():
-            report = replay(DATA / 'bags' / recording, pages.new(name) / 'out', parameters=values)
-            points = sum(topic.points - topic.invalid for topic in report.topics)
-            rejected = sum(topic.rejected for topic in report.topics)
-            figures[name] = percent(rejected / points)
-        return figures
-
-    return source
-
-
-def _street(pages: Pages) -> Figures:
-    """Simulate the street of the demo, and judge it by the default and by the smoother."""
-    folder = pages.new('street')
-    record(demo_drive(), folder / 'drive')
-    figures: dict[str, str] = {}
-    for form, values in STREET_FORMS.items():
-        replay(folder / 'drive', folder / form, parameters={**SENSOR, **values})
-        found = evaluate(read_recording(folder / form), CAUSES)
-        whole = found.whole
-        for cause, share in found.causes.items():
-            figures[f'{form} {cause}'] = f'{100 * share.ratio:.0f} %'
-        good = whole.total - whole.outliers
-        figures |= {f'{form} lost': f'{grouped(whole.lost)} of {grouped(good)}'}
-        figures |= {'outliers': grouped(whole.outliers), 'points': grouped(whole.total)}
-        figures |= {f'{form} F1': f'{whole.f1:.3f}', f'{form} recall': f'{whole.recall.ratio:.3f}'}
-    return figures
-
-
-def _snow(pages: Pages) -> Figures:
-    """Simulate the same street in snow, and judge it by the default."""
-    folder = pages.new('snow')
-    record(snow_drive(), folder / 'drive', lines_per_message=1)
-    replay(folder / 'drive', folder / 'default')
-    found = evaluate(read_recording(folder / 'default'), CAUSES)
-    shares = {cause: f'{100 * share.ratio:.0f} %' for cause, share in found.causes.items()}
-    return shares | {'lost': WORDS.get(found.whole.lost, str(found.whole.lost))}
-
-
-def _trees(_pages: Pages) -> Figures:
-    """Read what the file of the trees for spinning sensors says of sensors left out."""
-    held = read_file(PATTERN_MODEL)['held_out']
-    dark, once = held['without_intensity'], read_file(PATTERN_MODEL)['held_out_one_pass']
-    rows = (
-        ('both passes', held),
-        ('the same, intensities hidden', dark),
-        ('first pass alone', once),
-    )
-    weather = sorted(held['weather'], key=lambda kind: -held['weather'][kind]['f1'])
-    figures = {
-        'weather': '\n'.join(
-            f'| {WEATHER_NAMES.get(kind, kind)} | {held["weather"][kind]["f1"]:.2f} '
-            f'| {dark["weather"][kind]["f1"]:.2f} |'
-            for kind in weather
-        ),
-        'parts': '\n'.join(f'| {name} | {_parts(one)} |' for name, one in rows),
-    }
-    for sensor, share in held['clean_rejected'].items():
-        figures[f'left {sensor}'] = percent(share)
-        figures[f'dark {sensor}'] = percent(dark['clean_rejected'][sensor])
-    left, shipped = sorted(held['clean_rejected'].values()), _shipped()
-    figures |= {'least left': percent(left[0]), 'most but one': percent(left[-2])}
-    figures |= {'most left': percent(left[-1])}
-    figures |= {'least shipped': percent(min(shipped.values()))}
-    figures |= {'most shipped': percent(max(shipped.values()))}
-    return figures | {f'shipped {sensor}': percent(share) for sensor, share in shipped.items()}
-
-
-def _parts(held: Mapping[str, Any]) -> str:
-    """Lay out what a table says of some trees: weather, good points lost, clean sweeps, streets."""
-    some, streets = [held['weather'][kind] for kind in CHOOSE_BY], held['street_f1']
-    clean = [*held['clean_rejected'].values()]
-    lost = float(np.mean([one['lost'] for one in some]))
-    return ' | '.join(
-        [
-            *(f'{one["f1"]:.2f}' for one in some),
-            *(percent(share) for share in (lost, float(np.median(clean)), max(clean))),
-            ' / '.join(f'{streets[f"street-{rings}"]:.2f}' for rings in (16, 32, 64, 128)),
-        ]
-    )
-
-
-def _shipped() -> dict[str, float]:
-    """Return the share that the trees of the package reject of clean sweeps, by sensor."""
-    shares: dict[str, float] = {}
-    every = [(one.sensor, read_sweeps(one)) for one in known_recordings(DATA / 'bags')]
-    for sensor, sweeps in [*every, *read_single_sweeps(DATA)]:
-        rejected = points = 0
-        for sweep in sweeps:
-            pattern = find_pattern(sweep, spins=True)
-            assert pattern is not None, sensor
-            rejected += int(np.count_nonzero(judge(pattern, 1.0) > 1))
-            points += len(sweep)
-        shares[sensor] = rejected / points
-    return shares
-
-
-def _recovered(_pages: Pages) -> Figures:
-    """Judge the first cloud of recordings with its rings, with recovered ones, and with none."""
-    parameters = FilterParameters()
-    figures: dict[str, str] = {}
-    for recording in known_recordings(DATA / 'bags'):
-        cloud = read_sweeps(recording, 1)[0]
-        nothing = np.zeros(len(cloud), np.int64)
-        mixed = np.random.default_rng(1).permutation(len(cloud))
-        bare = replace(cloud, t=nothing, line=nothing).take(mixed)
-        known = judge_whole(cloud, parameters).rejected[mixed]
-        found = judge_whole(with_rings(bare, parameters), parameters).rejected
-        near = judge_whole(bare, parameters).rejected
-        title = recording.sensor
-        figures[f'{title} equal'] = f'{100 * np.mean(known == found):.2f} %'
-        for how, rejected in (('known', known), ('found', found), ('near', near)):
-            figures[f'{title} {how}'] = f'{100 * np.mean(rejected):.3f} %'
-    return figures
-
-
-def _real_snow(_pages: Pages) -> Figures:
-    """Read the page of real snow, which a command wrote: F1, and good points lost."""
-    page = (ROOT / 'doc' / 'real_snow.md').read_text('utf-8')
-    _, _, table = page.partition('## In short')
-    figures: dict[str, str] = {}
-    for name in ('**default**', '3D-OutDet', 'DROR'):
-        row = next(line for line in table.splitlines() if line.startswith(f'| {name} |'))
-        cells = [cell.strip() for cell in row.strip('|').split('|')]
-        figures |= {f'{name.strip("*")} both': cells[1], f'{name.strip("*")} last': cells[3]}
-    return figures
-
-
-def percent(share: float) -> str:
-    """Write a share as pages do."""
-    return f'{100 * share:#.2g} %'
-
-
-def grouped(value: int) -> str:
-    """Write a whole number as pages do: in groups of three from five digits on."""
-    return f'{value:,}'.replace(',', ' ') if value >= SHORT else str(value)
 
 
 # All of it ----------------------------------------------------------------------------------------
@@ -318,10 +106,33 @@ SENSORS = {
     'Robosense Ruby Plus, two sweeps': 'RubyPlus',
     'Robosense Bpearl, two sweeps': 'Bpearl',
 }
-SHORTLY = 'doc/results_in_short.md'
+SHORTLY, RESULTS = 'doc/results_in_short.md', 'doc/results.md'
+STREET_ROWS = {
+    'precision': 'precision',
+    'recall': 'recall',
+    'F1': 'F1',
+    'good points lost': 'lost',
+    '… of the road': 'road',
+    '… of kerbs': 'kerb',
+    '… of the sidewalk': 'sidewalk',
+    '… of facades': 'facade',
+    '… of poles': 'pole',
+    'outliers found: reflections': 'reflection',
+    '… exhaust': 'exhaust',
+    '… barrier arm': 'barrier',
+    '… near the surface': 'near surface',
+    '… mixed pixels': 'mixed',
+}
+STREET_TABLE = [
+    f'| {title} | {{paper {name} exactly}} | {{smoother {name} exactly}} '
+    f'| {{default {name} exactly}} |'
+    for title, name in STREET_ROWS.items()
+]
+LESLAR = 'doc/papers/leslar2010.md'
+CELLS = ' | '.join(f'{{{one} {what}}}' for one in LETTERS for what in ('found', 'wrong', 'road'))
 SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
     'trees': (
-        _trees,
+        page_sources.trees,
         [
             Quote(
                 SHORTLY,
@@ -349,7 +160,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         ],
     ),
     'recovered rings': (
-        _recovered,
+        page_sources.recovered,
         [
             Quote(
                 'doc/detectors/evidence.md',
@@ -368,7 +179,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         ],
     ),
     'real snow': (
-        _real_snow,
+        page_sources.real_snow,
         [
             Quote(
                 'README.md',
@@ -381,7 +192,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         ],
     ),
     'numpy': (
-        _numpy,
+        page_sources.numpy_cloud,
         [
             Quote(
                 'doc/numpy.md',
@@ -390,19 +201,31 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         ],
     ),
     'ouster': (
-        _output(f'{START}ouster.md', REPLAY),
+        page_sources.output_of(f'{START}ouster.md', REPLAY),
         [Quote(f'{START}ouster.md', 'clouds of an OS1-128:\n\n```text\n{to the table}\n```')],
     ),
-    'hesai': (_output(f'{START}hesai.md', REPLAY), [Quote(f'{START}hesai.md', LISTED)]),
-    'livox': (_output(f'{START}livox.md', REPLAY), [Quote(f'{START}livox.md', LISTED)]),
-    'robosense': (_output(f'{START}robosense.md', REPLAY), [Quote(f'{START}robosense.md', LISTED)]),
-    'velodyne': (_output(f'{START}velodyne.md', REPLAY), [Quote(f'{START}velodyne.md', LISTED)]),
+    'hesai': (
+        page_sources.output_of(f'{START}hesai.md', REPLAY),
+        [Quote(f'{START}hesai.md', LISTED)],
+    ),
+    'livox': (
+        page_sources.output_of(f'{START}livox.md', REPLAY),
+        [Quote(f'{START}livox.md', LISTED)],
+    ),
+    'robosense': (
+        page_sources.output_of(f'{START}robosense.md', REPLAY),
+        [Quote(f'{START}robosense.md', LISTED)],
+    ),
+    'velodyne': (
+        page_sources.output_of(f'{START}velodyne.md', REPLAY),
+        [Quote(f'{START}velodyne.md', LISTED)],
+    ),
     'robosense without times': (
-        _xyzi,
+        page_sources.without_times,
         [Quote(f'{START}robosense.md', '* **"{sentence}".** The driver was built with `XYZI`')],
     ),
     'velodyne shares': (
-        _shares(
+        page_sources.shares_of(
             {
                 'VLP-16': 'vlp16_mrpt_mcap',
                 'HDL-32E': 'hdl32_mrpt_mcap',
@@ -419,12 +242,31 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         ],
     ),
     'hesai share': (
-        _shares({'XT32': 'hesai_xt32_nebula_mcap'}, 'hesai.yaml', time_field='stamp'),
+        page_sources.shares_of(
+            {'XT32': 'hesai_xt32_nebula_mcap'}, 'hesai.yaml', time_field='stamp'
+        ),
         [Quote(f'{START}hesai.md', 'XT32 in an office the default rejects {XT32} of the points')],
     ),
-    'street': (
-        _street,
+    'tune': (
+        page_sources.output_of('doc/evaluate.md', 'lidar-outlier-filter tune my_drive'),
+        [Quote('doc/evaluate.md', 'clouds of an HDL-32E outdoors:\n\n```text\n{all}\n```')],
+    ),
+    'leslar': (
+        page_sources.leslar,
         [
+            Quote(LESLAR, f'\n| the default, `evidence` | {CELLS} | '),
+            Quote(LESLAR, 'The default finds {a found} and loses {a wrong}, at a higher speed.'),
+        ],
+    ),
+    'street': (
+        page_sources.street,
+        [
+            Quote(
+                RESULTS,
+                'recesses, poles, parked cars and a barrier arm; {points} points,\n'
+                '{outliers} ({share}) of them outliers. A profile scanner',
+            ),
+            Quote(RESULTS, '`evidence` |\n| --- | --- | --- | --- |\n' + '\n'.join(STREET_TABLE)),
             Quote(
                 'README.md',
                 'In the first picture, {outliers} of {points} points are outliers:\n\n'
@@ -444,13 +286,25 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         ],
     ),
     'snow': (
-        _snow,
+        page_sources.snow,
         [
+            Quote(
+                RESULTS,
+                'behind a car that whirls it up; {points} points, {outliers} ({share}) of them '
+                'outliers. By the default:\n\n| | |\n| --- | --- |\n'
+                '| precision | {precision exactly} |\n'
+                '| recall | {recall exactly} |\n'
+                '| F1 | {F1 exactly} |\n'
+                '| snow | {snow exactly} |\n'
+                '| spray | {spray exactly} |\n'
+                '| mixed points | {mixed exactly} |\n'
+                '| good points lost | {lost exactly} |',
+            ),
             Quote(
                 'README.md',
                 'it finds {snow} of the snow and {spray} of the spray, and loses {lost} good '
                 'points',
-            )
+            ),
         ],
     ),
 }

@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 PERIOD = 5_000_000  # nanoseconds of a line
-
 AXES = np.array([[0.6, 0.8, 0.0], [0.16, -0.12, 0.98]])  # of the scan plane: level, and nearly up
-
 SPEED = np.array([8.0, 1.0, 0.0])
 
 

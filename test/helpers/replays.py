@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import PointCloud2, PointField
 
 from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
@@ -23,10 +23,9 @@ if TYPE_CHECKING:
 
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-
 STRING = 'std_msgs/msg/String'
-
 DOOR = 'shop_msgs/msg/Door'
+STORE.register(get_types_from_msg('string name\nfloat64 angle\n', DOOR))
 
 REAL = [
     'cloudini_lidar_link_mcap',
@@ -42,9 +41,7 @@ REAL = [
 ]
 
 PERIOD = 100_000_000  # ns between two clouds
-
 FIELDS = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('time', '<f4'), ('ring', '<u2')]
-
 ROW = np.dtype(FIELDS)
 
 

@@ -149,5 +149,5 @@ def expected_scores(times: Sequence[int], missing: Sequence[bool]) -> list[float
 
 def cut(rng: np.random.Generator, count: int, parts: int) -> list[tuple[int, int]]:
     """Cut 0 … count into parts, some of them empty."""
-    places = np.sort(rng.integers(0, count + 1, parts - 1)).tolist()
-    return list(zip([0, *places], [*places, count], strict=True))
+    cuts = np.sort(rng.integers(0, count + 1, parts - 1)).tolist()
+    return list(zip([0, *cuts], [*cuts, count], strict=True))

@@ -14,9 +14,7 @@ from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.core.points.points import Points
 
 TURN_NS = 100_000_000  # ten turns a second
-
 RATE = -2 * np.pi / TURN_NS  # rad/ns: clockwise
-
 RINGS = (-20.0, -14.0, -9.0, -6.0, -3.0, 0.0, 4.0, 9.0)  # degrees
 
 
@@ -62,7 +60,7 @@ def pattern_of(points: Points) -> Pattern:
 
 
 def measured(pattern: Pattern) -> NDArray[np.float32]:
-    """Return the features of all places."""
+    """Return the features of all cells."""
     out = np.zeros((COUNT, len(pattern.order)), np.float32)
     measure(prepare(pattern), 0, len(pattern.first), out)
     return out

@@ -11,9 +11,7 @@ import numpy as np
 from lidar_outlier_filter.core.points.points import Points
 
 SECOND = 1_000_000_000
-
 START = 1_700_000_000 * SECOND
-
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 

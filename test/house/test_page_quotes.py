@@ -43,7 +43,7 @@ def test_what_is_not_run_has_a_reason() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize('name', SOURCES)
 def test_quotations(runs: Pages, name: str) -> None:
-    """Where this fails, ``python test/helpers/page_quotes.py`` writes the pages anew."""
+    """Where this fails, ``cd test && python -m helpers.page_quotes`` writes the pages anew."""
     source, quotes = SOURCES[name]
     figures = source(runs)
     for quote in quotes:
@@ -64,7 +64,7 @@ def test_what_a_machine_decides_is_left_out() -> None:
 
 def test_quotations_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What differs is replaced, and nothing else of the page."""
-    monkeypatch.setattr('page_quotes.ROOT', tmp_path)
+    monkeypatch.setattr('helpers.page_quotes.ROOT', tmp_path)
     page = tmp_path / 'page.md'
     page.write_text('# Page\n\nIt rejects 12\nof 50 points, 12 by `lof`.\n', 'utf-8')
     quote = Quote('page.md', 'It rejects {count} of {points} points')

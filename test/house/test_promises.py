@@ -31,7 +31,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import BYTES_OF_SCORES, structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
+from lidar_outlier_filter.stream.session import Answer, Session
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
 
 if TYPE_CHECKING:
@@ -45,9 +45,9 @@ DEFAULT: dict[str, object] = {'chain': FilterParameters().chain}
 BOTH_KINDS = pytest.mark.parametrize('kind', [copy.deepcopy, to_rosbags], ids=['ros', 'rosbags'])
 
 
-def make(extra: dict[str, object] | None = None) -> CloudFilter:
+def make(extra: dict[str, object] | None = None) -> Session:
     """Make a filter with short blocks."""
-    return CloudFilter(FilterParameters().changed(SHORT | (extra or {})))
+    return Session(FilterParameters().changed(SHORT | (extra or {})))
 
 
 def run(messages: Iterable[Any], extra: dict[str, object] | None = None) -> list[Answer]:
@@ -412,8 +412,8 @@ def test_hurry() -> None:
     """Live clouds that waited too long are answered with what is there, and the stream goes on."""
     rows = drive(18)
     edges = np.flatnonzero(np.diff(rows['tick'])) + 1
-    places = np.sort(np.random.default_rng(18).choice(edges, 60, replace=False))
-    messages = [cloud(part) for part in np.split(rows, places)]
+    cuts = np.sort(np.random.default_rng(18).choice(edges, 60, replace=False))
+    messages = [cloud(part) for part in np.split(rows, cuts)]
     undisturbed = run(messages, {'scores': True})
     clean = make({'scores': True})
     for number, msg in enumerate(messages):
@@ -647,7 +647,8 @@ def test_change_of_form() -> None:
 def test_change_while_the_slow_detectors_are_off() -> None:
     """They stay off, of the new chain too, until they are to be on; what is counted is true."""
     pair = ('alpha_beta_gamma', 'sor')
-    clean = CloudFilter({'block': 0.01, 'halo': 0.0, 'sor.multiplier': 0.0}, chain=pair)
+    values = {'chain': pair, 'block': 0.01, 'halo': 0.0, 'sor.multiplier': 0.0}
+    clean = Session(FilterParameters().changed(values))
 
     def found(first: int) -> list[int]:
         answers = [answer for i in range(first, first + 3) for answer in clean.push(line(0.01 * i))]

@@ -50,7 +50,7 @@ OUTSIDE = {
     'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow', 'pyproj'),
     'ros': ('numpy', 'rclpy', *MESSAGES),
     'archive': ('dask', 'distributed', 'fsspec', 'numpy'),
-    'evaluation': ('PIL', 'matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),
+    'evaluation': ('matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),
     'tuning': ('numpy', 'rosbags', 'rich', 'scipy', 'yaml'),
     'report': ('matplotlib', 'numpy', 'scipy'),
     'cli': ('numpy', 'rich', 'yaml'),

@@ -16,12 +16,16 @@ from helpers.clouds import SECOND, STAMP, cloud, cut, drive
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import structured
-from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_filter.stream.session import Session
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from helpers.clouds import Rows
+
+    from lidar_outlier_filter.stream.session import Answer
 
 SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002, 'chain': ['alpha_beta_gamma']}
 # All that a dtype of numpy may hold: padding, subarrays, texts, times, nested fields, half floats.
@@ -205,7 +209,7 @@ def test_scores_of_big_endian_arrays() -> None:
 def test_pass_by() -> None:
     """An array that is not to be filtered comes back whole."""
     rows = odd_rows(50)
-    clean = CloudFilter(chain=['lof'])
+    clean = Session(FilterParameters().changed({'chain': ['lof']}))
     (answer,) = clean.pass_by(rows, 'too much') + clean.flush()
     assert_partition(rows, answer)
     assert answer.outliers.size == 0

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-Place = tuple[float, float, float]
+Position = tuple[float, float, float]
 Edge = tuple[int, int]
 
 LEAST_SPREAD = 1e-3  # of the median: edges that differ by rounding alone are equally long
@@ -29,7 +29,7 @@ class Verdict(NamedTuple):
     cluster: list[int]
 
 
-def squared(a: Place, b: Place) -> float:
+def squared(a: Position, b: Position) -> float:
     """Square of the distance between two places."""
     dx, dy, dz = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return dx * dx + dy * dy + dz * dz
@@ -44,7 +44,7 @@ def limit(lengths: Sequence[float], confidence: float) -> float:
     return median(lengths) + NormalDist().inv_cdf((1 + confidence) / 2) * spread
 
 
-def spanning_tree(places: Sequence[Place]) -> list[Edge]:
+def spanning_tree(places: Sequence[Position]) -> list[Edge]:
     """Shortest edges that hold all places together, out of the complete graph (Prim)."""
     edges = []
     distance = {q: (squared(places[0], places[q]), 0) for q in range(1, len(places))}
@@ -56,7 +56,7 @@ def spanning_tree(places: Sequence[Place]) -> list[Edge]:
     return edges
 
 
-def gabriel_graph(places: Sequence[Place]) -> list[Edge]:
+def gabriel_graph(places: Sequence[Position]) -> list[Edge]:
     """All pairs whose diametral ball is open and empty: no other place sees them at more than 90°.
 
     Erratum: the paper speaks of the largest ball through both places; it means the smallest.
@@ -72,7 +72,7 @@ def gabriel_graph(places: Sequence[Place]) -> list[Edge]:
     return edges
 
 
-def prune(places: Sequence[Place], edges: Sequence[Edge], confidence: float) -> list[Edge]:
+def prune(places: Sequence[Position], edges: Sequence[Edge], confidence: float) -> list[Edge]:
     """Cut the edges that are longer than the limit of all of them."""
     lengths = [sqrt(squared(places[p], places[q])) for p, q in edges]
     longest = limit(lengths, confidence)
@@ -106,17 +106,17 @@ def detect(
     min_cluster: int,
 ) -> Verdict:
     """Run both phases."""
-    members: dict[Place, list[int]] = {}
+    members: dict[Position, list[int]] = {}
     for i, (x, y, z) in enumerate(cloud):
         members.setdefault((float(x), float(y), float(z)), []).append(i)
     verdict = Verdict([nan] * len(cloud), [0] * len(cloud), [0] * len(cloud))
     if len(cloud) < min_cluster:
         return verdict
 
-    def size(places: Sequence[Place]) -> int:
+    def size(places: Sequence[Position]) -> int:
         return sum(len(members[place]) for place in places)
 
-    def settle(places: Sequence[Place], phase: int) -> bool:
+    def settle(places: Sequence[Position], phase: int) -> bool:
         small = size(places) < min_cluster
         for i in (i for place in places for i in members[place]):
             verdict.cluster[i] = size(places)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from naive.scan_pattern import Point, Ring
 
 LARGE, SMALLEST, MOST = 40, 6, 1000.0
-Place = tuple[int, int]  # of a return: its line, and its place there
+Cell = tuple[int, int]  # of a return: its line, and its cell there
 
 
 class Predictions(NamedTuple):
@@ -75,14 +75,14 @@ class Reach(NamedTuple):
     rings: list[Ring]
     most: list[list[float]]
 
-    def is_close(self, of: Place, other: Place) -> bool:
+    def is_close(self, of: Cell, other: Cell) -> bool:
         """Return whether another return is within reach of one."""
         one, two = (self.rings[n].points[k].xyz for n, k in (of, other))
         return math.dist(one, two) <= self.most[of[0]][of[1]]
 
-    def segments(self) -> list[list[Place]]:
+    def segments(self) -> list[list[Cell]]:
         """List the returns of each segment."""
-        found: list[list[Place]] = []
+        found: list[list[Cell]] = []
         for number, ring in enumerate(self.rings):
             for k in range(len(ring.points)):
                 if k == 0 or not self.is_close((number, k), (number, k - 1)):
@@ -90,30 +90,30 @@ class Reach(NamedTuple):
                 found[-1].append((number, k))
         return found
 
-    def beside(self, number: int, k: int) -> list[Place]:
+    def beside(self, number: int, k: int) -> list[Cell]:
         """List the returns of other lines that are within reach of one, up to three away."""
         phase, found = self.rings[number].points[k].phase, []
         for other in (number - 2, number - 1, number + 1, number + 2):
             if 0 <= other < len(self.rings):
                 j, count = nearest(self.rings[other], phase), len(self.rings[other].points)
-                places = [(other, m) for m in range(max(j - 3, 0), min(j + 4, count))]
-                found += [place for place in places if self.is_close((number, k), place)]
+                cells = [(other, m) for m in range(max(j - 3, 0), min(j + 4, count))]
+                found += [cell for cell in cells if self.is_close((number, k), cell)]
         return found
 
 
-def groups(rings: list[Ring], apart: list[float], reach: float) -> list[list[Place]]:
+def groups(rings: list[Ring], apart: list[float], reach: float) -> list[list[Cell]]:
     """List the free groups: the returns of each."""
     most = [
         [reach * (p.range * r.gap + a) for p in r.points] for r, a in zip(rings, apart, strict=True)
     ]
     near = Reach(rings, most)
     segments = near.segments()
-    segment_of = {place: s for s, segment in enumerate(segments) for place in segment}
+    segment_of = {cell: s for s, segment in enumerate(segments) for cell in segment}
     large = {s for s, segment in enumerate(segments) if len(segment) > LARGE}
     close: list[set[int]] = [set() for _ in segments]
-    for place, s in segment_of.items():
+    for cell, s in segment_of.items():
         if s not in large:
-            for other in near.beside(*place):
+            for other in near.beside(*cell):
                 close[s].add(segment_of[other])
                 close[segment_of[other]].add(s)
     found, seen = [], set(large)
@@ -123,14 +123,14 @@ def groups(rings: list[Ring], apart: list[float], reach: float) -> list[list[Pla
             one = pending.pop()
             group.add(one)
             pending += [] if one in large else close[one] - group
-        members = sorted(place for one in group for place in segments[one])
+        members = sorted(cell for one in group for cell in segments[one])
         if s not in seen and not group & large and len(members) >= SMALLEST:
             found.append(members)
         seen |= group
     return found
 
 
-def of_group(rings: list[Ring], members: list[Place]) -> dict[str, float]:
+def of_group(rings: list[Ring], members: list[Cell]) -> dict[str, float]:
     """Describe a group whose returns lie along x, which need not be turned first."""
     xyz = [rings[n].points[k].xyz for n, k in members]
     x = [p[0] for p in xyz]

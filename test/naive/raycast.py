@@ -67,9 +67,9 @@ def box(low: Vector, high: Vector, o: Vector, d: Vector) -> Hit:
         if d[axis] == 0:
             continue
         distance = (corner[axis] - o[axis]) / d[axis]
-        place = along(o, d, distance)
+        position = along(o, d, distance)
         others = [i for i in range(3) if i != axis]
-        inside = all(low[i] <= place[i] <= high[i] for i in others)
+        inside = all(low[i] <= position[i] <= high[i] for i in others)
         if distance > 0 and inside and (hit is None or distance < hit[0]):
             hit = distance, abs(d[axis])
     is_outside = any(not low[i] < o[i] < high[i] for i in range(3))
@@ -87,11 +87,11 @@ def tube(  # noqa: PLR0913  the measures of a tube
     if a < 1e-12 or b * b <= a * c:
         return None
     distance = (-b - math.sqrt(b * b - a * c)) / a
-    place = minus(along(o, d, distance), foot)
-    height = dot(place, axis)
+    position = minus(along(o, d, distance), foot)
+    height = dot(position, axis)
     if distance <= 0 or not 0 <= height <= length:
         return None
-    normal = minus(place, (axis[0] * height, axis[1] * height, axis[2] * height))
+    normal = minus(position, (axis[0] * height, axis[1] * height, axis[2] * height))
     return distance, abs(dot(d, normal)) / radius
 
 
@@ -166,13 +166,13 @@ def crown(  # noqa: PLR0913  the measures of a crown
     for _, (i, j, k) in sorted(crossed):
         if uniform(i, j, k, seed, 0) >= share:
             continue
-        place = [
+        position = [
             centre[n] + ((i, j, k)[n] + uniform(i, j, k, seed, 1 + n)) * cell for n in range(3)
         ]
         height, around = 2 * uniform(i, j, k, seed, 4) - 1, 2 * math.pi * uniform(i, j, k, seed, 5)
         flat = math.sqrt(1 - height**2)
         normal = (flat * math.cos(around), flat * math.sin(around), height)
-        middle = (place[0], place[1], place[2])
+        middle = (position[0], position[1], position[2])
         lean = dot(d, normal)
         distance = dot(minus(middle, o), normal) / lean
         off = minus(along(o, d, distance), middle)

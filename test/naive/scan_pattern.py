@@ -13,7 +13,7 @@ NOISE, SAME, SAME_M, MOST = 0.02, 1.5, 0.06, 1000.0
 
 
 class Point(NamedTuple):
-    """A return: its number as given, place, range, and how far the head has turned, rad."""
+    """A return: its number as given, position, range, and how far the head has turned, rad."""
 
     number: int
     xyz: tuple[float, float, float]
@@ -74,7 +74,7 @@ def rings_of(
 
 
 def nearest(ring: Ring, phase: float) -> int:
-    """Return the place of the return nearest in phase; of two as near, the one before."""
+    """Return the index of the return nearest in phase; of two as near, the one before."""
     return min(range(len(ring.points)), key=lambda j: (abs(ring.points[j].phase - phase), j))
 
 
@@ -137,15 +137,15 @@ def features(
     }
 
 
-def brightness(places: list[tuple[float, float] | None]) -> list[float]:
+def brightness(cells: list[tuple[float, float] | None]) -> list[float]:
     """Return intensity ÷ median at the range, of ranges and intensities; -1 for what is not known.
 
-    Every fourth place shows what is usual between two edges, at least 30 of them.
+    Every fourth cell shows what is usual between two edges, at least 30 of them.
     """
     edges = [size * 2.0**k for k in range(-1, 8) for size in (1.0, 1.5)]
     found: dict[int, list[float]] = {}
-    between = [0 if one is None else sum(one[0] > edge for edge in edges) for one in places]
-    for k, one in enumerate(places):
+    between = [0 if one is None else sum(one[0] > edge for edge in edges) for one in cells]
+    for k, one in enumerate(cells):
         if one is not None and k % 4 == 0 and one[1] >= 0:
             found.setdefault(between[k], []).append(one[1])
     usual = {b: median(values) for b, values in found.items() if len(values) >= 30}
@@ -153,29 +153,29 @@ def brightness(places: list[tuple[float, float] | None]) -> list[float]:
         min(one[1] / usual[b], 8.0)
         if one is not None and one[1] >= 0 and usual.get(b, 0.0) > 0
         else -1.0
-        for one, b in zip(places, between, strict=True)
+        for one, b in zip(cells, between, strict=True)
     ]
 
 
 def tree(feature: list[int], limit: list[float], value: list[float], point: list[float]) -> float:
     """Return what a tree of three questions says of a point."""
-    place = 0
+    node = 0
     for _ in range(3):
-        place = 2 * place + (2 if point[feature[place]] > limit[place] else 1)
-    return value[place - 7]
+        node = 2 * node + (2 if point[feature[node]] > limit[node] else 1)
+    return value[node - 7]
 
 
 def additions(
     feature: list[int], limit: list[float], value: list[float], point: list[float]
 ) -> dict[int, float]:
     """Return what each feature that a tree asks about adds to the mean of all its values."""
-    place, possible = 0, value
+    node, possible = 0, value
     added: dict[int, float] = {}
     for _ in range(3):
-        right = point[feature[place]] > limit[place]
+        right = point[feature[node]] > limit[node]
         half = len(possible) // 2
         left = possible[half:] if right else possible[:half]
         change = sum(left) / len(left) - sum(possible) / len(possible)
-        added[feature[place]] = added.get(feature[place], 0.0) + change
-        place, possible = 2 * place + (2 if right else 1), left
+        added[feature[node]] = added.get(feature[node], 0.0) + change
+        node, possible = 2 * node + (2 if right else 1), left
     return added

@@ -12,10 +12,10 @@ import numpy as np
 K, MOST, SOME = 8, 60, 20
 LEAST, EVEN, SMOOTH, FAR, NARROW = 1e-6, 0.02, 0.01, 1e6, 1e-6
 
-Place = tuple[float, float, float]
+Position = tuple[float, float, float]
 
 
-def lists(xyz: list[Place], k: int) -> list[list[int]]:
+def lists(xyz: list[Position], k: int) -> list[list[int]]:
     """List the nearest others of each point, the nearest first, then the first given."""
     return [
         sorted((o for o in range(len(xyz)) if o != p), key=lambda o: (_squared(xyz[p], xyz[o]), o))[
@@ -25,24 +25,24 @@ def lists(xyz: list[Place], k: int) -> list[list[int]]:
     ]
 
 
-def _squared(a: Place, b: Place) -> float:
+def _squared(a: Position, b: Position) -> float:
     x, y, z = (c - d for c, d in zip(a, b, strict=True))
     return (x * x + y * y) + z * z
 
 
-def places(xyz: list[Place]) -> list[int]:
+def places(xyz: list[Position]) -> list[int]:
     """Return the first point at the place of each."""
     return [xyz.index(place) for place in xyz]
 
 
-def near_features(xyz: list[Place], typical: float) -> list[list[float]]:
+def near_features(xyz: list[Position], typical: float) -> list[list[float]]:
     """Return the 20 features of each point that the first trees see."""
     near = lists(xyz, K)
     radius = [math.dist(xyz[p], xyz[near[p][-1]]) for p in range(len(xyz))]
     return [[*_near(xyz, near, radius, p), min(radius[p] / typical, FAR)] for p in range(len(xyz))]
 
 
-def _near(xyz: list[Place], near: list[list[int]], radius: list[float], p: int) -> list[float]:
+def _near(xyz: list[Position], near: list[list[int]], radius: list[float], p: int) -> list[float]:
     others = near[p]
     distance = [math.dist(xyz[p], xyz[o]) for o in others]
     radii = [radius[o] for o in others]
@@ -64,7 +64,7 @@ def _near(xyz: list[Place], near: list[list[int]], radius: list[float], p: int) 
     return [min(max(value, -FAR), FAR) for value in found]
 
 
-def _below(xyz: list[Place], others: list[int], s: float, p: int) -> list[float]:
+def _below(xyz: list[Position], others: list[int], s: float, p: int) -> list[float]:
     """Say how far a point is below and above others, and how these are spread there."""
     z = sorted(xyz[o][2] - xyz[p][2] for o in others)
     quarter = len(z) // 4
@@ -74,7 +74,9 @@ def _below(xyz: list[Place], others: list[int], s: float, p: int) -> list[float]
     ]
 
 
-def plane(xyz: list[Place], others: list[int], p: int) -> tuple[float, float, float, float, float]:
+def plane(
+    xyz: list[Position], others: list[int], p: int
+) -> tuple[float, float, float, float, float]:
     """Return how far a point is off the plane of others, these are, and three things about it.
 
     How thin it is, how upright its normal, and how far its middle is from the point.
@@ -94,7 +96,7 @@ def plane(xyz: list[Place], others: list[int], p: int) -> tuple[float, float, fl
     return off, math.sqrt(value[0] + value[1]), thin, abs(along[2]), aside
 
 
-def far_features(xyz: list[Place], odds: list[float], typical: float) -> list[list[float]]:
+def far_features(xyz: list[Position], odds: list[float], typical: float) -> list[list[float]]:
     """Return the features of each point that the second trees see, behind those of the first."""
     near, far = lists(xyz, K), lists(xyz, MOST)
     radius = [math.dist(xyz[p], xyz[near[p][-1]]) for p in range(len(xyz))]
@@ -119,7 +121,7 @@ def scale(others: list[int], radius: list[float]) -> float:
     return sorted(radius[o] for o in others)[len(others) // 2] + LEAST
 
 
-def _widths(xyz: list[Place], others: list[int], radius: list[float], p: int) -> list[float]:
+def _widths(xyz: list[Position], others: list[int], radius: list[float], p: int) -> list[float]:
     wide, count = scale(others, radius), len(others)
     dense = sorted(radius[o] for o in others)[min(5, count - 1)] + LEAST
     twentieth = others[min(SOME, count) - 1]
@@ -131,7 +133,7 @@ def _widths(xyz: list[Place], others: list[int], radius: list[float], p: int) ->
     ]
 
 
-def _group(xyz: list[Place], others: list[int], radius: list[float], p: int) -> list[float]:
+def _group(xyz: list[Position], others: list[int], radius: list[float], p: int) -> list[float]:
     """Say what hangs together with the point up to each distance."""
     wide = scale(others, radius)
     edges = []
@@ -151,7 +153,7 @@ def _group(xyz: list[Place], others: list[int], radius: list[float], p: int) -> 
     return [edges[0] / wide, longest / wide, before, against, group]
 
 
-def _planes(xyz: list[Place], others: list[int], radius: list[float], p: int) -> list[float]:
+def _planes(xyz: list[Position], others: list[int], radius: list[float], p: int) -> list[float]:
     wide, found = scale(others, radius), []
     for count in (SOME, MOST):
         off, flat, *_ = plane(xyz, others[:count], p)
@@ -160,7 +162,7 @@ def _planes(xyz: list[Place], others: list[int], radius: list[float], p: int) ->
 
 
 def _heights(
-    xyz: list[Place], others: list[int], radius: list[float], p: int, typical: float
+    xyz: list[Position], others: list[int], radius: list[float], p: int, typical: float
 ) -> list[float]:
     wide, z = scale(others, radius), xyz[p][2]
     few, many = (_below(xyz, others[:count], wide, p) for count in (SOME, MOST))

@@ -275,15 +275,15 @@ def test_index_that_lacks_a_part(tmp_path: Path, lost: str, *, statistics: bool)
     path = write(tmp_path / 'a.mcap', CompressionType.NONE, statistics=statistics)
     data = bytearray(path.read_bytes())
     (begin,) = struct.unpack('<Q', data[-28:-20])
-    place = begin
-    while data[place] != 8:  # the first record that indexes a chunk
-        place += 9 + struct.unpack('<Q', data[place + 1 : place + 9])[0]
+    offset = begin
+    while data[offset] != 8:  # the first record that indexes a chunk
+        offset += 9 + struct.unpack('<Q', data[offset + 1 : offset + 9])[0]
     if lost == 'chunk':
-        data[place] = 0x80  # a kind of one's own
+        data[offset] = 0x80  # a kind of one's own
     else:
-        (length,) = struct.unpack('<I', data[place + 41 : place + 45])
-        data[place + 45 : place + 45 + length] = bytes(length)
-        data[place + 45 + length : place + 53 + length] = bytes(8)
+        (length,) = struct.unpack('<I', data[offset + 41 : offset + 45])
+        data[offset + 45 : offset + 45 + length] = bytes(length)
+        data[offset + 45 + length : offset + 53 + length] = bytes(8)
     path.write_bytes(data)
     assert read_all(path) == 20
 
@@ -295,9 +295,9 @@ def test_lying_lengths(tmp_path: Path, seed: int) -> None:
     path = write(tmp_path / 'a.mcap', CompressionType.ZSTD)
     whole = path.read_bytes()
     for _ in range(30):
-        place = int(rng.integers(8, len(whole) - 8))
+        offset = int(rng.integers(8, len(whole) - 8))
         wrong = struct.pack('<Q', int(rng.choice([0, 2**16, 2**31, 2**40, 2**63])))
-        path.write_bytes(whole[:place] + wrong + whole[place + 8 :])
+        path.write_bytes(whole[:offset] + wrong + whole[offset + 8 :])
         begin = perf_counter()
         try:
             read_all(path)

@@ -122,6 +122,9 @@ def test_real_sensors(  # noqa: PLR0913  a row of the table
     assert (found.low, found.high) == pytest.approx((low, high), abs=1.5)
     assert cloud.stamps.rate == pytest.approx(10, rel=0.02)
     assert any("scan lines by field 'ring'" in text for text in cloud.found)
+    assert [text for text in cloud.found if 'judged' in text] == [
+        'judged by trees on the scan pattern'
+    ]
 
 
 def test_the_defaults_reject_what_a_replay_rejects(recordings: Path, tmp_path: Path) -> None:
@@ -183,6 +186,7 @@ def test_command_on_a_file(recordings: Path, capsys: Capture) -> None:
     text = capsys.readouterr().out
     assert '106 points' in text
     assert 'gps_time' in text
+    assert 'judged by trees on the neighbours of each point' in text
     info = look_at_file(path)
     assert set(info.extent) <= set(info.columns)
     low, high = info.extent['z']

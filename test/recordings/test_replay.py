@@ -18,7 +18,6 @@ from helpers.replays import (
     PERIOD,
     REAL,
     ROW,
-    STORE,
     STRING,
     cdr,
     check_answers,
@@ -31,7 +30,7 @@ from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import ParameterError, RecordingError
@@ -43,8 +42,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     Content = dict[str, list[tuple[int, bytes]]]
-
-STORE.register(get_types_from_msg('string name\nfloat64 angle\n', DOOR))
 
 
 @pytest.mark.parametrize('name', REAL)

@@ -135,8 +135,8 @@ def test_what_is_damaged_is_not_taken(drive: Path, out: Path, tmp_path: Path) ->
     counts = []
     for where, cut in ((0.95, 1.0), (0.6, 1.0), (0.95, 0.5)):
         (folder / 'out').mkdir(parents=True, exist_ok=True)
-        place = int(where * len(data))
-        bag.write_bytes(data[:place] + bytes(100) + data[place + 100 :])
+        offset = int(where * len(data))
+        bag.write_bytes(data[:offset] + bytes(100) + data[offset + 100 :])
         (folder / NOTES).write_bytes(notes[: int(cut * len(notes))] + b'{"answers": 7')
         (folder / '.lock-of-the-run').touch()
         said: list[str] = []

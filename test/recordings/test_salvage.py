@@ -153,12 +153,12 @@ def test_behind_a_damaged_chunk(drives: dict[str, Path], tmp_path: Path, harm: s
     The summary is cut off: what is lost is counted by the index behind the chunk.
     """
     path = copied(drives['mcap zstd'], tmp_path)
-    data, chunks, place = bytearray(path.read_bytes()), [], 8
-    while data[place] != 15:  # the end of the data
-        (length,) = struct.unpack_from('<Q', data, place + 1)
-        if data[place] == 6:
-            chunks.append((place, place + 9 + length))
-        place += 9 + length
+    data, chunks, offset = bytearray(path.read_bytes()), [], 8
+    while data[offset] != 15:  # the end of the data
+        (length,) = struct.unpack_from('<Q', data, offset + 1)
+        if data[offset] == 6:
+            chunks.append((offset, offset + 9 + length))
+        offset += 9 + length
     (begin, end), (following, _) = chunks[1:3]
     first, last = struct.unpack_from('<QQ', data, begin + 9)
     if harm == 'body':
@@ -168,7 +168,7 @@ def test_behind_a_damaged_chunk(drives: dict[str, Path], tmp_path: Path, harm: s
     if harm == 'disguise':
         at = begin + 60
         struct.pack_into('<BQHIQQ', data, at, 5, following + 20 - at - 9, 999, 0, 0, 0)
-    path.write_bytes(data[:place])
+    path.write_bytes(data[:offset])
     report = salvage(path, tmp_path / 'out')
     assert report is not None
     whole, found = content(drives['mcap zstd']), content(tmp_path / 'out')
@@ -182,13 +182,13 @@ def test_behind_a_damaged_chunk(drives: dict[str, Path], tmp_path: Path, harm: s
 
 def records_of_a_bag(data: bytes | bytearray) -> list[tuple[int, int, int]]:
     """List the records of a ROS 1 bag: what they are, where they begin and where their data do."""
-    records, place = [], len(b'#ROSBAG V2.0\n')
-    while place < len(data):
-        (length,) = struct.unpack_from('<I', data, place)
-        begin = place + 4 + length
-        header = data[place + 4 : begin]
-        records.append((header[header.index(b'op=') + 3], place, begin + 4))
-        place = begin + 4 + struct.unpack_from('<I', data, begin)[0]
+    records, offset = [], len(b'#ROSBAG V2.0\n')
+    while offset < len(data):
+        (length,) = struct.unpack_from('<I', data, offset)
+        begin = offset + 4 + length
+        header = data[offset + 4 : begin]
+        records.append((header[header.index(b'op=') + 3], offset, begin + 4))
+        offset = begin + 4 + struct.unpack_from('<I', data, begin)[0]
     return records
 
 
@@ -229,7 +229,7 @@ def test_messages_of_a_lost_connection(drives: dict[str, Path], tmp_path: Path) 
     """
     path = copied(drives['bag'], tmp_path)
     data = path.read_bytes()
-    end = next(place for kind, place, _ in records_of_a_bag(data) if kind == 7)
+    end = next(offset for kind, offset, _ in records_of_a_bag(data) if kind == 7)
     known = re.compile(b'conn=....(?=....topic=/text)', re.DOTALL)
     data, count = known.subn(b'conn=\x63\0\0\0', data[:end])
     assert count
@@ -256,9 +256,9 @@ def test_flipped_bytes(drives: dict[str, Path], unbroken: Content, tmp_path: Pat
     data = drives['mcap'].read_bytes()
     rng = np.random.default_rng(1)
     counts = set()
-    for place in rng.integers(600, len(data) - 3000, 25):
+    for offset in rng.integers(600, len(data) - 3000, 25):
         path = tmp_path / 'drive.mcap'
-        path.write_bytes(data[:place] + bytes([data[place] ^ 85]) + data[place + 1 :])
+        path.write_bytes(data[:offset] + bytes([data[offset] ^ 85]) + data[offset + 1 :])
         report = check(path, tmp_path / 'out', unbroken)
         assert report is not None
         found = content(tmp_path / 'out')
@@ -483,9 +483,9 @@ def leaf_page(head: bytes, rows: range, overflow: int) -> bytes:
         for row in rows
     ]
     begin = PAGE - sum(map(len, cells))
-    places = [begin + i * len(cells[0]) for i in range(len(cells))]
+    offsets = [begin + i * len(cells[0]) for i in range(len(cells))]
     start = struct.pack('>BHHHB', 13, 0, len(cells), begin, 0)
-    return (start + struct.pack(f'>{len(cells)}H', *places)).ljust(begin, b'\0') + b''.join(cells)
+    return (start + struct.pack(f'>{len(cells)}H', *offsets)).ljust(begin, b'\0') + b''.join(cells)
 
 
 def varint(number: int) -> bytes:

@@ -190,8 +190,8 @@ def test_click_on_a_point(desktop: Page, found: Gathered) -> None:
       for (let i = 0; i < frame.explained; i += 1) {
         const a = frame.words[4 * i], b = frame.words[4 * i + 1];
         const steps = [a & 0x1fffff, (a >>> 21) | ((b & 0x3ff) << 11), b >>> 10];
-        const place = steps.map((step, k) => frame.origin[k] + frame.step[k] * step);
-        const at = view().project(place);
+        const position = steps.map((step, k) => frame.origin[k] + frame.step[k] * step);
+        const at = view().project(position);
         if (!at || at[0] < 40 || at[1] < 40 || at[0] > box.width - 40 || at[1] > box.height - 90)
           continue;
         const x = Math.round(at[0]), y = Math.round(at[1]);

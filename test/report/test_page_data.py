@@ -4,13 +4,18 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from dataclasses import replace
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers.drives import BEGIN, FAST, PERIOD, cloud_bytes, rows_of_turn, topic_of
+from matplotlib import colormaps
 
+from lidar_outlier_filter.archive.run import _Times
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.evidence.explain.explanation import EXPLANATION
 from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import REASONS
@@ -23,6 +28,8 @@ from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_filter.recordings.bags import NewBag
+from lidar_outlier_filter.recordings.info import look
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report import gather as gathering
 from lidar_outlier_filter.report import keeping
@@ -30,9 +37,11 @@ from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.header import header, parameter_file, split
 from lidar_outlier_filter.report.pack import SCORE_UNIT, STEPS, UNTESTED, pack, reason_names
+from lidar_outlier_filter.report.page import colour_maps
 from lidar_outlier_filter.report.reasons import MOST_IN_BLOCK, STRONGEST
 from lidar_outlier_filter.report.sliders import BITS, sliders
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
+from lidar_outlier_filter.stream.topics import CLOUD
 from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
 
@@ -120,14 +129,14 @@ def test_truth_is_that_of_evaluate(found: Gathered, snow: Path, tmp_path: Path) 
 
 
 def test_points_are_unpacked_as_they_were(found: Gathered) -> None:
-    """Places within half a step, scores within half a unit, steps and truth exactly."""
+    """Positions within half a step, scores within half a unit, steps and truth exactly."""
     frames = cut(found)
     packed, kept = pack(found, frames), found.kept.take(frames.order)
     a, b, word, last = packed.points.T
     number = np.repeat(np.arange(len(frames)), np.diff(frames.first))
     steps = np.stack([a & STEPS, (a >> 21) | ((b & 0x3FF) << 11), b >> 10], axis=1)
-    place = packed.origin[number] + steps * packed.step[number]
-    assert (np.abs(place - kept.xyz) <= 0.5001 * packed.step[number]).all()
+    position = packed.origin[number] + steps * packed.step[number]
+    assert (np.abs(position - kept.xyz) <= 0.5001 * packed.step[number]).all()
     assert (packed.step < 0.001).all()
     score = word & 0x3FF
     assert np.array_equal(score == UNTESTED, np.isnan(kept.score))
@@ -200,6 +209,15 @@ def test_thinned_points_are_counted_all_the_same(found: Gathered, snow: Path) ->
     assert known['all']['points'] == len(found.kept)
 
 
+def test_colours_are_those_of_matplotlib() -> None:
+    """Byte for byte, though the page does not import it."""
+    maps = colour_maps()
+    assert list(maps) == ['viridis', 'cividis']
+    for name, text in maps.items():
+        table = colormaps[name](range(256), bytes=True)[:, :3]
+        assert base64.b64decode(text) == table.tobytes()
+
+
 def test_header_is_json(found: Gathered) -> None:
     """No NaN in it; what it says of frames adds up."""
     frames = cut(found)
@@ -210,6 +228,29 @@ def test_header_is_json(found: Gathered) -> None:
     for step, by_frame in zip(slider['counts'], slider['byFrame'], strict=True):
         assert sum(by_frame) == step['points'] == sum(step['ranges'])
     assert known['sections'] == len(split(frames))
+
+
+def test_gaps_are_those_of_info(tmp_path: Path) -> None:
+    """The page, ``info`` and the archive agree where clouds are missing; refused ones are not."""
+    steps = [10, 10, 10, 17, 10, 20, 21, 10, 10, 10, 45, 10]  # hundredths of a second
+    times = [BEGIN + step * PERIOD // 10 for step in accumulate(steps, initial=0)]
+    clouds = [cloud_bytes(rows_of_turn(number), time) for number, time in enumerate(times)]
+    clouds[8] = b'broken'
+    with NewBag(tmp_path / 'drive') as bag:
+        bag.add(topic := topic_of('/lidar', CLOUD))
+        for time, data in zip(times, clouds, strict=True):
+            bag.write(topic, time, data)
+    source = RecordedSource(tmp_path / 'drive', FilterParameters().changed(FAST))
+    known = gather(source, ALL_BUT_0, MOST)
+    shown = header(known, cut(known), pack(known, cut(known)))
+    (counted,) = look(tmp_path / 'drive').topics.values()
+    noted = _Times()
+    for time in times:
+        noted.note(topic, time)
+    assert shown['gaps'] == [[pytest.approx(1.28), 0.45], [pytest.approx(0.77), 0.21]]
+    assert counted.gaps == noted.gaps('/lidar') == len(shown['gaps'])
+    assert 1 / shown['period'] == counted.rate == pytest.approx(10, rel=0.0003)
+    assert sum(known.found.refusals.values()) == 1
 
 
 def test_removed_points_are_counted_by_who_and_why(found: Gathered) -> None:
@@ -274,7 +315,7 @@ def test_a_file(tmp_path: Path) -> None:
     found = gather(FileSource(path, given, truth=(path, '')), ALL_BUT_0, MOST)
     assert found.parameters.chain == ('evidence',)
     assert found.found.invalid == 1
-    assert found.kept.rejected[found.kept.place == 7].all()
+    assert found.kept.rejected[found.kept.index == 7].all()
     smoother = given.changed({'chain': ['alpha_beta_gamma']})
     with pytest.raises(FilterError, match='without alpha_beta_gamma'):
         FileSource(path, smoother, truth=(path, ''))

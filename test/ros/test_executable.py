@@ -26,7 +26,7 @@ from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.stream.cloud_filter import Answer
+    from lidar_outlier_filter.stream.session import Answer
 
 TOPIC = '/velodyne_points'
 ANSWERS = ('cleaned', 'outliers')

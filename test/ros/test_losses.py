@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidar_outlier_filter.ros.health import Health
-from lidar_outlier_filter.ros.losses import LOSS_PERIOD, LossWarning
+from lidar_outlier_filter.ros.losses import LOSS_PERIOD, Loss, LossWarning
 from lidar_outlier_filter.stream.statistics import Kinds, Statistics
 
 SEEN = st.tuples(
     st.floats(0, 2 * LOSS_PERIOD),
-    st.sampled_from(['dropped', 'lost on the way']),
+    st.sampled_from([Loss.DROPPED, Loss.ON_THE_WAY]),
     st.integers(0, 3),
 )
 
@@ -26,8 +26,8 @@ SEEN = st.tuples(
 def test_the_first_loss_is_warned_of_at_once() -> None:
     """With the policy, which says why; nothing lost is nothing said."""
     warning = LossWarning()
-    assert warning.look({'dropped': 0, 'lost on the way': 0}, 'drop_oldest', 1.0) == ''
-    assert warning.look({'dropped': 3, 'lost on the way': 1}, 'drop_oldest', 1.0) == (
+    assert warning.look({Loss.DROPPED: 0, Loss.ON_THE_WAY: 0}, 'drop_oldest', 1.0) == ''
+    assert warning.look({Loss.DROPPED: 3, Loss.ON_THE_WAY: 1}, 'drop_oldest', 1.0) == (
         'clouds not filtered as asked since the last warning: 3 dropped, 1 lost on the way '
         '(load.policy is drop_oldest)'
     )
@@ -35,21 +35,21 @@ def test_the_first_loss_is_warned_of_at_once() -> None:
 
 def test_the_policy_is_named_where_it_matters() -> None:
     """Not for clouds that the middleware has lost."""
-    assert 'load.policy' not in LossWarning().look({'lost on the way': 1}, 'shed', 1.0)
+    assert 'load.policy' not in LossWarning().look({Loss.ON_THE_WAY: 1}, 'shed', 1.0)
 
 
 @given(st.lists(SEEN))
-def test_bounded_and_complete(seen: list[tuple[float, str, int]]) -> None:
+def test_bounded_and_complete(seen: list[tuple[float, Loss, int]]) -> None:
     """Warnings are apart by the period at least, and their sum is all that was lost."""
-    warning, lost, said = LossWarning(), Counter[str](), Counter[str]()
+    warning, lost, said = LossWarning(), Counter[Loss](), Counter[Loss]()
     time, times = 0.0, []
-    for seconds, what, count in [*seen, (math.inf, 'dropped', 0)]:
+    for seconds, what, count in [*seen, (math.inf, Loss.DROPPED, 0)]:
         lost[what] += count
         time += seconds
         text = warning.look(lost, 'drop_oldest', seconds)
         if text:
             times.append(time)
-            said += Counter({what: int(count) for count, what in _counts(text)})
+            said += Counter({Loss(what): int(count) for count, what in _counts(text)})
     assert said == +lost
     gaps = [after - before for before, after in pairwise(times)]
     assert all(gap >= LOSS_PERIOD or math.isclose(gap, LOSS_PERIOD) for gap in gaps)
@@ -68,9 +68,9 @@ def test_what_counts() -> None:
     refused = Kinds({'point_step': 100})
     health.counted(Statistics(passed=passed, shed=5, unmoved=6, refusals=refused))
     assert health.losses() == {
-        'lost on the way': 1,
-        'dropped': 2,
-        'passed unfiltered': 7,
-        'filtered by the smoother alone': 5,
-        'judged without poses': 6,
+        Loss.ON_THE_WAY: 1,
+        Loss.DROPPED: 2,
+        Loss.PASSED: 7,
+        Loss.SHED: 5,
+        Loss.UNMOVED: 6,
     }

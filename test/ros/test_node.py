@@ -133,6 +133,19 @@ def test_one_answer_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> N
     assert node.statistics.refusals == {'point_step': 1}
 
 
+def test_says_once_how_the_default_judges(
+    ros: Ros, sweeps: list[PointCloud2], capfd: pytest.CaptureFixture[str]
+) -> None:
+    """One line, however many clouds come; every block is counted."""
+    node = ros.filter()
+    for msg in sweeps:
+        process(node, msg)
+    flush(node)
+    assert capfd.readouterr().err.count('judged by trees on the scan pattern') == 1
+    ((way, blocks),) = node.statistics.ways.items()
+    assert (way, blocks >= len(sweeps)) == ('trees on the scan pattern', True)
+
+
 def test_refusals_are_logged_at_a_bounded_rate(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
     """A sensor that sends nonsense at 20 Hz does not fill the log."""
     node = ros.filter()

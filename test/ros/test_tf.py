@@ -68,8 +68,8 @@ def test_moved_as_tf_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """Point by point, as tf has it at its time; the distance stays that from the sensor."""
     rng = np.random.default_rng(3)
     turns = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.02, (40, 3)), axis=0)).as_quat()
-    places = np.cumsum(rng.normal(0, 0.3, (40, 3)), axis=0)
-    poses = [(i * 0.02, (*p, *q)) for i, (p, q) in enumerate(zip(places, turns, strict=True))]
+    positions = np.cumsum(rng.normal(0, 0.3, (40, 3)), axis=0)
+    poses = [(i * 0.02, (*p, *q)) for i, (p, q) in enumerate(zip(positions, turns, strict=True))]
     tf, _ = make(monkeypatch, poses)
     times = np.append(rng.permutation(np.arange(0, 300) / 1000 + 0.2), [0.2, 0.499])
     given = points(*((t, *rng.normal(0, 9, 3)) for t in times))
@@ -280,8 +280,8 @@ def test_a_cut_elsewhere_moves_no_point(monkeypatch: pytest.MonkeyPatch) -> None
     """Points are where they are, bit for bit, in whatever messages they come."""
     rng = np.random.default_rng(5)
     turns = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.05, (40, 3)), axis=0)).as_quat()
-    places = np.cumsum(rng.normal(0, 0.3, (40, 3)), axis=0)
-    poses = [(i * 0.02, (*p, *q)) for i, (p, q) in enumerate(zip(places, turns, strict=True))]
+    positions = np.cumsum(rng.normal(0, 0.3, (40, 3)), axis=0)
+    poses = [(i * 0.02, (*p, *q)) for i, (p, q) in enumerate(zip(positions, turns, strict=True))]
     tf, _ = make(monkeypatch, poses)
     times = np.sort(rng.uniform(0.2, 0.5, 1000))
     given = points(*((t, *rng.normal(0, 9, 3)) for t in times))

@@ -20,7 +20,7 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.ros.tf import make_motion
-from lidar_outlier_filter.stream.cloud_filter import Answer, CloudFilter
+from lidar_outlier_filter.stream.session import Answer, Session
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 def still(clouds: Iterable[PointCloud2], extra: Mapping[str, object] | None = None) -> list[Answer]:
     """Filter clouds as they are."""
-    clean = CloudFilter(FilterParameters().changed({**SOR, **(extra or {})}))
+    clean = Session(FilterParameters().changed({**SOR, **(extra or {})}))
     answers = [answer for msg in clouds for answer in clean.push(msg, msg)]
     return answers + clean.flush()
 
@@ -322,12 +322,12 @@ def test_poses_do_not_survive_a_clock_that_was_set_back(
     # Elsewhere this time: 50 m to the right.
     for msg in odometry:
         msg.pose.pose.position.y -= 50
-    places: list[float] = []
+    positions: list[float] = []
     chain = moving.filter._stream.chain
     judge = chain.judge
 
     def note_and_judge(points: Points) -> Verdict:
-        places.append(float(points.xyz[:, 1].mean()))
+        positions.append(float(points.xyz[:, 1].mean()))
         return judge(points)
 
     monkeypatch.setattr(chain, 'judge', note_and_judge)
@@ -336,7 +336,7 @@ def test_poses_do_not_survive_a_clock_that_was_set_back(
         moving.filter.advance()
     assert len(moving.filter.flush()) == 1
     assert moving.filter.statistics.unmoved == 0
-    assert places == [pytest.approx(drive.fixed[: 10 * SHOTS, 1].mean() - 50, abs=0.1)]
+    assert positions == [pytest.approx(drive.fixed[: 10 * SHOTS, 1].mean() - 50, abs=0.1)]
     assert moving.filter.statistics.resets == 1
 
 

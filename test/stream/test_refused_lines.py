@@ -9,13 +9,13 @@ from helpers.nodes import line
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_filter.stream.session import Session
 
 
 def test_a_refused_cloud_begins_no_scan_line() -> None:
     """The next cloud has the line that it would have had: the third of three."""
     values = {'line_source': 'message', 'chain': ('alpha_beta_gamma',), 'block': 0.02, 'halo': 0.0}
-    clean = CloudFilter(FilterParameters().changed(values))
+    clean = Session(FilterParameters().changed(values))
     clean.push(line(0.5))
     clean.push(line(0.6))
     with pytest.raises(CloudError, match=r'^the time of a cloud must be at or after'):

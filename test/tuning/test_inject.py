@@ -48,7 +48,7 @@ def test_shares_of_both_classes() -> None:
 
 
 def test_distances() -> None:
-    """A single point is as far from its place as said, and as far from every good point at least.
+    """A single point is as far from its position as said, and from every good point at least.
 
     A cluster is together, and twice as far.
     """
@@ -61,7 +61,7 @@ def test_distances() -> None:
     single = code == Cause.SINGLE
     assert moved[single].min() >= 2
     assert moved[single].max() <= 50
-    # Uniform between the limits, but for places that are too near to others.
+    # Uniform between the limits, but for positions that are too near to others.
     assert 20 < moved[single].mean() < 32
     for i in range(20):
         here = slice(2000 * i, 2000 * (i + 1))

@@ -57,6 +57,7 @@ class Explanation:
         They are none of those of other detectors, and never change their meaning.
     ways : the ways in which it judges, for people; of each its features, with a few words
     of_score : those whose features add up to the score; those of others add up to log-odds
+    choose : of what it sees, by which parameters: the way in which it will judge
     explain : of what it saw, by which parameters, and of which points
 
     """
@@ -64,4 +65,5 @@ class Explanation:
     reasons: Mapping[int, ReasonName]
     ways: Mapping[str, Mapping[str, str]]
     of_score: Collection[str]
+    choose: Callable[[Seen, FilterParameters], str]
     explain: Callable[[Seen, FilterParameters, Bools], Contributions]

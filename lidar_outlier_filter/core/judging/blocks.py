@@ -134,7 +134,7 @@ class Stream(Generic[AnyCloud]):
         """Return the clouds that were finished by one that was refused."""
         return self._finished()
 
-    def make_room(self, first: int, last: int) -> None:
+    def make_space(self, first: int, last: int) -> None:
         """Let time go on, as a cloud of these times would: nanoseconds; it may be refused yet.
 
         What it completes, and has no part in, is judged and forgotten.
@@ -178,7 +178,7 @@ class Stream(Generic[AnyCloud]):
         total = cloud.count
         if not anew:
             if self._total_with(cloud) > self._most:
-                self.make_room(cloud.first, cloud.last)
+                self.make_space(cloud.first, cloud.last)
             total = self._total_with(cloud)
         if total > self._most:
             raise CloudError(
@@ -264,7 +264,7 @@ class Stream(Generic[AnyCloud]):
             count = 0
             for cloud, index in members:
                 split = cloud.in_frames(index)
-                parts += [(frame, points, count + places) for frame, points, places in split]
+                parts += [(frame, points, count + indices) for frame, points, indices in split]
                 count += sum(len(points) for _, points, _ in split)
             if len(parts) == len(members) and len({frame for frame, _, _ in parts}) == 1:
                 return self.chain.judge(concatenate([points for _, points, _ in parts]))
@@ -277,12 +277,12 @@ class Stream(Generic[AnyCloud]):
     def _judge_apart(
         self, parts: list[tuple[str, Points, NDArray[np.intp]]], count: int
     ) -> Verdict:
-        """Judge the points of each frame by themselves; each part has its places of the count."""
+        """Judge the points of each frame by themselves; each part has its indices of the count."""
         verdict = Verdict.untested(count)
         for frame in sorted({frame for frame, _, _ in parts}):
-            mine = [(points, places) for other, points, places in parts if other == frame]
+            mine = [(points, indices) for other, points, indices in parts if other == frame]
             result = self.chain.judge(concatenate([points for points, _ in mine]))
-            verdict.put(np.concatenate([places for _, places in mine]), result)
+            verdict.put(np.concatenate([indices for _, indices in mine]), result)
         return verdict
 
     def _look_for_pending(self) -> None:

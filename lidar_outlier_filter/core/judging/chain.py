@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,6 +44,7 @@ class Chain:
         self.parameters = parameters
         self.whole = whole
         self.passes = 0  # the most that a detector has needed
+        self.ways: Counter[str] = Counter()  # blocks by how a detector judged, where it can choose
         self.slow: SaySlow | None = None  # is called while a detector takes too long
         self.scaled = True  # whether all scores so far were statistics ÷ critical value, no more
         self._detectors = [DETECTORS[name] for name in parameters.chain]
@@ -61,6 +63,8 @@ class Chain:
             verdict.add(detector.bit, where, found)
             self.passes = max(self.passes, found.passes)
             self.scaled &= found.scaled
+            if found.way:
+                self.ways[found.way] += 1
             # Behind the last one nobody looks at what is left.
             if parameters.vote == 0 and detector is not self._detectors[-1]:
                 rejected = found.score > 1
@@ -75,3 +79,4 @@ class Chain:
             for points in sample(sensor):
                 self.judge(points)
         self.passes = 0
+        self.ways.clear()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.errors import JudgingError
 
-    Places = NDArray[np.intp]
+    Indices = NDArray[np.intp]
 
 BEGINNING = -(2**62)  # before any time, nanoseconds
 END = 2**62
@@ -41,7 +41,7 @@ class StreamCloud:
         Whether its verdict is known elsewhere. A block with points of such clouds only is not
         judged.
     where : (M,) int64
-        The places of the valid points in the cloud.
+        The indices of the valid points in the cloud.
     verdict : Verdict
         Of all N points of the cloud; that of an invalid point is untested.
     error : JudgingError or None
@@ -85,14 +85,14 @@ class StreamCloud:
             return slice(None)
         return between(self.points.t, begin, end, is_sorted=self.is_sorted)
 
-    def in_frames(self, index: slice | NDArray[np.intp]) -> list[tuple[str, Points, Places]]:
+    def in_frames(self, index: slice | NDArray[np.intp]) -> list[tuple[str, Points, Indices]]:
         """Choose valid points; return them by frame, and which of those chosen they are."""
         points = self.points.take(index)
-        places = np.arange(len(points))
+        indices = np.arange(len(points))
         if points.fixed is None:
-            return [(self.frame, points, places)]
+            return [(self.frame, points, indices)]
         fixed, points = points.fixed, replace(points, fixed=None)
-        there, own = places[fixed], places[~fixed]
+        there, own = indices[fixed], indices[~fixed]
         parts = ('', points.take(there), there), (self.frame, points.take(own).in_own_frame, own)
         return [part for part in parts if len(part[2])]
 

@@ -150,10 +150,10 @@ class TiledChain:
         for tile in range(len(tiles)):
             part = tiles.part(tile)
             if left[part].any():
-                places, _ = self._around(tile, HALO * tiles.side, left)
-                own = (places >= part.start) & (places < part.stop)
-                found = chain.judge(self._cloud.take(tiles.order[places]))
-                verdict.put(places[own], found.take(own))
+                indices, _ = self._around(tile, HALO * tiles.side, left)
+                own = (indices >= part.start) & (indices < part.stop)
+                found = chain.judge(self._cloud.take(tiles.order[indices]))
+                verdict.put(indices[own], found.take(own))
             self._advance(part.stop - part.start)
         return _scores(verdict)
 
@@ -171,13 +171,13 @@ class TiledChain:
         self._measure_far(measure, np.concatenate(far), left, measured, radius)
         where = np.sort(tiles.order[left])
         found = measure.score(measured[where], lambda: self._cloud.range[where])
-        place = np.searchsorted(where, tiles.order[left])
+        rank = np.searchsorted(where, tiles.order[left])
         score = np.full(len(left), np.nan)
-        score[left] = found.score[place]
+        score[left] = found.score[rank]
         if found.extra is None:
             return Scores(score)
         extra = np.zeros(len(left), np.uint16)
-        extra[left] = found.extra[place]
+        extra[left] = found.extra[rank]
         return Scores(score, extra)
 
     def _measure_tile(
@@ -196,16 +196,16 @@ class TiledChain:
         halo : float
             The width that it took for nearly all points.
         far : (n,) int64
-            Places of the few that depend on others beyond, and are not measured yet.
+            Indices of the few that depend on others beyond, and are not measured yet.
 
         """
         tiles = self._tiles
         part = tiles.part(tile)
-        places, box = self._around(tile, halo, left)
+        indices, box = self._around(tile, halo, left)
         while True:
-            own = (places >= part.start) & (places < part.stop)
-            values, reach, seen = measure.take(tiles.xyz[places], own)
-            inwards = _to_edges(tiles.xyz[places], box)
+            own = (indices >= part.start) & (indices < part.stop)
+            values, reach, seen = measure.take(tiles.xyz[indices], own)
+            inwards = _to_edges(tiles.xyz[indices], box)
             fine = reach < inwards
             # As far as most points reach, on either side.
             most = float(np.quantile(reach[own], MOST, method='lower'))
@@ -215,11 +215,11 @@ class TiledChain:
             more, wider_box = tiles.around(tile, wider, left)
             if len(more) > self._parameters.max_points:
                 break
-            places, box, halo = more, wider_box, wider
-        measured[tiles.order[places[own & fine]]] = values[own & fine]
+            indices, box, halo = more, wider_box, wider
+        measured[tiles.order[indices[own & fine]]] = values[own & fine]
         known = own & (seen < inwards)
-        radius[places[known]] = seen[known]
-        return halo, places[own & ~fine]
+        radius[indices[known]] = seen[known]
+        return halo, indices[own & ~fine]
 
     def _measure_far(
         self, measure: _Measure, far: Ints, left: Bools, measured: Floats, radius: Floats
@@ -234,13 +234,13 @@ class TiledChain:
 
     def _around(self, tile: int, halo: float, left: Bools) -> tuple[Ints, Floats]:
         """Find the points in a tile and a halo, which is narrower where it holds too many."""
-        places, box = self._tiles.around(tile, halo, left)
-        if len(places) > self._parameters.max_points:
-            places, box = self._tiles.around(tile, HALO * self._tiles.side, left)
-        if len(places) > self._parameters.max_points:
+        indices, box = self._tiles.around(tile, halo, left)
+        if len(indices) > self._parameters.max_points:
+            indices, box = self._tiles.around(tile, HALO * self._tiles.side, left)
+        if len(indices) > self._parameters.max_points:
             must_be = f'at most max_points = {self._parameters.max_points}'
-            raise CloudError('the number of points in a tile with its halo', must_be, len(places))
-        return places, box
+            raise CloudError('the number of points in a tile with its halo', must_be, len(indices))
+        return indices, box
 
     def _alone(self, name: str) -> Chain:
         return Chain(self._parameters.changed({'chain': (name,), 'vote': 0}))

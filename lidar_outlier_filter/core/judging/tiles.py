@@ -70,7 +70,7 @@ class Tiles:
         return len(self.first) - 1
 
     def part(self, tile: int) -> slice:
-        """Return the places of the points of a tile, in tile order."""
+        """Return the indices of the points of a tile, in tile order."""
         return slice(int(self.first[tile]), int(self.first[tile + 1]))
 
     def around(self, tile: int, halo: float, left: Bools) -> tuple[Ints, Floats]:
@@ -85,7 +85,7 @@ class Tiles:
 
         Returns
         -------
-        places : (n,) int64
+        indices : (n,) int64
             In tile order of the points found, sorted as the points were given.
         box : (2, 2) float64
             Least and largest x and y: every point in between was found.
@@ -102,12 +102,12 @@ class Tiles:
             found.append(part.start + np.flatnonzero(inside))
         return self.as_given(np.concatenate(found)), box
 
-    def as_given(self, places: Ints) -> Ints:
-        """Sort places as the points were given."""
-        ordered: Ints = places[np.argsort(self.order[places])]
+    def as_given(self, indices: Ints) -> Ints:
+        """Sort indices as the points were given."""
+        ordered: Ints = indices[np.argsort(self.order[indices])]
         return ordered
 
-    def closure(self, places: Ints, k: int, hops: int, left: Bools, radius: Floats) -> Ints:
+    def closure(self, indices: Ints, k: int, hops: int, left: Bools, radius: Floats) -> Ints:
         """Find all points that are within ``hops`` steps, each to a k-nearest neighbour.
 
         A step leads to every point as near as the k-th nearest other place with points, wherever in
@@ -115,7 +115,7 @@ class Tiles:
 
         Parameters
         ----------
-        places : (n,) int64, in tile order
+        indices : (n,) int64, in tile order
         k, hops : at least 1
         left : (N,) bool, in tile order
             Which points there are at all.
@@ -124,7 +124,7 @@ class Tiles:
             are NaN are found here as needed, and written down.
 
         """
-        found = new = places
+        found = new = indices
         for _ in range(hops):
             unknown = new[np.isnan(radius[new])]
             for some in self._batches(unknown):
@@ -134,13 +134,13 @@ class Tiles:
             found = np.concatenate((found, new))
         return self.as_given(found)
 
-    def _batches(self, places: Ints) -> list[Ints]:
+    def _batches(self, indices: Ints) -> list[Ints]:
         count = max(1, PAIRS // len(self))
-        return [places[begin : begin + count] for begin in range(0, len(places), count)]
+        return [indices[begin : begin + count] for begin in range(0, len(indices), count)]
 
-    def _within(self, places: Ints, radius: Floats, left: Bools) -> Ints:
-        """Find all points within the radius of any of the places given."""
-        queries, radius = self.xyz[places], radius * ROUNDING
+    def _within(self, indices: Ints, radius: Floats, left: Bools) -> Ints:
+        """Find all points within the radius of any of the points given."""
+        queries, radius = self.xyz[indices], radius * ROUNDING
         to_tiles = _distances_to_boxes(queries, self.low, self.high)
         found = []
         for tile in np.flatnonzero((to_tiles <= radius[:, None]).any(axis=0)).tolist():

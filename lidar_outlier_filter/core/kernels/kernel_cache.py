@@ -102,7 +102,7 @@ class CacheFile(IndexDataCacheFile):
 
 
 def use_temporary_folder() -> None:
-    """Keep what is compiled for this process and those that it starts: no other place is found."""
+    """Keep what is compiled for this process and those that it starts: no other folder is found."""
     folder = tempfile.mkdtemp(prefix='lidar_outlier_filter-')
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]

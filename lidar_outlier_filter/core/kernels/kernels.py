@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SMALL = 16  # values that are sorted rather than partitioned
-PATIENCE = 8  # looks at each value, before pivots are taken at pseudo-random places
+PATIENCE = 8  # looks at each value, before pivots are taken at pseudo-random indices
 
 Function = TypeVar('Function', bound='Callable[..., object]')
 
@@ -67,7 +67,7 @@ def _compile(function: Function, **more: object) -> Function:
     except RuntimeError:  # numba finds no folder that can be written
         use_temporary_folder()
         compiled = compiler(function)
-    # numba offers no other place for it. There is no cache where NUMBA_DISABLE_JIT is set.
+    # numba offers no other way. There is no cache where NUMBA_DISABLE_JIT is set.
     cache = getattr(compiled, '_cache', None)
     if cache is not None:
         source = function.__code__.co_filename
@@ -81,19 +81,19 @@ def select(values: NDArray[np.float64], count: int, rank: int) -> float:
 
     Afterwards no value before ``rank`` is larger, and none behind it smaller. Quickselect; its
     partition has no branch on the values, which a processor could not predict. Waves have pivots
-    that part little at regular places.
+    that part little at regular steps.
     """
     low, high = 0, count - 1
-    left, place = PATIENCE * count, 1
+    left, drawn = PATIENCE * count, 1
     while high - low > SMALL:
         a, b, c = values[low], values[(low + high) // 2], values[high]
         left -= high - low
         if left < 0:
             # Those of the generator in POSIX.
-            place = (place * 1103515245 + 12345) & 0x7FFFFFFF
-            a = values[low + place % (high - low)]
-            place = (place * 1103515245 + 12345) & 0x7FFFFFFF
-            b = values[low + place % (high - low)]
+            drawn = (drawn * 1103515245 + 12345) & 0x7FFFFFFF
+            a = values[low + drawn % (high - low)]
+            drawn = (drawn * 1103515245 + 12345) & 0x7FFFFFFF
+            b = values[low + drawn % (high - low)]
         pivot = max(min(a, b), min(max(a, b), c))
         middle = low
         for i in range(low, high + 1):

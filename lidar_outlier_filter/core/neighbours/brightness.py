@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 # Metres. Two to an octave, which single precision holds exactly.
 EDGES = np.array([s * 2.0**k for k in range(-1, 8) for s in (1.0, 1.5)], np.float32)
-EVERY = 4  # the part of the places that shows what is usual
+EVERY = 4  # the part of the cells that shows what is usual
 ENOUGH = 30  # of them between two edges; fewer show nothing
 BRIGHTEST = np.float32(8.0)
 UNKNOWN = np.float32(-1.0)
 
 
 def write_brightness(order: Ints, reach: Singles, intensity: Singles, bright: Singles) -> None:
-    """Write the brightness (M,) of each place; ``UNKNOWN`` where nothing is usual.
+    """Write the brightness (M,) of each cell; ``UNKNOWN`` where nothing is usual.
 
     Parameters
     ----------
-    order : (M,) which of the N points is at each place; -1 for none
+    order : (M,) which of the N points is at each cell; -1 for none
     reach : (M,) metres
     intensity : (N,) of the points; NaN and less than 0 are unknown
     bright : (M,) is written

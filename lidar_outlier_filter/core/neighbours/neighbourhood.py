@@ -28,7 +28,7 @@ __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 LARGEST = 1e150  # metres: squares stay finite
 FINEST = 2.0**-510  # metres: squares stay normal numbers, none of which is rounded to 0
 COARSE = 2.0**53 * FINEST  # of numbers from here on FINEST is no longer a part
-MOST_POINTS = 2**31 - 1  # their places are int32
+MOST_POINTS = 2**31 - 1  # their indices are int32
 # What a thread takes at once, about a millisecond: leaves where all points are wanted, and rows.
 LEAVES, ROWS = 64, 1 << 14
 # Up to this share it pays to keep the lists that are still right. Measured on the simulated street,
@@ -43,7 +43,7 @@ class Nearest(NamedTuple):
     Attributes
     ----------
     index : (N, k) int32
-        For each point in tree order the places in tree order of its neighbours, the nearest first.
+        For each point in tree order the indices in tree order of its neighbours, the nearest first.
     tied : (N,) bool
         Another point, not in the list, is exactly as far as the k-th.
 
@@ -190,7 +190,7 @@ class Neighbourhood:
         Parameters
         ----------
         which : (M,) int64
-            Places in tree order.
+            Indices in tree order.
         squared : (M,) float64
             The distance of each, squared, inclusive, m²; of a negative one there are none.
 
@@ -199,7 +199,7 @@ class Neighbourhood:
         offsets : (M + 1,) int64
             The neighbours of ``which[i]`` are ``index[offsets[i]:offsets[i + 1]]``.
         index : (offsets[M],) int32
-            Places in tree order, ascending. Of S points that coincide each has S - 1 neighbours.
+            Indices in tree order, ascending. Of S points that coincide each has S - 1 neighbours.
 
         """
         squared = np.ascontiguousarray(squared, np.float64)
@@ -230,14 +230,14 @@ class Neighbourhood:
         Parameters
         ----------
         which : (M,) int64
-            Places in tree order.
+            Indices in tree order.
         k : int
             From 1, and less than there are points.
 
         Returns
         -------
         (M, k) int32
-            Places in tree order, the nearest first.
+            Indices in tree order, the nearest first.
 
         """
         which = np.ascontiguousarray(which, np.int64)
@@ -270,7 +270,7 @@ class Neighbourhood:
         Parameters
         ----------
         which : (M,) int64
-            Places in tree order.
+            Indices in tree order.
 
         Returns
         -------
@@ -312,17 +312,17 @@ class Neighbourhood:
     def _carry_over(self, result: Neighbourhood, kept: Bools) -> Nearest:
         """Give the lists of this neighbourhood to one of fewer points, and mend them."""
         old, nearest = self.nearest(self._most), _empty_lists(len(result), self._most)
-        place = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
+        new_index = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
         wanted = np.empty(len(result), np.bool_)
         self._in_threads(
-            lambda i, j: tree_walks.carry_over(*old, place, i, j, *nearest, wanted), self._count
+            lambda i, j: tree_walks.carry_over(*old, new_index, i, j, *nearest, wanted), self._count
         )
         result._search(nearest, wanted)
         return nearest
 
     def _for_walks(self, which: Ints) -> tuple[Floats, Tree, int]:
         if which.ndim != 1 or (len(which) > 0 and not 0 <= which.min() <= which.max() < len(self)):
-            raise FilterError('places in tree order', f'(M,) from 0 to {len(self) - 1}', which)
+            raise FilterError('indices in tree order', f'(M,) from 0 to {len(self) - 1}', which)
         _, xyz, tree = self._build()
         return xyz, tree, tree_steps.height(tree)
 
@@ -333,7 +333,7 @@ class Neighbourhood:
 def _in_multiples(xyz: Floats) -> Floats:
     """Round coordinates to multiples of ``FINEST``; nearly always they are, and none is copied.
 
-    Else thousands of points might be at distance 0 from each other, and still at different places.
+    Else thousands of points might be at distance 0 from each other, and still not at one place.
     No box of the tree could hold them as one, and every search would look at all of them.
     """
     size = np.abs(xyz)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points in places: sorted by line and phase, with room around each line."""
+"""Points in cells: sorted by line and phase, with empty cells around each line."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Singles = NDArray[np.float32]
 
-STRETCH = 24  # places on either side of a point: nothing looks farther along a line
-PAD = LANES + STRETCH  # places: as many as are looked at side by side, and what these look at
+STRETCH = 24  # cells on either side of a point: nothing looks farther along a line
+PAD = LANES + STRETCH  # cells: as many as are looked at side by side, and what these look at
 NOWHERE = 1e9  # rad: the phase where there is no point
 LINES_AT_ONCE = 4  # lines that a thread takes
 
 
 class Pattern(NamedTuple):
-    """N points sorted by ring, from below, and azimuth, in M places.
+    """N points sorted by ring, from below, and azimuth, in M cells.
 
-    Around the rings are ``PAD`` places without a point: whatever looks a few places on finds a
+    Around the rings are ``PAD`` cells without a point: whatever looks a few cells on finds a
     phase there that is far away.
 
     Attributes
@@ -38,10 +38,10 @@ class Pattern(NamedTuple):
     order : (M,) int64
         The index, as given, of each; -1 for none.
     copies : (C, 2) int64
-        Indices, as given, of returns that have no place, because another return of the same shot
+        Indices, as given, of returns that have no cell, because another return of the same shot
         lies at the very same point; and of that.
     first, last : (L,) int64
-        Where each ring begins, and the place behind its end.
+        Where each ring begins, and the cell behind its end.
     x, y, z, range : (M,) float32
         Metres, about a point near them.
     phase : (M,) float64
@@ -101,7 +101,7 @@ def count_points(pattern: Pattern) -> int:
 
 
 def spread(pattern: Pattern, values: NDArray[Any], out: NDArray[Any]) -> None:
-    """Write what places have (M,) to their points (N,), in the order given, copies included."""
+    """Write what cells have (M,) to their points (N,), in the order given, copies included."""
     there = pattern.order >= 0
     out[pattern.order[there]] = values[there]
     out[pattern.copies[:, 0]] = out[pattern.copies[:, 1]]
@@ -115,7 +115,7 @@ def make_pattern(
     level: Singles,
     copies: Ints | None = None,
 ) -> Pattern:
-    """Make a pattern of lines of so many points, whose places have no points yet."""
+    """Make a pattern of lines of so many points, whose cells have no points yet."""
     begins = PAD + np.concatenate([[0], np.cumsum(sizes + PAD)])[:-1]
     count = int(sizes.sum()) + (len(sizes) + 1) * PAD
     return Pattern(

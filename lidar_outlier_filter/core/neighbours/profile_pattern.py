@@ -3,8 +3,8 @@
 """The scan pattern of a profile scanner, whose lines are revolutions of its mirror.
 
 The lines take the place of a spinning sensor's rings, and the angle of the mirror that of the
-azimuth. Points may be in any frame: the scanner's place is found from the points. The mirror turns
-evenly, so the angle of each shot is known from its time, up to a constant; and seen from the
+azimuth. Points may be in any frame: the scanner's position is found from the points. The mirror
+turns evenly, so the angle of each shot is known from its time, up to a constant; and seen from the
 scanner, all points of a line are where these angles say, however far they are.
 
 With x and y in the plane of a line, the scanner at s and a mirror angle φ + δ, each point says
@@ -31,7 +31,11 @@ from lidar_outlier_filter.core.neighbours.placed_pattern import (
 )
 from lidar_outlier_filter.core.neighbours.scan_pattern import TURN
 from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines, sort_lines
-from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
+from lidar_outlier_filter.core.points.scan_lines import (
+    is_interleaved,
+    line_starts,
+    order_by_line,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,17 +46,17 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Singles = NDArray[np.float32]
 
-FEWEST_LINES = 4
+FEWEST_LINES = 2
 SAMPLES = 64  # returns of a line that show where the scanner is
 FEWEST = 32  # returns of a line, fewer show nothing
-KNOWN = 0.5  # share of the lines whose own returns must show the scanner's place
+KNOWN = 0.5  # share of the lines whose own returns must show the scanner's position
 FITS = 3
 NEAREST = 0.5  # m: what is nearer does not weigh more
 UNEVEN = 0.5  # steps of the mirror that a typical return may be off its angle
-UNSURE = 0.2  # m: standard deviation of the scanner's place
+UNSURE = 0.2  # m: standard deviation of the scanner's position
 # Of a step, in which angles are measured: no return is exactly as far as windows reach.
 MORE = 1.01
-FINEST = 1024.0  # parts of a metre that the scanner's place is rounded to
+FINEST = 1024.0  # parts of a metre that the scanner's position is rounded to
 MAD_TO_SIGMA = 1.4826
 SIGMA_FLOOR = 0.002  # metres
 NOISE, LEVEL = 2.0, 4.0  # standard deviations of ranges
@@ -64,14 +68,14 @@ class Scanner(NamedTuple):
 
     Attributes
     ----------
-    place : (L, 3) float64
+    position : (L, 3) float64
         Of each line, metres.
     turned : (N,) float64
         Mirror angle of each point, sorted by line and time, since the same constant, rad.
 
     """
 
-    place: Floats
+    position: Floats
     turned: Floats
 
 
@@ -105,8 +109,8 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
     ordered = OrderedLines(points.xyz, distance, order, first)
 
     def prepare(begin: int, end: int) -> None:
-        _look(points.xyz, scanner.place, order, first, begin, end, distance)
-        # Only returns of one time change places, and their angles are the same.
+        _look(points.xyz, scanner.position, order, first, begin, end, distance)
+        # Only returns of one time change cells, and their angles are the same.
         sort_lines(ordered, begin, end, phase, phase)
 
     pool.run(prepare, lines, LINES_AT_ONCE, threads)
@@ -118,7 +122,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
         np.diff(first)[rank],
         _space_out(step),
         noise,
-        noise + _moved(scanner.place[rank]).astype(np.float32),
+        noise + _moved(scanner.position[rank]).astype(np.float32),
         noise * np.float32(LEVEL / NOISE),
     )
     pool.run(
@@ -171,7 +175,7 @@ def find_scanner(xyz: Floats, t: Ints, order: Ints, first: Ints, rank: Ints) -> 
     when = turns[rank]
     found = np.empty((len(sizes), 3))
     for axis in range(3):
-        found[rank, axis] = np.interp(when, when[known], fit.place[rank, axis][known])
+        found[rank, axis] = np.interp(when, when[known], fit.position[rank, axis][known])
     return Scanner(np.rint(found * FINEST) / FINEST, turned)
 
 
@@ -180,22 +184,22 @@ class Fit(NamedTuple):
 
     Attributes
     ----------
-    place : (L, 3) float64
+    position : (L, 3) float64
         Where the scanner is, metres.
     off : (L,) float64
         Median angle between a return and where the mirror looked, rad.
     unsure : (L,) float64
-        Standard deviation of the place, metres.
+        Standard deviation of the position, metres.
 
     """
 
-    place: Floats
+    position: Floats
     off: Floats
     unsure: Floats
 
 
 def _fit(xyz: Floats, turned: Floats) -> Fit:
-    """Fit the scanner's place to S returns of L lines: (L, S, 3), (L, S)."""
+    """Fit the scanner's position to S returns of L lines: (L, S, 3), (L, S)."""
     centre = xyz.mean(axis=1)
     about = xyz - centre[:, None]
     _, vector = np.linalg.eigh(about.mT @ about)
@@ -210,14 +214,14 @@ def _fit(xyz: Floats, turned: Floats) -> Fit:
     count = len(xyz)
     better = fits[2][:count] <= fits[2][count:]
     east, north, off, unsure = (np.where(better, fit[:count], fit[count:]) for fit in fits)
-    place = centre + east[:, None] * first + north[:, None] * second
-    return Fit(place, off, unsure)
+    position = centre + east[:, None] * first + north[:, None] * second
+    return Fit(position, off, unsure)
 
 
 def _fit_plane(
     x: Floats, y: Floats, sine: Floats, cosine: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return the scanner's x and y, how far returns are off, and how unsure the place is."""
+    """Return the scanner's x and y, how far returns are off, and how unsure the position is."""
     rows = np.stack([x * sine - y * cosine, x * cosine + y * sine, -sine, cosine], axis=2)
     weight = np.ones_like(x)
     count = x.shape[1]

@@ -163,20 +163,20 @@ def find_peaks(count: Ints, least: int) -> Ints:
     A peak has at least so many, and between it and the next no more than a ``VALLEY``-th of either.
     """
     peaks = np.empty(len(count), np.int64)
-    number, top, place, low, climbing = 0, 0, 0, 0, True
+    number, top, index, low, climbing = 0, 0, 0, 0, True
     for i in range(len(count)):
         value = count[i]
         if climbing:
             if value > top:
-                top, place = value, i
+                top, index = value, i
             elif top >= least and value * VALLEY < top:
-                peaks[number] = place
+                peaks[number] = index
                 number += 1
                 low, climbing = value, False
             elif value == 0:
                 top = 0
         elif value >= least and value >= VALLEY * low:
-            top, place, climbing = value, i, True
+            top, index, climbing = value, i, True
         else:
             low = min(low, value)
     return peaks[:number]

@@ -3,7 +3,7 @@
 """Where the beams of a spinning sensor leave it, seen in the points alone.
 
 Lenses sit beside the axis, and frames begin below them. So near points of a ring are not at its
-elevation. From the right place they are: then elevations lie closest together.
+elevation. From the right position they are: then elevations lie closest together.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STEP = 0.02  # metres
 FINEST = 0.0005
 MOVES = 4  # with each step
 SOME, MORE = 1 << 12, 1 << 14  # points of the first search, and of the others
-ON = 4  # places on in the order of elevations: copies lie at the same one
+ON = 4  # positions on in the order of elevations: copies lie at the same one
 LEAST = 2e-5  # rad that is added to a distance: copies have none
 BETTER = 0.02  # halvings of the distance, less than which the origin is as good
 
@@ -73,7 +73,7 @@ def find_origin(flat: Floats, z: Floats) -> Origin:
 
 @kernel
 def spread(flat: Floats, z: Floats, up: float, out: float) -> float:
-    """Return how far apart elevations are, seen from a place: the mean logarithm to the base 2."""
+    """Return how far apart elevations are, seen from a position: mean logarithm to the base 2."""
     count = len(z)
     elevation = np.empty(count)
     for i in range(count):

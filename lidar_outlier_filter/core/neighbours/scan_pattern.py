@@ -156,7 +156,7 @@ def _turn(lines: OrderedLines, t: Ints, threads: int) -> _Turned | None:
 def _leave_out_copies(
     lines: OrderedLines, turned: _Turned, intensity: Singles | None
 ) -> tuple[OrderedLines, _Turned, Ints]:
-    """Leave out returns at the very place of another one of their shot; list them, too.
+    """Leave out returns at the very position of another one of their shot; list them, too.
 
     Sensors that publish two returns of each shot publish most of them twice.
     """

@@ -82,33 +82,33 @@ def enough(distance: Floats, count: int, k: int, limit: float) -> float:
 
 @kernel
 def choose(
-    distance: Floats, place: Ints, count: int, limit: float, few: Floats, few_place: Ints
+    distance: Floats, index: Ints, count: int, limit: float, few: Floats, few_index: Ints
 ) -> int:
-    """Copy the distances up to the limit, and their places; return how many there are."""
+    """Copy the distances up to the limit, and their indices; return how many there are."""
     chosen = 0
     for i in range(count):
-        few_place[chosen] = i
+        few_index[chosen] = i
         chosen += distance[i] <= limit
     for i in range(chosen):
-        which = few_place[i]
-        few[i], few_place[i] = distance[which], place[which]
+        which = few_index[i]
+        few[i], few_index[i] = distance[which], index[which]
     return chosen
 
 
 @kernel
 def sort(
-    order: Ints, few: Floats, few_place: Ints, count: int, best: Floats, best_place: Ints
+    order: Ints, few: Floats, few_index: Ints, count: int, best: Floats, best_index: Ints
 ) -> None:
-    """Sort distances, and equal ones by the ``order`` of their places.
+    """Sort distances, and equal ones by the ``order`` of their indices.
 
-    There must be room for three more, and ``few`` is padded.
+    There must be three more entries, and ``few`` is padded.
     """
-    if count > RANKED or not _rank(few, few_place, count, best, best_place):
-        _sort(order, few, few_place, count, best, best_place)
+    if count > RANKED or not _rank(few, few_index, count, best, best_index):
+        _sort(order, few, few_index, count, best, best_index)
 
 
 @inner_kernel
-def _rank(few: Floats, few_place: Ints, count: int, best: Floats, best_place: Ints) -> bool:
+def _rank(few: Floats, few_index: Ints, count: int, best: Floats, best_index: Ints) -> bool:
     """Sort by counting for each of the few how many are nearer; False, and unsorted, with ties.
 
     Four at once, because loading costs more than comparing.
@@ -126,30 +126,30 @@ def _rank(few: Floats, few_place: Ints, count: int, best: Floats, best_place: In
             rank_b += other < b
             rank_c += other < c
             rank_d += other < d
-        best[rank_d], best_place[rank_d] = d, few_place[i + 3]
-        best[rank_c], best_place[rank_c] = c, few_place[i + 2]
-        best[rank_b], best_place[rank_b] = b, few_place[i + 1]
-        best[rank_a], best_place[rank_a] = a, few_place[i]
+        best[rank_d], best_index[rank_d] = d, few_index[i + 3]
+        best[rank_c], best_index[rank_c] = c, few_index[i + 2]
+        best[rank_b], best_index[rank_b] = b, few_index[i + 1]
+        best[rank_a], best_index[rank_a] = a, few_index[i]
         total += rank_a + rank_b + rank_c + rank_d
     # The ranks are 0, 1, 2 … if no two are equal, and that of padding is the count.
     return total == count * (count - 1) // 2 + (size - count) * count
 
 
 @inner_kernel
-def _sort(order: Ints, few: Floats, few_place: Ints, count: int, best: Floats, place: Ints) -> None:
+def _sort(order: Ints, few: Floats, few_index: Ints, count: int, best: Floats, index: Ints) -> None:
     """Sort by distance, then index: Shell's sort with Knuth's steps."""
     for i in range(count):
-        best[i], place[i] = few[i], few_place[i]
+        best[i], index[i] = few[i], few_index[i]
     step = 1
     while step < count // 3:
         step = 3 * step + 1
     while step > 0:
         for i in range(step, count):
-            d, p, j = best[i], place[i], i
+            d, p, j = best[i], index[i], i
             while j >= step and (
-                best[j - step] > d or (best[j - step] == d and order[place[j - step]] > order[p])
+                best[j - step] > d or (best[j - step] == d and order[index[j - step]] > order[p])
             ):
-                best[j], place[j] = best[j - step], place[j - step]
+                best[j], index[j] = best[j - step], index[j - step]
                 j -= step
-            best[j], place[j] = d, p
+            best[j], index[j] = d, p
         step //= 3

@@ -43,7 +43,7 @@ class OrderedLines(NamedTuple):
 
 @kernel
 def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> None:
-    """Sort each line by phase; of one phase, by range and place, whatever the order given.
+    """Sort each line by phase; of one phase, by range and position, whatever the order given.
 
     Lines are nearly sorted, where the head turns steadily: then few returns move, and not far.
     """
@@ -68,7 +68,7 @@ def sort_lines(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
 
 @kernel
 def join_shots(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Floats) -> None:
-    """Give all returns of a shot the phase of the first; sort them by range and place."""
+    """Give all returns of a shot the phase of the first; sort them by range and position."""
     order, first = lines.order, lines.first
     for line in range(begin, end):
         start = first[line]
@@ -88,25 +88,25 @@ def join_shots(lines: OrderedLines, begin: int, end: int, phase: Floats, up: Flo
 def _merge(lines: OrderedLines, low: int, high: int, phase: Floats, up: Floats) -> None:
     """Sort one line, whatever its order; what is equal stays in its order."""
     count, size = high - low, 1
-    place, merged = np.empty(count, np.int64), np.empty(count, np.int64)
+    rank, merged = np.empty(count, np.int64), np.empty(count, np.int64)
     for k in range(count):
-        place[k] = low + k
+        rank[k] = low + k
     while size < count:
         for begin in range(0, count, 2 * size):
             middle, end = min(begin + size, count), min(begin + 2 * size, count)
             i, j = begin, middle
             for k in range(begin, end):
-                if j >= end or (i < middle and not _is_before(lines, phase, place[j], place[i])):
-                    merged[k] = place[i]
+                if j >= end or (i < middle and not _is_before(lines, phase, rank[j], rank[i])):
+                    merged[k] = rank[i]
                     i += 1
                 else:
-                    merged[k] = place[j]
+                    merged[k] = rank[j]
                     j += 1
-        place, merged = merged, place
+        rank, merged = merged, rank
         size *= 2
     turned, sine = np.empty(count), np.empty(count)
     for k in range(count):
-        merged[k], turned[k], sine[k] = lines.order[place[k]], phase[place[k]], up[place[k]]
+        merged[k], turned[k], sine[k] = lines.order[rank[k]], phase[rank[k]], up[rank[k]]
     for k in range(count):
         lines.order[low + k], phase[low + k], up[low + k] = merged[k], turned[k], sine[k]
 

@@ -226,7 +226,7 @@ def _empty_tree(nodes: int) -> Tree:
 
 @inner_kernel
 def _trimmed(tree: Tree, count: int) -> Tree:
-    """Copy the nodes that have been made, and let go of the room for more."""
+    """Copy the nodes that have been made, and let go of the memory for more."""
     return Tree(
         *(tree.low[:count].copy(), tree.high[:count].copy()),
         *(tree.first[:count].copy(), tree.last[:count].copy(), tree.child[:count].copy()),
@@ -300,16 +300,16 @@ def _cut(
             cut = _middle(points, first, last, axis, low[axis])
             left = _count_below(points, first, last, axis, cut)
     middle = first + left
-    # Without a branch, which could not be predicted; unsigned, lest numba look for negative places.
+    # Without a branch, which could not be predicted; unsigned, lest numba check for negatives.
     below, above = first, middle
     column = points[:, axis]
     for i in range(first, last):
         is_below = int(column[i] < cut)
-        source, place = np.uint64(i), np.uint64(above + ((below - above) & -is_below))
-        points_out[place, 0] = points[source, 0]
-        points_out[place, 1] = points[source, 1]
-        points_out[place, 2] = points[source, 2]
-        index_out[place] = index[source]
+        source, target = np.uint64(i), np.uint64(above + ((below - above) & -is_below))
+        points_out[target, 0] = points[source, 0]
+        points_out[target, 1] = points[source, 1]
+        points_out[target, 2] = points[source, 2]
+        index_out[target] = index[source]
         below += is_below
         above += 1 - is_below
     return middle, patience

@@ -28,13 +28,13 @@ from lidar_outlier_filter.core.neighbours.smallest import (
     tighten,
 )
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF
-from lidar_outlier_filter.core.neighbours.tree_steps import gap, make_room, push, seen
+from lidar_outlier_filter.core.neighbours.tree_steps import gap, make_buffers, push, seen
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
-    from lidar_outlier_filter.core.neighbours.tree_steps import Box, Room
+    from lidar_outlier_filter.core.neighbours.tree_steps import Box, Buffers
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -59,7 +59,7 @@ class Lists(NamedTuple):
     tied : (N,) bool
         Whether another point, not in the list, is exactly as far as the k-th.
     first : int
-        The place in tree order whose list is ``index[0]``.
+        The index in tree order whose list is ``index[0]``.
 
     """
 
@@ -82,8 +82,8 @@ def search(
 ) -> None:
     """Write the rows of ``index`` and ``tied`` for all wanted points in the leaves ``these``."""
     k = index.shape[1]
-    # The first place is 0, but no literal one, which would be another type for numba.
-    room, lists = make_room(k, levels), Lists(order, index, tied, tree.first[0])
+    # The first index is 0, but no literal one, which would be another type for numba.
+    buffers, lists = make_buffers(k, levels), Lists(order, index, tied, tree.first[0])
     queries = np.empty(LEAF, np.int64)
     reach = guess = 0.0
     for leaf in these:
@@ -91,7 +91,7 @@ def search(
         for begin in range(tree.first[leaf], tree.last[leaf], LEAF):
             count = _pick(wanted, begin, min(begin + LEAF, tree.last[leaf]), queries)
             if count > 0:
-                reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, room, lists)
+                reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, buffers, lists)
 
 
 @kernel
@@ -110,21 +110,21 @@ def search_some(
     Those in the leaf ``these[i]`` are ``which[rows[i]:rows[i + 1]]``.
     """
     k = index.shape[1]
-    room, queries = make_room(k, levels), np.empty(LEAF, np.int64)
+    buffers, queries = make_buffers(k, levels), np.empty(LEAF, np.int64)
     found, tied = np.empty((LEAF, k), np.int32), np.empty(LEAF, np.bool_)
     reach = guess = 0.0
     for i in range(len(these)):
         leaf, begin, end = these[i], rows[i], rows[i + 1]
         first = tree.first[leaf]
         if tree.last[leaf] - first > LEAF:
-            _each_alone(xyz, order, tree, which, begin, end, index, room)
+            _each_alone(xyz, order, tree, which, begin, end, index, buffers)
             continue
         count = 0
         for row in range(begin, end):
             queries[count] = which[row]
             count += row + 1 == end or which[row + 1] != which[row]
         lists = Lists(order, found, tied, first)
-        reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, room, lists)
+        reach, guess = _batch(xyz, tree, leaf, queries, count, reach, guess, buffers, lists)
         for row in range(begin, end):
             for j in range(k):
                 index[row, j] = found[which[row] - first, j]
@@ -139,14 +139,14 @@ def _each_alone(
     begin: int,
     end: int,
     index: Index,
-    room: Room,
+    buffers: Buffers,
 ) -> None:
     """Write rows of ``index`` for points of a leaf in which more coincide than are one batch."""
     for row in range(begin, end):
-        few = _alone(xyz, order, tree, which[row], index.shape[1], room)
-        sort(order, room.few, room.few_place, few, room.best, room.best_place)
+        few = _alone(xyz, order, tree, which[row], index.shape[1], buffers)
+        sort(order, buffers.few, buffers.few_index, few, buffers.best, buffers.best_index)
         for j in range(index.shape[1]):
-            index[row, j] = room.best_place[j]
+            index[row, j] = buffers.best_index[j]
 
 
 @inner_kernel
@@ -168,7 +168,7 @@ def _batch(
     count: int,
     reach: float,
     guess: float,
-    room: Room,
+    buffers: Buffers,
     lists: Lists,
 ) -> tuple[float, float]:
     """Search points of one leaf; return what to guess for the next: its reach, and a distance."""
@@ -179,7 +179,7 @@ def _batch(
         if reach == 0:
             dx, dy, dz = box[3] - box[0], box[4] - box[1], box[5] - box[2]
             reach = ((dx * dx + dy * dy) + dz * dz) / 4
-        near, own = _collect(xyz, tree, leaf, box, reach, k, room)
+        near, own = _collect(xyz, tree, leaf, box, reach, k, buffers)
         if near < 0:
             break
         if near <= k:
@@ -187,15 +187,15 @@ def _batch(
             continue
         shift = own - tree.first[leaf]
         count, reach, guess, found = _round(
-            xyz, queries, count, near, shift, reach, guess, room, lists
+            xyz, queries, count, near, shift, reach, guess, buffers, lists
         )
         total += found
         if count == 0:
             return REACH * total / done, guess
     # Too many or too few points around: the box is too large, or the guess was a bad one.
     for i in range(count):
-        few = _alone(xyz, lists.order, tree, queries[i], k, room)
-        _write(queries[i], few, room, lists)
+        few = _alone(xyz, lists.order, tree, queries[i], k, buffers)
+        _write(queries[i], few, buffers, lists)
     return 0.0, guess
 
 
@@ -208,7 +208,7 @@ def _round(
     shift: int,
     reach: float,
     guess: float,
-    room: Room,
+    buffers: Buffers,
     lists: Lists,
 ) -> tuple[int, float, float, float]:
     """Search points among all candidates within reach; point q is candidate q + shift, if any.
@@ -219,13 +219,13 @@ def _round(
     # Once, because every time that an array is taken from a tuple its references are counted.
     order, index, tied, first = lists
     k, size = index.shape[1], padded(near)
-    x, y, z, place, distance, few, few_place, best, best_place, _, _ = room
+    x, y, z, found, distance, few, few_index, best, best_index, _, _ = buffers
     left, further, total = 0, 0.0, 0.0
     for i in range(count):
         q = queries[i]
         _measure(x, y, z, xyz[q, 0], xyz[q, 1], xyz[q, 2], distance, size)
         own = q + shift
-        if own < near and place[own] == q:
+        if own < near and found[own] == q:
             distance[own] = np.inf
         within = count_up_to(distance, size, reach)
         if within < k:
@@ -234,10 +234,10 @@ def _round(
             further = max(further, enough(distance, near, k, reach))
             continue
         limit = tighten(distance, size, k, guess, reach, within)
-        chosen = choose(distance, place, near, limit, few, few_place)
-        sort(order, few, few_place, chosen, best, best_place)
+        chosen = choose(distance, found, near, limit, few, few_index)
+        sort(order, few, few_index, chosen, best, best_index)
         for j in range(k):
-            index[q - first, j] = best_place[j]
+            index[q - first, j] = best_index[j]
         tied[q - first] = chosen > k and best[k] == best[k - 1]
         guess = GUESS * best[k - 1]
         total += best[k - 1]
@@ -258,14 +258,14 @@ def _around(xyz: Floats, queries: Ints, count: int) -> Box:
 
 @inner_kernel
 def _collect(
-    xyz: Floats, tree: Tree, home: int, box: Box, reach: float, k: int, room: Room
+    xyz: Floats, tree: Tree, home: int, box: Box, reach: float, k: int, buffers: Buffers
 ) -> tuple[int, int]:
     """Copy the points of all leaves within reach of the box side by side.
 
-    Returns how many there are, or -1 if there is not room enough; and which of them is the first of
+    Returns how many there are, or -1 if they are too many to be held; and which is the first of
     the leaf ``home``.
     """
-    x, y, z, place, stack = room.x, room.y, room.z, room.place, room.nodes
+    x, y, z, found, stack = buffers.x, buffers.y, buffers.z, buffers.found, buffers.nodes
     count = own = 0
     stack[0], waiting = 0, 1
     while waiting > 0:
@@ -279,13 +279,13 @@ def _collect(
             waiting += 2
             continue
         first, last = tree.first[node], seen(tree, node, k)
-        if count + (last - first) + STROKE > len(place):
+        if count + (last - first) + STROKE > len(found):
             return -1, 0
         if node == home:
             own = count
         for p in range(first, last):
             x[count], y[count], z[count] = xyz[p, 0], xyz[p, 1], xyz[p, 2]
-            place[count] = p
+            found[count] = p
             # Without a branch. All points of the leaf itself stay, so that each finds itself.
             count += node == home or _beside(xyz[p, 0], xyz[p, 1], xyz[p, 2], box) <= reach
     for i in range(count, padded(count)):
@@ -319,11 +319,11 @@ def _measure(
 
 
 @inner_kernel
-def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, room: Room) -> int:
+def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, buffers: Buffers) -> int:
     """Find the few candidates of point q by going through the tree from near to far."""
     x, y, z = xyz[q]
     box = (x, y, z, x, y, z)
-    few, place, nodes, gaps = room.few, room.few_place, room.nodes, room.gaps
+    few, few_index, nodes, gaps = buffers.few, buffers.few_index, buffers.nodes, buffers.gaps
     # 0, but no literal one, for which numba would compile all that is called with it once more.
     count = int(tree.first[0])
     bound, full = np.inf, 2 * k + LEAF
@@ -338,43 +338,48 @@ def _alone(xyz: Floats, order: Ints, tree: Tree, q: int, k: int, room: Room) -> 
             continue
         for p in range(tree.first[node], seen(tree, node, k)):
             dx, dy, dz = xyz[p, 0] - x, xyz[p, 1] - y, xyz[p, 2] - z
-            few[count], place[count] = (dx * dx + dy * dy) + dz * dz, p
+            few[count], few_index[count] = (dx * dx + dy * dy) + dz * dz, p
             count += few[count] <= bound and p != q
         if count > full:
-            count, bound = _shorten(order, count, k, room)
+            count, bound = _shorten(order, count, k, buffers)
             full = 2 * count + LEAF
     if count > k + SURPLUS:
-        count, bound = _shorten(order, count, k, room)
+        count, bound = _shorten(order, count, k, buffers)
     return count
 
 
 @inner_kernel
-def _shorten(order: Ints, count: int, k: int, room: Room) -> tuple[int, float]:
+def _shorten(order: Ints, count: int, k: int, buffers: Buffers) -> tuple[int, float]:
     """Drop candidates that cannot be among the k nearest; return how many are left, and a bound."""
-    few, place, best, best_place = room.few, room.few_place, room.best, room.best_place
+    few, few_index, best, best_index = (
+        buffers.few,
+        buffers.few_index,
+        buffers.best,
+        buffers.best_index,
+    )
     farthest = 0.0
     for i in range(count):
         farthest = max(farthest, few[i])
     limit = tighten(few, count, k, 0.0, farthest, count)
-    kept = choose(few, place, count, limit, best, best_place)
+    kept = choose(few, few_index, count, limit, best, best_index)
     for i in range(kept):
-        few[i], place[i] = best[i], best_place[i]
+        few[i], few_index[i] = best[i], best_index[i]
     if kept > len(few) // 4:
         # So many are tied; one behind the k-th is enough to decide.
-        sort(order, few, place, kept, best, best_place)
+        sort(order, few, few_index, kept, best, best_index)
         kept = k + 1
         for i in range(kept):
-            few[i], place[i] = best[i], best_place[i]
+            few[i], few_index[i] = best[i], best_index[i]
         limit = few[k - 1]
     return kept, limit
 
 
 @inner_kernel
-def _write(q: int, few: int, room: Room, lists: Lists) -> None:
+def _write(q: int, few: int, buffers: Buffers, lists: Lists) -> None:
     """Write the row of a point: the first k of its few candidates."""
     order, index, tied, first = lists
-    k, best, place = index.shape[1], room.best, room.best_place
-    sort(order, room.few, room.few_place, few, best, place)
+    k, best, best_index = index.shape[1], buffers.best, buffers.best_index
+    sort(order, buffers.few, buffers.few_index, few, best, best_index)
     for i in range(k):
-        index[q - first, i] = place[i]
+        index[q - first, i] = best_index[i]
     tied[q - first] = few > k and best[k] == best[k - 1]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What searches of a kd-tree share: room to work in, its leaves, and the gap to a box.
+"""What searches of a kd-tree share: buffers to work in, its leaves, and the gap to a box.
 
 Distances are squared everywhere. The gap to a box is never more than the distance to a point in it,
 not even by rounding, because both are computed alike and every operation rounds monotonically: what
@@ -25,23 +25,23 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Box = tuple[float, float, float, float, float, float]  # low corner, high corner
 
-ROOM, ROOM_EACH = 512, 16  # candidates that are held: so many, and so many more for each neighbour
+HELD, HELD_EACH = 512, 16  # candidates that are held: so many, and so many more for each neighbour
 
 
-class Room(NamedTuple):
-    """Room to work in, for one thread, in rows of R.
+class Buffers(NamedTuple):
+    """Buffers of one thread, in rows of R.
 
     Attributes
     ----------
     x, y, z : (R,) float64
         Coordinates of the candidates side by side.
-    place : (R,) int64
-        Their places in tree order.
+    found : (R,) int64
+        Their indices in tree order.
     distance : (R,) float64
         Theirs from the point that is searched, squared.
-    few, few_place : (R,) float64, int64
-        Distances and places of those that may be among its k nearest.
-    best, best_place : (R,) float64, int64
+    few, few_index : (R,) float64, int64
+        Distances and indices of those that may be among its k nearest.
+    best, best_index : (R,) float64, int64
         The same, sorted.
     nodes, gaps : (H,) int64, float64
         A stack for walks through the tree.
@@ -51,22 +51,22 @@ class Room(NamedTuple):
     x: Floats
     y: Floats
     z: Floats
-    place: Ints
+    found: Ints
     distance: Floats
     few: Floats
-    few_place: Ints
+    few_index: Ints
     best: Floats
-    best_place: Ints
+    best_index: Ints
     nodes: Ints
     gaps: Floats
 
 
 @inner_kernel
-def make_room(k: int, levels: int) -> Room:
-    """Make room for searches of k neighbours in a tree of so many levels."""
-    floats = np.empty((6, ROOM + ROOM_EACH * k))
-    ints = np.empty((3, ROOM + ROOM_EACH * k), np.int64)
-    return Room(
+def make_buffers(k: int, levels: int) -> Buffers:
+    """Make buffers for searches of k neighbours in a tree of so many levels."""
+    floats = np.empty((6, HELD + HELD_EACH * k))
+    ints = np.empty((3, HELD + HELD_EACH * k), np.int64)
+    return Buffers(
         *(floats[0], floats[1], floats[2], ints[0], floats[3], floats[4], ints[1]),
         *(floats[5], ints[2], np.empty(levels + 1, np.int64), np.empty(levels + 1)),
     )

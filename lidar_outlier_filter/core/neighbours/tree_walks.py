@@ -40,25 +40,25 @@ def tied_at(xyz: Floats, index: Index, k: int, begin: int, end: int, tied: Bools
 def carry_over(
     index: Index,
     tied: Bools,
-    place: Index,
+    new_index: Index,
     begin: int,
     end: int,
     index_out: Index,
     tied_out: Bools,
     wanted: Bools,
 ) -> None:
-    """Copy the lists of a range of points that are kept; their new places are not negative.
+    """Copy the lists of a range of points that are kept; their new indices are not negative.
 
     Those that held a rejected point are wanted again, and those that were tied, because it may have
     been with a rejected one.
     """
     for q in range(begin, end):
-        row = place[q]
+        row = new_index[q]
         if row < 0:
             continue
         lost = tied[q]
         for i in range(index.shape[1]):
-            other = place[index[q, i]]
+            other = new_index[index[q, i]]
             index_out[row, i] = other
             lost |= other < 0
         wanted[row], tied_out[row] = lost, False
@@ -86,7 +86,7 @@ def list_within(
 
 @inner_kernel
 def _walk(xyz: Floats, tree: Tree, stack: Ints, q: int, limit: float, found: Index) -> int:
-    """Count the points within the limit, and list as many as there is room for, in their order."""
+    """Count the points within the limit, and list as many as ``index`` holds, in their order."""
     x, y, z = xyz[q]
     box = (x, y, z, x, y, z)
     count, stack[0], waiting = 0, 0, 1

@@ -59,10 +59,10 @@ def order_by_line(points: Points) -> NDArray[np.int64]:
 
 
 def inverse(order: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the place of each point in an order."""
-    place = np.empty(len(order), np.int64)
-    place[order] = np.arange(len(order))
-    return place
+    """Return the rank of each point in an order."""
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    return rank
 
 
 @kernel
@@ -117,16 +117,16 @@ def spins(points: Points) -> bool:
 @kernel
 def _count_lines(line: NDArray[np.int64], low: int, count: int) -> NDArray[np.int64]:
     """Sort stably by line with a counting sort."""
-    place = np.zeros(count + 1, np.int64)
+    rank = np.zeros(count + 1, np.int64)
     for i in range(len(line)):
-        place[line[i] - low + 1] += 1
+        rank[line[i] - low + 1] += 1
     for j in range(count):
-        place[j + 1] += place[j]
+        rank[j + 1] += rank[j]
     order = np.empty(len(line), np.int64)
     for i in range(len(line)):
         j = line[i] - low
-        order[place[j]] = i
-        place[j] += 1
+        order[rank[j]] = i
+        rank[j] += 1
     return order
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
 
 
-def clean(  # noqa: PLR0913  what a user may want, three who want to know, and where
+def clean(  # noqa: PLR0913  what is wanted, three callbacks, and who makes the files
     path: Path,
     output: Path,
     wanted: Wanted,
@@ -55,7 +55,7 @@ def clean(  # noqa: PLR0913  what a user may want, three who want to know, and w
     progress : is called with what is being done, and with how many of how many points
     slow : is called while a detector takes more than 10 × ``max_delay``
     look : is called with what was found, before anything is written
-    make : gives the places where new files are written
+    make : gives the paths that new files are written to
 
     Raises
     ------

@@ -20,8 +20,8 @@ class Losses:
     messages : as far as they can be counted: by indexes, by ``metadata.yaml``, or one by one
     chunks : that cannot be unpacked, or hold no sequence of records
     size : bytes of the files that gave nothing, or are missing
-    reasons : a clause for each place, of the first ``MOST`` places
-    more : places beyond these
+    reasons : a clause for each loss, of the first ``MOST``
+    more : losses beyond these
 
     """
 
@@ -32,7 +32,7 @@ class Losses:
     more: int = 0
 
     def add(self, reason: str, *, messages: int = 0, chunks: int = 0, size: int = 0) -> None:
-        """Count what is lost at one place."""
+        """Count what is lost at once."""
         if len(self.reasons) < MOST:
             self.reasons.append(printable(' '.join(reason.split())))
         else:

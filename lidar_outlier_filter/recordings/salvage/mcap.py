@@ -3,7 +3,7 @@
 """What can be read of a damaged MCAP file: every whole chunk, and every message in no chunk.
 
 A chunk counts as a whole, as for ``mcap recover``: if its checksum or the sequence of its records
-is wrong, all of it is lost. Behind a damaged place, the next chunk or message is looked for byte by
+is wrong, all of it is lost. Behind damage, the next chunk or message is looked for byte by
 byte, so that neither an index nor a summary is needed. So the whole messages are found, too, of a
 chunk that is not compressed, and whose head or end is lost.
 """
@@ -55,10 +55,10 @@ _WINDOW = 2**20  # bytes searched at once
 
 
 class _McapRecord(NamedTuple):
-    """Kind of a record, its place and where its contents begin and end, in bytes."""
+    """Kind of a record, its offset and where its contents begin and end, in bytes."""
 
     kind: int
-    place: int
+    offset: int
     begin: int
     end: int
 
@@ -103,20 +103,20 @@ class DamagedMcap:
                             yield channel, time, part[_MESSAGE_HEAD.size :]
 
     def _read_through(self, stream: BinaryIO) -> None:
-        place = len(MAGIC) if stream.read(len(MAGIC)) == MAGIC else 0
+        offset = len(MAGIC) if stream.read(len(MAGIC)) == MAGIC else 0
         ended = lost = False  # lost: the last chunk
-        while place < self._size and not ended:
-            record = self._record(stream, place)
+        while offset < self._size and not ended:
+            record = self._record(stream, offset)
             if record is None:
-                found = self._next(stream, place + 1)
-                self._lose(f'no record at byte {place}', size=found - place)
-                place = found
+                found = self._next(stream, offset + 1)
+                self._lose(f'no record at byte {offset}', size=found - offset)
+                offset = found
                 continue
             if record.kind == _INDEX and lost:
                 self._losses.messages += max(0, record.end - record.begin - 6) // 16
             elif record.kind != _INDEX:
                 lost = not self._take(stream, record)
-            ended, place = record.kind == _FOOTER, record.end
+            ended, offset = record.kind == _FOOTER, record.end
         if not ended:
             self._lose(f'it ends at byte {self._size} without a footer')
 
@@ -135,9 +135,9 @@ class DamagedMcap:
                 self._learn(record.kind, data)
         except Exception as err:  # noqa: BLE001  on damaged bytes, decoders raise anything
             is_chunk = record.kind == _CHUNK
-            what = f'the {"chunk" if is_chunk else "record"} at byte {record.place}'
+            what = f'the {"chunk" if is_chunk else "record"} at byte {record.offset}'
             self._lose(
-                f'{what}: {said_by(err)}', size=record.end - record.place, chunks=int(is_chunk)
+                f'{what}: {said_by(err)}', size=record.end - record.offset, chunks=int(is_chunk)
             )
             return False
         if record.kind in {_CHUNK, _MESSAGE}:
@@ -188,16 +188,16 @@ class DamagedMcap:
 
     def _chunk(self, stream: BinaryIO, record: _McapRecord) -> ChunkInfo | None:
         stream.seek(record.begin)
-        return chunk_at(stream, record.place, record.end - record.begin)
+        return chunk_at(stream, record.offset, record.end - record.begin)
 
-    def _record(self, stream: BinaryIO, place: int) -> _McapRecord | None:
-        """Find the record at a place; None if there is none that is whole and fits its parts."""
-        stream.seek(place)
+    def _record(self, stream: BinaryIO, offset: int) -> _McapRecord | None:
+        """Find the record at an offset; None if there is none that is whole and fits its parts."""
+        stream.seek(offset)
         head = stream.read(_HEAD.size)
         if len(head) < _HEAD.size:
             return None
         kind, length = _HEAD.unpack(head)
-        record = _McapRecord(kind, place, place + _HEAD.size, place + _HEAD.size + length)
+        record = _McapRecord(kind, offset, offset + _HEAD.size, offset + _HEAD.size + length)
         if record.end > self._size:
             return None
         if kind == _CHUNK:
@@ -206,20 +206,20 @@ class DamagedMcap:
             return record if length >= _MESSAGE_HEAD.size else None
         return record if kind in _PARTS and _fits(stream, record) else None
 
-    def _next(self, stream: BinaryIO, place: int) -> int:
-        """Find the next chunk or message behind a damaged place; the end of the file for none."""
-        while place < self._size:
-            stream.seek(place)
+    def _next(self, stream: BinaryIO, offset: int) -> int:
+        """Find the next chunk or message behind damage; the end of the file for none."""
+        while offset < self._size:
+            stream.seek(offset)
             window = stream.read(_WINDOW + _HEAD.size - 1)
             for match in _BEGINNING.finditer(window):
-                if self._begins(stream, place + match.start()):
-                    return place + match.start()
-            place += _WINDOW
+                if self._begins(stream, offset + match.start()):
+                    return offset + match.start()
+            offset += _WINDOW
         return self._size
 
-    def _begins(self, stream: BinaryIO, place: int) -> bool:
-        """Return whether a chunk begins at a place, or a message with a record behind it."""
-        record = self._record(stream, place)
+    def _begins(self, stream: BinaryIO, offset: int) -> bool:
+        """Return whether a chunk begins at an offset, or a message with a record behind it."""
+        record = self._record(stream, offset)
         if record is None or record.kind == _CHUNK:
             return record is not None
         stream.seek(record.begin)
@@ -251,40 +251,40 @@ class DamagedMcap:
 
 def _fits(stream: BinaryIO, record: _McapRecord) -> bool:
     """Return whether the parts of a record are as long as it is."""
-    place = record.begin
+    offset = record.begin
     for part in _PARTS[record.kind]:
         if isinstance(part, struct.Struct):
-            stream.seek(place)
+            stream.seek(offset)
             number = stream.read(part.size)
             if len(number) < part.size:
                 return False
-            place += part.size + part.unpack(number)[0]
+            offset += part.size + part.unpack(number)[0]
         else:
-            place += part
-        if place > record.end:
+            offset += part
+        if offset > record.end:
             return False
-    return place == record.end
+    return offset == record.end
 
 
 def _records(data: bytes) -> Iterator[_McapRecord]:
     """Walk over the records of a chunk; the last one must end where it ends."""
-    place = 0
-    while place < len(data):
-        kind, length = _HEAD.unpack_from(data, place)
-        begin, end = place + _HEAD.size, place + _HEAD.size + length
+    offset = 0
+    while offset < len(data):
+        kind, length = _HEAD.unpack_from(data, offset)
+        begin, end = offset + _HEAD.size, offset + _HEAD.size + length
         if end > len(data) or (kind == _MESSAGE and length < _MESSAGE_HEAD.size):
             raise RecordingError('a chunk', 'a sequence of records', 'other bytes')
-        yield _McapRecord(kind, place, begin, end)
-        place = end
+        yield _McapRecord(kind, offset, begin, end)
+        offset = end
 
 
-def _strings(data: bytes, place: int, count: int) -> list[bytes]:
+def _strings(data: bytes, offset: int, count: int) -> list[bytes]:
     """Cut so many texts out of a record, each with its length before it."""
     texts = []
     for _ in range(count):
-        (length,) = _SHORT.unpack_from(data, place)
-        place += _SHORT.size + length
-        if place > len(data):
+        (length,) = _SHORT.unpack_from(data, offset)
+        offset += _SHORT.size + length
+        if offset > len(data):
             raise RecordingError('a text', 'within its record', 'more')
-        texts.append(data[place - length : place])
+        texts.append(data[offset - length : offset])
     return texts

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The records of an MCAP file, walked from the first to the last without reading what is in them.
 
-So a file is refused before memory is taken for a length that it has no room for, and the chunks are
+So a file is refused before memory is taken for a length that it cannot have, and the chunks are
 known that its index lacks.
 """
 
@@ -60,42 +60,42 @@ def walk(path: RecordingPath, largest: int) -> Walk:
     size = path.stat().st_size
     chunks: list[ChunkInfo] = []
     with path.open('rb') as stream:
-        place = len(MAGIC)
-        if stream.read(place) != MAGIC:
+        offset = len(MAGIC)
+        if stream.read(offset) != MAGIC:
             return Walk((), 0, 0, 'no MCAP file')
         loose, data = 0, True  # in front of the summary
         while True:
             head = stream.read(_HEAD.size)
             if len(head) < _HEAD.size:
-                return Walk(tuple(chunks), loose, place, f'an end at byte {size} without a footer')
+                return Walk(tuple(chunks), loose, offset, f'an end at byte {size} without a footer')
             kind, length = _HEAD.unpack(head)
-            end = place + _HEAD.size + length
+            end = offset + _HEAD.size + length
             if end > size:
                 return Walk(
-                    tuple(chunks), loose, place, f'a record at byte {place} that ends behind it'
+                    tuple(chunks), loose, offset, f'a record at byte {offset} that ends behind it'
                 )
             if kind == _FOOTER:
                 stream.seek(end)
                 whole = length == _FOOTER_SIZE and stream.read() == MAGIC
-                return Walk(tuple(chunks), loose, place, '' if whole else 'a footer that is none')
+                return Walk(tuple(chunks), loose, offset, '' if whole else 'a footer that is none')
             if kind == _DATA_END:
                 data = False
             if kind == _CHUNK and data:
-                chunk = chunk_at(stream, place, length)
+                chunk = chunk_at(stream, offset, length)
                 if chunk is None:
                     return Walk(
-                        tuple(chunks), loose, place, f'a chunk at byte {place} that is none'
+                        tuple(chunks), loose, offset, f'a chunk at byte {offset} that is none'
                     )
-                _check(path, f'the chunk at byte {place}', chunk.uncompressed_size, largest)
+                _check(path, f'the chunk at byte {offset}', chunk.uncompressed_size, largest)
                 chunks.append(chunk)
             elif kind == _MESSAGE:
-                _check(path, f'the message at byte {place}', length, largest)
+                _check(path, f'the message at byte {offset}', length, largest)
                 loose += 1
-            place = end
-            stream.seek(place)
+            offset = end
+            stream.seek(offset)
 
 
-def chunk_at(stream: BinaryIO, place: int, length: int) -> ChunkInfo | None:
+def chunk_at(stream: BinaryIO, offset: int, length: int) -> ChunkInfo | None:
     """Read the head of a chunk; None, if its parts have not the length that they should have."""
     head = stream.read(min(_CHUNK_HEAD.size, length))
     if len(head) < _CHUNK_HEAD.size:
@@ -108,7 +108,7 @@ def chunk_at(stream: BinaryIO, place: int, length: int) -> ChunkInfo | None:
     if _CHUNK_HEAD.size + letters + _LONG.size + packed != length:
         return None
     return ChunkInfo(
-        first, last, place, _HEAD.size + length, {}, 0, compression, packed, unpacked, {}
+        first, last, offset, _HEAD.size + length, {}, 0, compression, packed, unpacked, {}
     )
 
 

@@ -37,7 +37,7 @@ class _BagRecord(NamedTuple):
     """A record's header, and where it and its data begin and end, in bytes."""
 
     header: Header
-    place: int
+    offset: int
     begin: int
     end: int
 
@@ -83,16 +83,18 @@ class DamagedBag:
                             yield number, one.header.get_time('time'), data[one.begin : one.end]
 
     def _read_through(self, stream: BinaryIO) -> None:
-        place = len(_MAGIC) if stream.read(len(_MAGIC)) == _MAGIC else 0
+        offset = len(_MAGIC) if stream.read(len(_MAGIC)) == _MAGIC else 0
         lost = False  # the last chunk
-        while place < self._size:
-            record = _record(stream, place, self._size)
+        while offset < self._size:
+            record = _record(stream, offset, self._size)
             if record is None:
-                found = self._next(stream, place + 1)
-                self._losses.add(f'{self.path.name}: no record at byte {place}', size=found - place)
-                place = found
+                found = self._next(stream, offset + 1)
+                self._losses.add(
+                    f'{self.path.name}: no record at byte {offset}', size=found - offset
+                )
+                offset = found
                 continue
-            place = record.end
+            offset = record.end
             if record.header.get_uint8('op') == _INDEX:
                 if lost and 'count' in record.header:
                     self._losses.messages += record.header.get_uint32('count')
@@ -107,8 +109,8 @@ class DamagedBag:
                 self._learn_chunk(self._unpacked(stream, record))
                 self._good.append(record)
             elif kind == _CONNECTION:
-                stream.seek(record.place)
-                self._learn(stream.read(record.end - record.place))
+                stream.seek(record.offset)
+                self._learn(stream.read(record.end - record.offset))
             elif kind == _BAG:
                 self._learn_header(record.header)
             elif kind == _CHUNK_INFO:
@@ -116,11 +118,11 @@ class DamagedBag:
                 counts = stream.read(record.end - record.begin)
                 self.expected += sum(count for _, count in struct.iter_unpack('<II', counts))
         except Exception as err:  # noqa: BLE001  on damaged bytes, decoders raise anything
-            what = f'the {"chunk" if kind == _CHUNK else "record"} at byte {record.place}'
+            what = f'the {"chunk" if kind == _CHUNK else "record"} at byte {record.offset}'
             self._losses.add(
                 f'{self.path.name}: {what}: {said_by(err)}',
                 chunks=int(kind == _CHUNK),
-                size=record.end - record.place,
+                size=record.end - record.offset,
             )
             return False
         return True
@@ -135,7 +137,7 @@ class DamagedBag:
         counts: Counter[int] = Counter()
         for one in list(_records(data)):
             if one.header.get_uint8('op') == _CONNECTION:
-                self._learn(data[one.place : one.end])
+                self._learn(data[one.offset : one.end])
             elif one.header.get_uint8('op') == _MESSAGE:
                 one.header.get_time('time')
                 counts[one.header.get_uint32('conn')] += 1
@@ -161,34 +163,34 @@ class DamagedBag:
             raise RecordingError('a chunk', f'of {size} bytes, as it says', len(data))
         return data
 
-    def _next(self, stream: BinaryIO, place: int) -> int:
-        """Find the next chunk behind a damaged place; the end of the file for none."""
-        first = place
-        while place < self._size:
-            stream.seek(place)
+    def _next(self, stream: BinaryIO, offset: int) -> int:
+        """Find the next chunk behind damage; the end of the file for none."""
+        first = offset
+        while offset < self._size:
+            stream.seek(offset)
             window = stream.read(_WINDOW + len(_WORD) - 1)
             at = window.find(_WORD)
             while at >= 0:
                 for before in _FIELDS_BEFORE:
-                    begin = place + at - 8 - before
+                    begin = offset + at - 8 - before
                     if begin >= first and self._is_chunk(stream, begin):
                         return begin
                 at = window.find(_WORD, at + 1)
-            place += _WINDOW
+            offset += _WINDOW
         return self._size
 
-    def _is_chunk(self, stream: BinaryIO, place: int) -> bool:
-        record = _record(stream, place, self._size)
+    def _is_chunk(self, stream: BinaryIO, offset: int) -> bool:
+        record = _record(stream, offset, self._size)
         return record is not None and record.header.get_uint8('op') == _CHUNK
 
 
-def _record(stream: BinaryIO, place: int, size: int) -> _BagRecord | None:
-    """Read the header of the record at a place; None if there is none that is whole."""
-    stream.seek(place)
+def _record(stream: BinaryIO, offset: int, size: int) -> _BagRecord | None:
+    """Read the header of the record at an offset; None if there is none that is whole."""
+    stream.seek(offset)
     head = stream.read(_SHORT.size)
-    if len(head) < _SHORT.size or _SHORT.unpack(head)[0] > min(_MOST_HEADER, size - place):
+    if len(head) < _SHORT.size or _SHORT.unpack(head)[0] > min(_MOST_HEADER, size - offset):
         return None
-    stream.seek(place)
+    stream.seek(offset)
     try:
         header = Header.read(stream)
         header.get_uint8('op')
@@ -198,7 +200,7 @@ def _record(stream: BinaryIO, place: int, size: int) -> _BagRecord | None:
     begin = stream.tell()
     known = _MESSAGE <= header.get_uint8('op') <= _CONNECTION
     return (
-        _BagRecord(header, place, begin, begin + length)
+        _BagRecord(header, offset, begin, begin + length)
         if known and begin + length <= size
         else None
     )
@@ -206,10 +208,10 @@ def _record(stream: BinaryIO, place: int, size: int) -> _BagRecord | None:
 
 def _records(data: bytes) -> Iterator[_BagRecord]:
     """Walk over the records of a chunk; the last one must end where it ends."""
-    stream, place = BytesIO(data), 0
-    while place < len(data):
-        record = _record(stream, place, len(data))
+    stream, offset = BytesIO(data), 0
+    while offset < len(data):
+        record = _record(stream, offset, len(data))
         if record is None:
             raise RecordingError('a chunk', 'a sequence of records', 'other bytes')
         yield record
-        place = record.end
+        offset = record.end

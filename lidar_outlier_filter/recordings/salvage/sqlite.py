@@ -46,12 +46,12 @@ class _Cell(NamedTuple):
 
 
 class _Message(NamedTuple):
-    """A row of the messages: its topic and time, its cell's place, and where its data begin."""
+    """A row of the messages: its topic and time, its cell's offset, and where its data begin."""
 
     topic: int
     time: int
     page: int
-    place: int
+    offset: int
     begin: int
 
 
@@ -74,8 +74,8 @@ class DamagedDatabase:
             self._measure(stream.read(_HEADER))
             self._used = bytearray(self._pages + 1)
             for page in range(1, self._pages + 1):
-                for place, cell in self._cells(stream, page):
-                    self._learn(stream, page, place, cell)
+                for offset, cell in self._cells(stream, page):
+                    self._learn(stream, page, offset, cell)
             self._drop_broken(stream)
         self.connections = list(self._connections())
         self._count_losses()
@@ -86,7 +86,7 @@ class DamagedDatabase:
         with self.path.open('rb') as stream:
             for _, message in sorted(self._rows.items()):
                 if message.topic in known:
-                    cell = self._cell(self._read(stream, message.page), message.place)
+                    cell = self._cell(self._read(stream, message.page), message.offset)
                     data = cell.local + b''.join(
                         data for _, data in self._overflow(stream, cell, with_data=True)
                     )
@@ -106,7 +106,7 @@ class DamagedDatabase:
         return stream.read(self._page)
 
     def _cells(self, stream: BinaryIO, page: int) -> Iterator[tuple[int, _Cell]]:
-        """Read the cells of a page, with their places; of a page that is no leaf, none."""
+        """Read the cells of a page, with their offsets; of a page that is no leaf, none."""
         data = self._read(stream, page)
         begin = _HEADER if page == 1 else 0
         if data[begin] != _LEAF:
@@ -114,27 +114,27 @@ class DamagedDatabase:
         count = int.from_bytes(data[begin + 3 : begin + 5], 'big')
         for i in range(count):
             at = begin + 8 + 2 * i
-            place = int.from_bytes(data[at : at + 2], 'big')
-            if at + 2 <= self._usable and begin + 8 <= place < self._usable:
+            offset = int.from_bytes(data[at : at + 2], 'big')
+            if at + 2 <= self._usable and begin + 8 <= offset < self._usable:
                 try:
-                    yield place, self._cell(data, place)
+                    yield offset, self._cell(data, offset)
                 except IndexError:
                     self._lose(f'row {i} of page {page} ends behind the page', 1)
 
-    def _cell(self, data: bytes, place: int) -> _Cell:
-        """Read the cell at a place of a page."""
-        size, place = _varint(data, place)
-        row, place = _varint(data, place)
+    def _cell(self, data: bytes, offset: int) -> _Cell:
+        """Read the cell at an offset of a page."""
+        size, offset = _varint(data, offset)
+        row, offset = _varint(data, offset)
         local = size
         if size > self._usable - 35:
             least = (self._usable - 12) * 32 // 255 - 23
             local = least + (size - least) % (self._usable - 4)
             local = local if local <= self._usable - 35 else least
-        end = place + local + (4 if local < size else 0)
+        end = offset + local + (4 if local < size else 0)
         if end > self._usable:
             raise IndexError
-        overflow = int.from_bytes(data[place + local : end], 'big')
-        return _Cell(row, data[place : place + local], size, overflow)
+        overflow = int.from_bytes(data[offset + local : end], 'big')
+        return _Cell(row, data[offset : offset + local], size, overflow)
 
     def _overflow(
         self, stream: BinaryIO, cell: _Cell, *, with_data: bool
@@ -150,7 +150,7 @@ class DamagedDatabase:
         if left > 0 or page:
             raise RecordingError('the pages of a row', 'whole', 'another page')
 
-    def _learn(self, stream: BinaryIO, page: int, place: int, cell: _Cell) -> None:
+    def _learn(self, stream: BinaryIO, page: int, offset: int, cell: _Cell) -> None:
         """Note a message, a topic or the definition of a type; other rows are of other tables."""
         if cell.size > self._largest:
             self._lose(f'a row of {cell.size} bytes in page {page}', 1)
@@ -166,7 +166,7 @@ class DamagedDatabase:
                 return
         match columns:
             case (None | int(), int(topic), int(time), memoryview()):
-                self._rows.setdefault(cell.row, _Message(topic, time, page, place, begin))
+                self._rows.setdefault(cell.row, _Message(topic, time, page, offset, begin))
             case (None | int(), str(name), str(form), str(text), str()) if form in _FORMATS:
                 self._definitions[name] = MessageDefinition(_FORMATS[form], text)
             case (None | int(), str(), str(), str(), *_):
@@ -206,7 +206,7 @@ class DamagedDatabase:
 
     def _cell_of(self, stream: BinaryIO, row: int) -> _Cell:
         message = self._rows[row]
-        return self._cell(self._read(stream, message.page), message.place)
+        return self._cell(self._read(stream, message.page), message.offset)
 
     def _lose(self, reason: str, messages: int) -> None:
         self._losses.add(f'{self.path.name}: {reason}', messages=messages)
@@ -247,15 +247,15 @@ class DamagedDatabase:
             self._losses.messages = max(counted, missing)
 
 
-def _varint(data: bytes, place: int) -> tuple[int, int]:
-    """Read a number of one to nine bytes; return it and the place behind it."""
+def _varint(data: bytes, offset: int) -> tuple[int, int]:
+    """Read a number of one to nine bytes; return it and the offset behind it."""
     number = 0
     for i in range(8):
-        byte = data[place + i]
+        byte = data[offset + i]
         number = number << 7 | byte & 127
         if byte < 128:  # noqa: PLR2004  the last one
-            return number, place + i + 1
-    return number << 8 | data[place + 8], place + 9
+            return number, offset + i + 1
+    return number << 8 | data[offset + 8], offset + 9
 
 
 def _columns(data: bytes) -> tuple[list[Any], int]:
@@ -263,19 +263,19 @@ def _columns(data: bytes) -> tuple[list[Any], int]:
 
     Return them, and where the last one begins.
     """
-    head, place = _varint(data, 0)
+    head, offset = _varint(data, 0)
     kinds: list[int] = []
-    while place < head and len(kinds) <= _MOST_COLUMNS:
-        kind, place = _varint(data, place)
+    while offset < head and len(kinds) <= _MOST_COLUMNS:
+        kind, offset = _varint(data, offset)
         kinds.append(kind)
     columns: list[Any] = []
-    place = head
+    offset = head
     for kind in kinds:
         size = _size(kind)
         if kind >= _BLOB and kind % 2 == 0:
             columns.append(memoryview(b''))
             break
-        part = data[place : place + size]
+        part = data[offset : offset + size]
         if len(part) < size:
             raise IndexError
         if kind >= _TEXT:
@@ -284,8 +284,8 @@ def _columns(data: bytes) -> tuple[list[Any], int]:
             columns.append(0.0)
         else:
             columns.append(None if kind == 0 else _whole(kind, part))
-        place += size
-    return columns, place
+        offset += size
+    return columns, offset
 
 
 def _size(kind: int) -> int:

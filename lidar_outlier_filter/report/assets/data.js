@@ -85,7 +85,7 @@ export function readFrames(buffer) {
 }
 
 // Position of a point of a frame, metres, written to a vector of three numbers.
-export function place(frame, i, out) {
+export function position(frame, i, out) {
   const a = frame.words[4 * i];
   const b = frame.words[4 * i + 1];
   out[0] = frame.origin[0] + frame.step[0] * (a & 0x1fffff);
@@ -111,7 +111,7 @@ export function measure(data) {
   for (const frame of data.frames) {
     const step = Math.max(1, Math.floor(frame.count / 200));
     for (let i = 0; i < frame.count; i += step) {
-      place(frame, i, there);
+      position(frame, i, there);
       for (let a = 0; a < 3; a += 1) sample[a].push(there[a]);
     }
   }
@@ -137,7 +137,7 @@ export function describe(data, number, i) {
   const point = {
     frame: number,
     index: i,
-    place: place(frame, i, [0, 0, 0]),
+    position: position(frame, i, [0, 0, 0]),
     score: scoreOf(frame, i) ?? NaN,
     exact: false,
     intensity: intensityOf(data.header, (word >>> 10) & 0x7f),
@@ -167,13 +167,13 @@ function intensityOf(header, step) {
 
 // The nearest points of the same frame: [index, distance] of each, the nearest first.
 export function neighbours(frame, i, count) {
-  const here = place(frame, i, [0, 0, 0]);
+  const here = position(frame, i, [0, 0, 0]);
   const there = [0, 0, 0];
   const found = [];
   let farthest = Infinity;
   for (let k = 0; k < frame.count; k += 1) {
     if (k === i) continue;
-    place(frame, k, there);
+    position(frame, k, there);
     const d = Math.hypot(there[0] - here[0], there[1] - here[1], there[2] - here[2]);
     if (d >= farthest && found.length === count) continue;
     let at = found.length;

@@ -3,7 +3,7 @@
 
 // The points where there is no WebGL: a picture from above, and one from the side.
 
-import { place, isRejected } from 'data';
+import { position, isRejected } from 'data';
 
 const MOST = 300000; // points that are drawn beside the rejected ones
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -54,7 +54,7 @@ function drawPoints(pixels, width, [axis, top, height], box, frames, each, wante
     const last = Math.min(frame.count, frame.marked + each);
     for (let i = 0; i < last; i += 1) {
       if (!wanted(frame, i)) continue;
-      place(frame, i, there);
+      position(frame, i, there);
       const x = Math.round(width / 2 + (there[0] - box.centre[0]) * scale);
       const y = Math.round(height / 2 - (there[axis] - box.centre[axis]) * scale);
       if (x < 0 || y < 0 || x + size > width || y + size > height) continue;

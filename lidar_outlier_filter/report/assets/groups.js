@@ -3,7 +3,7 @@
 
 // Groups of rejected points that lie together, at any step of a slider.
 
-import { isRejected, place, scoreOf } from 'data';
+import { isRejected, position, scoreOf } from 'data';
 
 export const CELL = 0.25; // metres: points in cells that touch, also at a corner, are one group
 const MOST = 200; // that are listed
@@ -34,7 +34,7 @@ function ofPart(data, numbers, bit) {
     for (let i = 0; i < frame.marked; i += 1) {
       if (isRejected(frame, i, bit)) {
         members.push([number, i]);
-        where.push(...place(frame, i, there));
+        where.push(...position(frame, i, there));
       }
     }
   }

@@ -200,7 +200,7 @@ function clearPoint() {
   ringPoint();
 }
 
-const ringPoint = () => placeRing(view, state.point?.place);
+const ringPoint = () => placeRing(view, state.point?.position);
 
 // --- Controls --------------------------------------------------------------------------------
 

@@ -159,7 +159,7 @@ function choose(number, index) {
 }
 
 function ringPoint() {
-  placeRing(view, state.point ? describe(data, state.point.frame, state.point.index).place : null);
+  placeRing(view, state.point ? describe(data, state.point.frame, state.point.index).position : null);
 }
 
 // Finding groups takes longer than a slider may.

@@ -36,7 +36,7 @@ export function showPoint(parent, data, point, about) {
   const rows = [
     ['score', scoreText(point)],
     ['verdict', about.rejected ? `rejected${detector ? ` by ${detector.name}` : ''}` : 'kept'],
-    ['x, y, z', `${metres(point.place)} m`],
+    ['x, y, z', `${metres(point.position)} m`],
   ];
   if (about.rejected && point.reason) rows.push(['reason', point.reason]);
   if (point.truth) rows.push(['truth', point.truth === BAD ? 'outlier' : 'good']);

@@ -8,7 +8,7 @@ import {
   BufferAttribute, BufferGeometry, DataTexture, GLSL3, NearestFilter, OrbitControls, OrthographicCamera,
   PerspectiveCamera, Points, RawShaderMaterial, RGBAFormat, Scene, Sphere, Vector3, WebGLRenderer,
 } from 'three';
-import { isRejected, measure, place } from 'data';
+import { isRejected, measure, position } from 'data';
 import { FRAGMENT, MARK_FRAGMENT, MARK_VERTEX, VERTEX } from 'shaders';
 
 const SETTLED = 180; // milliseconds without a move before all points are drawn
@@ -114,7 +114,7 @@ export class View {
     const there = [0, 0, 0];
     const flat = new Float32Array(3 * indices.length);
     indices.forEach((i, k) => {
-      place(frame, i, there);
+      position(frame, i, there);
       for (let a = 0; a < 3; a += 1) flat[3 * k + a] = there[a] - this.centre[a];
     });
     object.geometry.setAttribute('position', new BufferAttribute(flat, 3));
@@ -286,7 +286,7 @@ export class View {
     return [((v.x + 1) / 2) * box.width, ((1 - v.y) / 2) * box.height];
   }
 
-  // The point at a place of the canvas, CSS pixels: the rejected before others, then the nearest.
+  // The point at a pixel of the canvas, CSS pixels: the rejected before others, then the nearest.
   pick(x, y, bit) {
     const box = this.canvas.getBoundingClientRect();
     this.camera.updateMatrixWorld();
@@ -297,7 +297,7 @@ export class View {
     for (let f = this.frames.first; f <= this.frames.last; f += 1) {
       const frame = this.data.frames[f];
       for (let i = 0; i < frame.count; i += 1) {
-        place(frame, i, there);
+        position(frame, i, there);
         const px = there[0] - this.centre[0];
         const py = there[1] - this.centre[1];
         const pz = there[2] - this.centre[2];

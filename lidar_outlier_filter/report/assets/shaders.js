@@ -1,7 +1,7 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the GPU does: a point is unpacked from four words, and gets its place and its colour.
+// What the GPU does: a point is unpacked from four words, and gets its position and its colour.
 
 export const VERTEX = `
 precision highp float;

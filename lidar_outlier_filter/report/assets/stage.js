@@ -30,9 +30,9 @@ export function setView(view, name) {
   for (const button of document.querySelectorAll('[data-view]')) button.setAttribute('aria-pressed', button.dataset.view === name);
 }
 
-// Around a place, metres; no ring where there is none, or where it is not seen.
-export function placeRing(view, place) {
-  const there = place && view ? view.project(place) : null;
+// Around a position, metres; no ring where there is none, or where it is not seen.
+export function placeRing(view, position) {
+  const there = position && view ? view.project(position) : null;
   at('ring').hidden = !there;
   if (there) [at('ring').style.left, at('ring').style.top] = there.map((value) => `${value}px`);
 }

@@ -110,8 +110,8 @@ def _like_the_paper(found: Table, key: str, letters: Sequence[str]) -> str:
     head = [f'{letter}: {whose}' for letter in letters for whose in ('paper', 'ours')]
     columns = []
     for letter, ours in zip(letters, found[key], strict=True):
-        place = 'ABC'.index(letter)
-        paper, points, outliers = LESLAR[key][place], POINTS[place], OUTLIERS[place]
+        index = 'ABC'.index(letter)
+        paper, points, outliers = LESLAR[key][index], POINTS[index], OUTLIERS[index]
         columns.append(_column(paper.found, paper.wrong, paper.missed, points, outliers))
         if ours is None:
             columns.append([NOTHING] * 6)
@@ -157,9 +157,9 @@ def _every_form(found: Table, letters: Sequence[str]) -> str:
     for key in TITLES:
         cells = [f'paper: {TITLES[key].partition(":")[0].lower()}']
         for letter in letters:
-            place = 'ABC'.index(letter)
-            paper = LESLAR[key][place]
-            cells += [percent(paper.found / OUTLIERS[place]), percent(paper.wrong / POINTS[place])]
+            index = 'ABC'.index(letter)
+            paper = LESLAR[key][index]
+            cells += [percent(paper.found / OUTLIERS[index]), percent(paper.wrong / POINTS[index])]
             cells.append(NOTHING)
         rows.append([*cells, NOTHING])
     return table(head, rows)
@@ -185,9 +185,9 @@ ASPHALT_FORMS: Mapping[str, Mapping[str, Any]] = {
 def asphalt(noise: float, side: int = SIDE) -> Asphalt:
     """Scan a flat strip, with an outlier of ``HEIGHT`` in the middle of every ``EVERY`` points."""
     rng = np.random.default_rng(1)
-    place = np.mgrid[:side, :side].reshape(2, -1)
-    xy = STEP * (place + rng.uniform(-0.2, 0.2, place.shape))
-    bad = (place % EVERY == EVERY // 2).all(axis=0)
+    cell = np.mgrid[:side, :side].reshape(2, -1)
+    xy = STEP * (cell + rng.uniform(-0.2, 0.2, cell.shape))
+    bad = (cell % EVERY == EVERY // 2).all(axis=0)
     z = rng.normal(0.0, noise, side * side) + HEIGHT * bad
     return Asphalt(np.stack([*xy, z], axis=1), bad)
 

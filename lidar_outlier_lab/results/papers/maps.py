@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.evaluation.pictures import INK, PAPER, save
+from lidar_outlier_lab.results.pictures import INK, PAPER, save
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

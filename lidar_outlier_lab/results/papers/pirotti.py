@@ -45,8 +45,8 @@ def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress)
 def _images(seed: int, folder: Path, progress: Progress) -> str:
     """Judge the cloud from images, its outliers moved off by one law and by another."""
     found = {}
-    for place, (law, draws) in enumerate(LAWS.items()):
-        progress(place, 2 * len(LAWS), f'a cloud from images, {law} distances')
+    for index, (law, draws) in enumerate(LAWS.items()):
+        progress(index, 2 * len(LAWS), f'a cloud from images, {law} distances')
         (cloud,) = aerial.photogrammetry(seed, None, lambda _: None, draws)
         xyz = np.stack([cloud.points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
         found[law] = explore(xyz, cloud.points['label'], Cause.CLUSTER)
@@ -139,7 +139,7 @@ def _limits(found: Mapping[str, Found]) -> str:
                     law,
                     name,
                     str(NEIGHBOURS[best]),
-                    *(number(limit[place]) for place in (best, ten, sixty)),
+                    *(number(limit[index]) for index in (best, ten, sixty)),
                     percent(got.clustered[name][sixty]),
                     percent(got.single[name][sixty]),
                 )

@@ -35,13 +35,13 @@ def with_line(near: Neighbourhood, k: int) -> dict[str, Floats]:
     linearity as a descriptor; the distance from the line is what it makes of a position.
     """
     index, order = near.nearest(k).index, near.order
-    places = near.xyz[:, :2]
-    around = places[index]
+    positions = near.xyz[:, :2]
+    around = positions[index]
     middle = around.mean(axis=1)
     apart = around - middle[:, None]
     _, axes = np.linalg.eigh(np.einsum('nki,nkj->nij', apart, apart) / k)
     off = np.empty(len(order))
-    off[order] = np.abs(np.einsum('ni,ni->n', places - middle, axes[:, :, 0]))
+    off[order] = np.abs(np.einsum('ni,ni->n', positions - middle, axes[:, :, 0]))
     return {**statistics(near, k), OFF: off}
 
 

@@ -50,7 +50,7 @@ class Found:
     curves: dict[str, dict[int, Curve]]
 
     def best(self, name: str) -> int:
-        """Return the place of the k with the largest area."""
+        """Return the index of the k with the largest area."""
         return int(np.argmax(self.auc[name]))
 
 

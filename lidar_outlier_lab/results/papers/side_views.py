@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.evaluation.pictures import INK, LEFT, LOST, PAPER, add_legend, save
+from lidar_outlier_lab.results.pictures import INK, LEFT, LOST, PAPER, add_legend, save
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -13,9 +13,8 @@ from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarch
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_lab.results import sotoodeh_picture
 from lidar_outlier_lab.results.markdown import image, paragraphs, table
-from lidar_outlier_lab.results.papers import published
+from lidar_outlier_lab.results.papers import published, sotoodeh_picture
 from lidar_outlier_lab.results.papers.side_views import View, draw
 from lidar_outlier_lab.simulation.papers import sotoodeh_clusters, tripod
 

@@ -85,8 +85,8 @@ def _match(total: int, rng: np.random.Generator) -> NDArray[np.void]:
     ground = hills(size, CELL / 2.0, 0.06, rng)
     plants = Plants(5, 1400, tall=(8.0, 24.0), wide=(1.6, 3.2), pointed=0.9, clearing=45.0)
     land = build(ground, CELL / 2.0, plants, rng)
-    place = np.arange(rows * rows)[:total]
-    x, y = (step * (part + rng.uniform(0.0, 1.0, total)) for part in np.divmod(place, rows))
+    position = np.arange(rows * rows)[:total]
+    x, y = (step * (part + rng.uniform(0.0, 1.0, total)) for part in np.divmod(position, rows))
     look = land.look(x, y)
     rough = np.where(look.kind == Kind.FOLIAGE, ROUGH, MATCHING)
     height = look.height + rough * rng.standard_normal(total)
@@ -132,21 +132,21 @@ def _move_off(points: NDArray[np.void], outliers: int, rng: np.random.Generator,
     points['surface'][chosen] = Kind.AIR
 
 
-def _single(place: Floats, tree: cKDTree, rng: np.random.Generator, law: Law) -> Floats:
+def _single(position: Floats, tree: cKDTree, rng: np.random.Generator, law: Law) -> Floats:
     """Move a point up or down, until it is far enough from all that stay."""
     while True:
         off = law(rng, *SINGLES) * rng.choice([-1.0, 1.0])
-        moved: Floats = place + np.array([0.0, 0.0, off])
+        moved: Floats = position + np.array([0.0, 0.0, off])
         if tree.query(moved)[0] >= SINGLES[0]:
             return moved
 
 
 def _cluster(
-    place: Floats, size: int, tree: cKDTree, rng: np.random.Generator, law: Law
+    position: Floats, size: int, tree: cKDTree, rng: np.random.Generator, law: Law
 ) -> list[Floats]:
     """Put some points around one that is above the surface, none of them near to it."""
     while True:
-        centre = place + np.array([0.0, 0.0, law(rng, *CENTRES)])
+        centre = position + np.array([0.0, 0.0, law(rng, *CENTRES)])
         members = centre + rng.normal(0.0, rng.uniform(*SPREAD), (size, 3))
         if tree.query(members)[0].min() >= SINGLES[0]:
             return list(members)

@@ -80,7 +80,7 @@ class Line:
 
 # Line 11 is dense all along; 39 goes fast, and stands long at its ends.
 LINES = {11: Line(24_000, 160, 14, 7.0, 3.0, 60.0), 39: Line(12_000, 110, 9, 13.0, 5.0, 900.0)}
-# As hard as in the paper: outliers come near to the route, on 11 alone, on 39 many in one place.
+# As hard as in the paper: outliers come near to the route, on 11 alone, on 39 many in one position.
 HARD = {
     11: Line(
         24_000, 480, 30, 10.0, 4.0, 60.0, thrown=(6.0, 100.0), off=6.0, detours=(2, 4), standing=0.0
@@ -121,7 +121,7 @@ def lines(seed: int, share: float | None, progress: Callable[[float], object]) -
 class _Way(NamedTuple):
     """Where a bus is each second (N, 2), metres, and how fast (N,), metres per second."""
 
-    place: Floats
+    position: Floats
     speed: Floats
 
 
@@ -130,16 +130,16 @@ def track(how: Line, outliers: int, rng: np.random.Generator) -> NDArray[np.void
     route = _route(how.corners, rng)
     way = _drive(route, how, how.points - outliers, rng)
     thrown = outliers // 3
-    near = cKDTree(way.place)
+    near = cKDTree(way.position)
     detours = _detours(way, how, outliers - thrown, near, rng)
     count = len(way.speed)
-    place = np.concatenate([way.place + _drift(count, how.noise, rng), detours.place])
+    position = np.concatenate([way.position + _drift(count, how.noise, rng), detours.position])
     speed = np.concatenate([way.speed, detours.speed])
     speed = np.maximum(speed + 0.3 * rng.standard_normal(len(speed)), 0.0)
-    place = np.concatenate([place, _throw(way, how, thrown, near, rng)])
+    position = np.concatenate([position, _throw(way, how, thrown, near, rng)])
     speed = np.concatenate([speed, rng.uniform(0.0, how.speed, thrown)])
     points = np.zeros(how.points, POSITION)
-    points['x'], points['y'], points['z'] = place[:, 0], place[:, 1], KMH * speed
+    points['x'], points['y'], points['z'] = position[:, 0], position[:, 1], KMH * speed
     points['label'][count:] = Cause.DETOUR
     points['label'][how.points - thrown :] = Cause.SINGLE
     points['surface'][:count] = Kind.ROUTE
@@ -153,12 +153,12 @@ def track(how: Line, outliers: int, rng: np.random.Generator) -> NDArray[np.void
 
 def _route(corners: int, rng: np.random.Generator) -> Floats:
     """Walk through a city in squares, never back: corners (corners + 1, 2), metres."""
-    places = [np.zeros(2)]
+    positions = [np.zeros(2)]
     for i in range(corners):
         blocks = rng.integers(3, 9)
         step = (blocks, 0) if i % 2 == 0 else (0, blocks * rng.choice([-1, 1]))
-        places.append(places[-1] + BLOCK * np.array(step))
-    return np.array(places)
+        positions.append(positions[-1] + BLOCK * np.array(step))
+    return np.array(positions)
 
 
 def _drive(route: Floats, how: Line, seconds: int, rng: np.random.Generator) -> _Way:
@@ -181,8 +181,8 @@ def _drive(route: Floats, how: Line, seconds: int, rng: np.random.Generator) -> 
     smooth = np.hanning(GATHERING + 2)[1:-1] / np.hanning(GATHERING + 2).sum()
     t = np.arange(seconds + GATHERING - 1) - GATHERING // 2
     along = np.convolve(np.interp(t, times, marks), smooth, 'valid')
-    place = np.stack([np.interp(along, ends, route[:, i]) for i in (0, 1)], axis=1)
-    return _Way(place, np.abs(np.gradient(along)))
+    position = np.stack([np.interp(along, ends, route[:, i]) for i in (0, 1)], axis=1)
+    return _Way(position, np.abs(np.gradient(along)))
 
 
 def _drift(count: int, noise: float, rng: np.random.Generator) -> Floats:
@@ -197,35 +197,35 @@ def _drift(count: int, noise: float, rng: np.random.Generator) -> Floats:
 
 def _throw(way: _Way, how: Line, count: int, near: cKDTree, rng: np.random.Generator) -> Floats:
     """Throw some positions (count, 2) off the route, anywhere."""
-    places: list[Floats] = []
-    while len(places) < count:
+    positions: list[Floats] = []
+    while len(positions) < count:
         heading, length = rng.uniform(0.0, 2.0 * np.pi), np.exp(rng.uniform(*np.log(how.thrown)))
-        start = way.place[rng.integers(len(way.place))]
-        place = start + length * np.array([np.cos(heading), np.sin(heading)])
-        if near.query(place)[0] >= how.thrown[0]:
-            places.append(place)
-    return np.reshape(places, (-1, 2))
+        start = way.position[rng.integers(len(way.position))]
+        position = start + length * np.array([np.cos(heading), np.sin(heading)])
+        if near.query(position)[0] >= how.thrown[0]:
+            positions.append(position)
+    return np.reshape(positions, (-1, 2))
 
 
 def _detours(way: _Way, how: Line, count: int, near: cKDTree, rng: np.random.Generator) -> _Way:
     """Leave the route along another street, now and then to stand there."""
-    places, speeds = [np.zeros((0, 2))], [np.zeros(0)]
+    positions, speeds = [np.zeros((0, 2))], [np.zeros(0)]
     left = count
     while left:
         size = min(int(rng.integers(*how.detours)), left)
-        start = way.place[rng.integers(len(way.speed))]
+        start = way.position[rng.integers(len(way.speed))]
         heading = rng.choice([-1.0, 1.0], 2) * rng.permutation([1.0, 0.35])
         heading /= np.linalg.norm(heading)
         speed = np.full(size, rng.uniform(6.0, 12.0))
         if rng.random() < how.standing:
             speed[size // 2 :] = 0.0
-        place = start + (how.thrown[0] + np.cumsum(speed))[:, None] * heading
-        # One that stands is at the very same place each second.
+        position = start + (how.thrown[0] + np.cumsum(speed))[:, None] * heading
+        # One that stands is at the very same position each second.
         moving = speed > 0.0
-        place[moving] += rng.normal(0.0, 2.0, (int(moving.sum()), 2))
-        if near.query(place)[0].min() < how.off:
+        position[moving] += rng.normal(0.0, 2.0, (int(moving.sum()), 2))
+        if near.query(position)[0].min() < how.off:
             continue
-        places.append(place)
+        positions.append(position)
         speeds.append(speed)
         left -= size
-    return _Way(np.concatenate(places), np.concatenate(speeds))
+    return _Way(np.concatenate(positions), np.concatenate(speeds))

@@ -67,9 +67,9 @@ def exactly(block: Block, points: int, outliers: int) -> Returns:
 
     """
     clean = block.clean.take(slice(0, points))
-    place = _place(clean, block.spoilt)
+    at = _shots(clean, block.spoilt)
     # Only shots that stay a point, and become an outlier.
-    fit = place.inside & (clean.points['label'][place.where] == Cause.GOOD)
+    fit = at.inside & (clean.points['label'][at.where] == Cause.GOOD)
     candidates, lot = block.spoilt.take(fit), block.lot[fit]
     own = int(np.count_nonzero(clean.points['label']))
     _check(outliers, own, own + len(lot), points)
@@ -87,10 +87,10 @@ def about(block: Block, share: float) -> Returns:
 
     """
     clean, spoilt = block.clean, block.spoilt
-    place = _place(clean, spoilt)
+    at = _shots(clean, spoilt)
     order = np.argsort(block.lot, kind='stable')
-    is_new = ~place.inside[order]
-    was_good = clean.points['label'][place.where[order]] == Cause.GOOD
+    is_new = ~at.inside[order]
+    was_good = clean.points['label'][at.where[order]] == Cause.GOOD
     points = len(clean.shot) + np.concatenate([[0], np.cumsum(is_new)])
     own = np.count_nonzero(clean.points['label'])
     outliers = own + np.concatenate([[0], np.cumsum(is_new | was_good)])
@@ -101,16 +101,16 @@ def about(block: Block, share: float) -> Returns:
     return merge(clean, spoilt.take(chosen))
 
 
-class _Place(NamedTuple):
+class _Shots(NamedTuple):
     """Where the shots of some returns are among those of others."""
 
     where: NDArray[np.intp]
     inside: NDArray[np.bool_]
 
 
-def _place(clean: Returns, spoilt: Returns) -> _Place:
+def _shots(clean: Returns, spoilt: Returns) -> _Shots:
     where = np.minimum(np.searchsorted(clean.shot, spoilt.shot), max(len(clean.shot) - 1, 0))
-    return _Place(where, clean.shot[where] == spoilt.shot)
+    return _Shots(where, clean.shot[where] == spoilt.shot)
 
 
 def _check(outliers: int, fewest: int, most: int, points: int) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The cloud of :mod:`.hod_scene` as one message, with its truth."""
+"""The cloud of :mod:`.sotoodeh_clusters` as one message, with its truth."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause, Kind
-from lidar_outlier_lab.simulation.papers import sotoodeh_clusters as hod_scene
+from lidar_outlier_lab.simulation.papers import sotoodeh_clusters
 from lidar_outlier_lab.simulation.world.recording import START, Cloud
 from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-SINGLES = hod_scene.STRAY + hod_scene.NEAR_STRAY  # the first of the outliers
+SINGLES = sotoodeh_clusters.STRAY + sotoodeh_clusters.NEAR_STRAY  # the first of the outliers
 
 
 def cloud(seed: int, share: float | None, progress: Callable[[float], object]) -> Iterator[Cloud]:
     """Simulate Sotoodeh's cloud, all of one instant (t = 0); its share of outliers is fixed."""
     if share is not None:
         raise FilterError('the share', 'left as it is in this preset', share)
-    scene = hod_scene.simulate(seed)
+    scene = sotoodeh_clusters.simulate(seed)
     points = np.zeros(len(scene.xyz), np.dtype([*FIRST, *TRUTH]))
     for axis, name in enumerate('xyz'):
         points[name] = scene.xyz[:, axis]

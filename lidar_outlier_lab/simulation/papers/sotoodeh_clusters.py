@@ -13,17 +13,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from rich.table import Table
-
-from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from numpy.typing import NDArray
-
-    from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
-    from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 
     Floats = NDArray[np.float64]
     Bools = NDArray[np.bool_]
@@ -37,8 +29,6 @@ JITTER = 0.25  # of a step
 BRANCHES, TWIGS = 4, 5  # thin things that stick out of the wall, good points along each
 FIRST_TWIG, LONGER = 0.12, 1.6  # metres from the wall to the first, and how each step grows
 MARGIN = (np.array([0.6, 0.6, 0.6]), np.array([0.6, 1.2, 0.6]))  # around the good points, metres
-# Table 1 of the paper: α- and β-error of both phases, shares of the points the phase has seen.
-PAPER = (0.0045, 0.0137, 0.0104, 0.0052)
 
 
 class LabelledClusters(NamedTuple):
@@ -55,24 +45,6 @@ class LabelledClusters(NamedTuple):
 
     xyz: Floats
     outlier: Bools
-
-
-class Errors(NamedTuple):
-    """Counts of one phase: points seen, good ones rejected, outliers kept."""
-
-    seen: int
-    lost: int
-    left: int
-
-    @property
-    def alpha(self) -> float:
-        """The paper's α-error: rejected good points, of all that the phase has seen."""
-        return self.lost / self.seen
-
-    @property
-    def beta(self) -> float:
-        """The paper's β-error: outliers that are left, of all that the phase has seen."""
-        return self.left / self.seen
 
 
 def simulate(seed: int, *, cluttered: bool = False) -> LabelledClusters:
@@ -136,41 +108,3 @@ def _scatter(
         if between[0] < np.linalg.norm(good - point, axis=1).min() < between[1]:
             found.append(point)
     return np.array(found)
-
-
-def errors(outlier: Bools, outcome: ClusterOutcome) -> tuple[Errors, Errors]:
-    """Count the errors of both phases."""
-    first, second = outcome.phase == 1, outcome.phase == 2  # noqa: PLR2004  the phases
-    rejected = first | second
-    return (
-        _errors(len(outlier), first & ~outlier, outlier & ~first),
-        _errors(int(np.count_nonzero(~first)), second & ~outlier, outlier & ~rejected),
-    )
-
-
-def _errors(seen: int, lost: Bools, left: Bools) -> Errors:
-    return Errors(seen, int(np.count_nonzero(lost)), int(np.count_nonzero(left)))
-
-
-def mean_errors(
-    seeds: Iterable[int], parameters: Hierarchical, *, cluttered: bool = False
-) -> tuple[float, ...]:
-    """Return the means over scenes of the α- and β-error of phase 1, then those of phase 2."""
-    rows = []
-    for seed in seeds:
-        scene = simulate(seed, cluttered=cluttered)
-        outcome = hierarchical.detect(scene.xyz, parameters)
-        first, second = errors(scene.outlier, outcome)
-        rows.append((first.alpha, first.beta, second.alpha, second.beta))
-    return tuple(map(float, np.mean(rows, axis=0)))
-
-
-def table(seeds: range, parameters: Hierarchical) -> Table:
-    """Put the means beside Table 1 of the paper."""
-    names = ('phase 1: α-error', 'phase 1: β-error', 'phase 2: α-error', 'phase 2: β-error')
-    result = Table('', f'mean of {len(seeds)} scenes', 'Sotoodeh 2007')
-    for column in result.columns[1:]:
-        column.justify = 'right'
-    for name, ours, paper in zip(names, mean_errors(seeds, parameters), PAPER, strict=True):
-        result.add_row(name, f'{ours:.2%}', f'{paper:.2%}')
-    return result

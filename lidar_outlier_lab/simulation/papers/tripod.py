@@ -34,14 +34,14 @@ DARK, BRIGHT = 0.08, 0.7  # reflectances
 
 
 class RangeImage(NamedTuple):
-    """A scan from one place.
+    """A scan from one position.
 
     Attributes
     ----------
     points : (N,) structured
         x, y, z (metres), intensity, label and surface.
     row, column : (N,) int64
-        Place of each point in the image; row 0 is the highest.
+        Index of each point in the image; row 0 is the highest.
     shape : (rows, columns)
 
     """
@@ -67,12 +67,12 @@ class RangeImage(NamedTuple):
 class Tripod:
     """A scanner that stands still, at x, y and z, metres."""
 
-    place: tuple[float, float, float]
+    at: tuple[float, float, float]
     mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def position(self, t: Floats) -> Floats:
-        """Place of the scanner (3, N), metres."""
-        return np.tile(np.array(self.place)[:, None], len(t))
+        """Position of the scanner (3, N), metres."""
+        return np.tile(np.array(self.at)[:, None], len(t))
 
     def rotation(self, t: Floats) -> Floats:
         """Rotation (3, 3, N): none."""
@@ -101,12 +101,12 @@ class Flakes:
 
 def scan(
     surfaces: Sequence[Surface],
-    place: tuple[float, float, float],
+    position: tuple[float, float, float],
     shape: tuple[int, int],
     seed: int,
     air: tuple[Air, ...] = (),
 ) -> RangeImage:
-    """Scan a scene from a place, all around and 30° up and down."""
+    """Scan a scene from a position, all around and 30° up and down."""
     rows, columns = shape
     sensor = SpinningScanner(
         elevation=tuple(np.radians(np.linspace(30.0, -30.0, rows))),
@@ -124,7 +124,7 @@ def scan(
         Scene(tuple(surfaces), air),
         lines=1,
         sensor=sensor,
-        trajectory=Tripod(place),
+        trajectory=Tripod(position),
         disturbances=NOTHING_ELSE,
         seed=seed,
     )
@@ -168,13 +168,13 @@ def room(seed: int, rows: int = 240, columns: int = 1440) -> RangeImage:
 
 
 def facades(seed: int, rows: int = 200, columns: int = 1200) -> list[RangeImage]:
-    """Scan a street of houses from three places: birds and flakes in the air, cars in the way."""
+    """Scan a street from three positions: birds and flakes in the air, cars in the way."""
     rng = np.random.default_rng([seed, columns])
     found = []
     for number, x in enumerate((-14.0, 0.0, 17.0)):
         things = (*birds((x + 4.0, 2.0), 8, rng), *car(x + 7.0, 2.5, rng, (0.0, 0.0, 0.0)))
         surfaces = lay_out(Town(trees=False, things=things, start=-45.0, end=45.0), rng)
-        place = (x, rng.uniform(-1.0, 1.0), 1.7)
+        position = (x, rng.uniform(-1.0, 1.0), 1.7)
         air = (Flakes(),)
-        found.append(scan(surfaces, place, (rows, columns), seed + number, air))
+        found.append(scan(surfaces, position, (rows, columns), seed + number, air))
     return found

@@ -101,13 +101,13 @@ def _arm(town: Town, speed: float, seconds: float, rng: np.random.Generator) -> 
 
 def _air(way: float, rng: np.random.Generator) -> tuple[Air, ...]:
     """Put up to three clouds of exhaust along the way, metres; let it snow or rain, or not."""
-    places = range(int(rng.integers(0, 4)))
+    positions = range(int(rng.integers(0, 4)))
     lanes = (LANES[0], LANES[0], LANES[1])
     cause = Cause.SNOW if rng.random() < SNOW else Cause.RAIN
     fall = ThinFall(cause, 10 ** rng.uniform(-3.5, -1.8), rng.uniform(4.0, 15.0))
     exhausts = tuple(
         puff
-        for _ in places
+        for _ in positions
         for puff in exhaust(
             rng.uniform(-2.0, way + 4.0),
             float(rng.choice(lanes)) + rng.uniform(-0.6, 0.6),

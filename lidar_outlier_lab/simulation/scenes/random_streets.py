@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 KERB_WIDTH = 0.15
 DEEP = 60.0  # metres from the road to where a block of houses ends
 CAR = (2.1, 0.85)  # half the length and half the width of a car
-# Shares of kerbs that are lowered, houses with a shop, gaps between houses, places with a car.
+# Shares of kerbs that are lowered, houses with a shop, gaps between houses, positions with a car.
 ENTRANCES, SHOPS, GAPS, PARKED = 0.2, 0.4, 0.4, 0.5
 LOWERED = 0.03  # height of a lowered kerb, metres
 WIDE = 8.0  # metres that a house with a shop has at least
@@ -188,8 +188,8 @@ def _manholes(town: Town, rng: np.random.Generator) -> Iterator[Surface]:
     while x < town.end:
         y = rng.uniform(-0.7, 0.7) * town.half_road
         height = town.crown * (1.0 - (y / town.half_road) ** 2)
-        place = (x, y, height + rng.uniform(0.008, 0.025))
-        yield Lid(place, rng.uniform(0.28, 0.38), rng.uniform(0.003, 0.008))
+        position = (x, y, height + rng.uniform(0.008, 0.025))
+        yield Lid(position, rng.uniform(0.28, 0.38), rng.uniform(0.003, 0.008))
         x += rng.uniform(4.0, 12.0)
 
 
@@ -235,8 +235,8 @@ def birds(middle: tuple[float, float], count: int, rng: np.random.Generator) -> 
     flight = (*rng.uniform(-8.0, 8.0, 2), rng.uniform(-1.0, 1.0))
     flock = []
     for _ in range(count):
-        place = (a + b for a, b in zip(centre, rng.normal(0.0, (2.5, 2.5, 0.7)), strict=True))
-        x, y, z = place
+        position = (a + b for a, b in zip(centre, rng.normal(0.0, (2.5, 2.5, 0.7)), strict=True))
+        x, y, z = position
         flock.append(Ball((x, y, z), rng.uniform(0.06, 0.14), flight))
     return tuple(flock)
 

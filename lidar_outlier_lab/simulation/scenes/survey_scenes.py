@@ -142,8 +142,8 @@ def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
         pointed=rng.uniform(0.0, 1.0),
     )
     land = build(hills(size, cell, rng.uniform(0.0, 0.3), rng), cell, plants, rng)
-    place = np.divmod(np.arange(rows**2), rows)
-    x, y = (step * (part + rng.uniform(0.0, 1.0, rows**2)) for part in place)
+    cells = np.divmod(np.arange(rows**2), rows)
+    x, y = (step * (part + rng.uniform(0.0, 1.0, rows**2)) for part in cells)
     look = land.look(x, y)
     smooth, rough = rng.uniform(0.005, 0.06), rng.uniform(0.03, 0.25)
     noise = np.where(look.kind == Kind.FOLIAGE, rough, smooth)
@@ -168,7 +168,7 @@ def _walls(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
 
 
 def _track(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
-    """Note the places of a bus, one a second, or the speed as well."""
+    """Note the positions of a bus, one a second, or the speed as well."""
     count = int(rng.integers(4000, 20_000))
     line = Line(
         count,

@@ -208,9 +208,9 @@ def _of_rows(ring: _Ring, rows: _EmptyRows, rate: float) -> Beams:
         return _take(ring.beams, slice(0, 0))
     every_t, every_row = np.append(ring.beams.t, t), np.append(ring.beams.source, row)
     order = np.lexsort((every_row, every_t))
-    place = np.empty(len(order), np.int64)
-    place[order] = np.arange(len(order))
-    known, wanted = place[: len(ring.phase)], place[len(ring.phase) :]
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    known, wanted = rank[: len(ring.phase)], rank[len(ring.phase) :]
     phase = np.interp(wanted, known, ring.phase)
     phase += ring.step * (np.minimum(wanted - known[0], 0) + np.maximum(wanted - known[-1], 0))
     # So many between two returns there can only be if the angle between these is as large.
@@ -263,7 +263,7 @@ def _nothing(ring: _Ring, phase: Floats, t: Ints, rate: float, source: Ints) -> 
 
 
 def _rate(azimuth: Floats, t: Ints, parts: list[slice]) -> float:
-    """Return how fast the head turns, rad/ns: the median over returns ``LAG`` places apart."""
+    """Return how fast the head turns, rad/ns: the median over returns ``LAG`` apart."""
     rates = []
     for part in parts:
         if part.stop - part.start <= LAG:

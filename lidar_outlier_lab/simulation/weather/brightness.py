@@ -29,9 +29,9 @@ class Brightness:
 
     def __init__(self, distance: Floats, values: Floats) -> None:
         """Take the ranges (N,) of some points, metres, and their intensities (N,)."""
-        place = np.log(distance)
-        edges = np.linspace(place.min(), place.max() + 1e-9, BINS + 1)
-        bins = np.digitize(place, edges) - 1
+        position = np.log(distance)
+        edges = np.linspace(position.min(), position.max() + 1e-9, BINS + 1)
+        bins = np.digitize(position, edges) - 1
         known = [k for k in range(BINS) if (bins == k).sum() >= ENOUGH]
         median = [float(np.median(values[bins == k])) for k in known]
         pairs = [(edges[k : k + 2].mean(), m) for k, m in zip(known, median, strict=True) if m > 0]

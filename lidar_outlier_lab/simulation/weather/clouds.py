@@ -182,10 +182,10 @@ class _WeatherShots:
     def __init__(self, cloud: LabelledCloud, beams: Beams, convention: Convention) -> None:
         self._cloud, self._beams, self._convention = cloud, beams, convention
         # A beam without a row is like the last of its ring that has one; before that, the next.
-        place = np.arange(len(beams))
+        index = np.arange(len(beams))
         own = beams.source >= 0
-        last = np.maximum.accumulate(np.where(own, place, -1))
-        following = np.minimum.accumulate(np.where(own, place, len(beams))[::-1])[::-1]
+        last = np.maximum.accumulate(np.where(own, index, -1))
+        following = np.minimum.accumulate(np.where(own, index, len(beams))[::-1])[::-1]
         same = (last >= 0) & (beams.ring[last] == beams.ring)
         self._like = beams.source[np.where(same, last, np.minimum(following, len(beams) - 1))]
 

@@ -140,7 +140,7 @@ def strike(
         count = rng.poisson(np.interp(end[mine], edges, total))
         which = np.repeat(mine, count)
         depth = rng.random(len(which)) * np.interp(end[which], edges, total)
-        # Where no drop outshines, the sum stands still: its places are not unique, and not asked.
+        # Where no drop outshines, the sum stands still: its inverse is not unique, and not asked.
         rising = np.concatenate([[True], np.diff(total) > 0])
         beam.append(which)
         distance.append(np.interp(depth, total[rising], edges[rising]))

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weather, put into a sensor's own cloud: what falls, hangs or drifts, and what it hides.
 
-Every beam is asked, those without a return too. Its surface loses light to what is in the way; and
-what sends back more than is left of that is measured instead, if it is above the noise. Of the
-same cloud, the same weather and the same seed, the same is made.
+Every beam is looked at, those without a return too. Particles in its way take light from the
+surface behind them. Where their echo is stronger than what is left of the surface's, and above the
+noise, it is measured instead. The same cloud, weather and seed always give the same result.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Weather = Callable[['_Sweep'], BothEchoes]
-    Place = tuple[float, float]  # level, metres
-    Trail = Callable[[Place, float], Sequence[plumes.PlumePuff]]
+    Position = tuple[float, float]  # level, metres
+    Trail = Callable[[Position, float], Sequence[plumes.PlumePuff]]
 
 ONE_RETURN = ('strongest', 'first', 'last')
 BESIDE_EDGES = 0.35  # share of the beams at edges that are mixed
@@ -41,7 +41,7 @@ class WeatherSite(NamedTuple):
     """Where vehicles may be: the height of the ground, and how far 80 % of the surfaces are, m."""
 
     ground: float
-    room: float
+    space: float
 
 
 class _Sweep(NamedTuple):
@@ -130,7 +130,7 @@ def check(weather: str, seed: int) -> None:
 
 
 def survey(beams: Beams) -> WeatherSite:
-    """Find the ground, and how much room there is."""
+    """Find the ground, and how much space there is."""
     known = np.isfinite(beams.range)
     up, far = beams.direction[known, 2], beams.range[known]
     ground = float(np.percentile(up * far, 2.0))
@@ -227,7 +227,7 @@ def _spray(sweep: _Sweep) -> BothEchoes:
     """Whirl water up behind the wheels of vehicles."""
     ground, rng = sweep.around.ground, sweep.fixed
 
-    def trail(start: Place, heading: float) -> list[plumes.PlumePuff]:
+    def trail(start: Position, heading: float) -> list[plumes.PlumePuff]:
         puffs: list[plumes.PlumePuff] = []
         for side in (-0.8, 0.8):
             x, y = start[0] - side * np.sin(heading), start[1] + side * np.cos(heading)
@@ -244,7 +244,7 @@ def _dust(sweep: _Sweep) -> BothEchoes:
     ground, rng = sweep.around.ground, sweep.fixed
     density = _log_uniform(rng, 0.1, 2.5)
 
-    def trail(start: Place, heading: float) -> Sequence[plumes.PlumePuff]:
+    def trail(start: Position, heading: float) -> Sequence[plumes.PlumePuff]:
         length, width = rng.uniform(4.0, 14.0), rng.uniform(0.5, 1.0)
         growth = rng.uniform(0.1, 0.25)
         return plumes.trail((*start, ground), heading, length, density, rng, width, growth)
@@ -257,10 +257,10 @@ def _exhaust(sweep: _Sweep) -> BothEchoes:
     """Let pipes smoke: small, dense clouds near the ground."""
     ground, rng = sweep.around.ground, sweep.fixed
 
-    def trail(start: Place, heading: float) -> Sequence[plumes.PlumePuff]:
+    def trail(start: Position, heading: float) -> Sequence[plumes.PlumePuff]:
         length, density = rng.uniform(0.8, 3.0), rng.uniform(0.8, 3.0)
-        place = (*start, ground + 0.25)
-        return plumes.trail(place, heading, length, density, rng, width=0.15, growth=0.2)
+        position = (*start, ground + 0.25)
+        return plumes.trail(position, heading, length, density, rng, width=0.15, growth=0.2)
 
     ranges = _PlumeRanges((20.0, 45.0), (0.3, 0.8), (0.6, 1.2), (1.0, 4.0), cell=0.1)
     return _behind_vehicles(sweep, trail, ranges, Cause.EXHAUST)
@@ -293,15 +293,15 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 def _vehicles(
     around: WeatherSite, rng: np.random.Generator
 ) -> list[tuple[tuple[float, float], float]]:
-    """Place vehicles where there is room: the point that a plume begins at, and where it goes."""
+    """Put vehicles where there is space: the point that a plume begins at, and where it goes."""
     found = []
     for number in range(int(rng.integers(1, 5))):
         # The first is the vehicle that carries the sensor.
-        far = rng.uniform(3.0, max(min(around.room, 25.0), 5.0))
+        far = rng.uniform(3.0, max(min(around.space, 25.0), 5.0))
         far = max(2.0, -1.5 * around.ground) if number == 0 else far
-        place, turn = rng.uniform(-np.pi, np.pi, 2)
-        heading = place + 0.2 * turn if number == 0 else turn
-        found.append(((float(far * np.cos(place)), float(far * np.sin(place))), float(heading)))
+        azimuth, turn = rng.uniform(-np.pi, np.pi, 2)
+        heading = azimuth + 0.2 * turn if number == 0 else turn
+        found.append(((float(far * np.cos(azimuth)), float(far * np.sin(azimuth))), float(heading)))
     return found
 
 

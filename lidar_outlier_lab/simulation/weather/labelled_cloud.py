@@ -73,7 +73,7 @@ class LabelledCloud:
         # As plain bytes: a copy of a structured array would lose its padding.
         self._rows = wider.view(np.dtype((np.void, wider.dtype.itemsize)))
         self._layout = wider.dtype if is_empty(msg) else _layout(structured(msg).dtype)
-        self._place = np.arange(len(plain), dtype=np.float64)
+        self._position = np.arange(len(plain), dtype=np.float64)
         self._kept = np.ones(len(plain), np.bool_)
         self._curves: dict[str, Brightness] = {}
         self._ranges: dict[str, float] = {}
@@ -141,7 +141,7 @@ class LabelledCloud:
         """Add points behind others and like these; return their rows."""
         first = len(self._rows)
         self._rows = np.concatenate([self._rows, self._rows[like]])
-        self._place = np.concatenate([self._place, like + 0.5])
+        self._position = np.concatenate([self._position, like + 0.5])
         self._kept = np.concatenate([self._kept, np.ones(len(like), np.bool_)])
         rows = np.arange(first, len(self._rows))
         self.move(rows, found)
@@ -183,7 +183,7 @@ class LabelledCloud:
 
     def message(self) -> Any:
         """Make the message, its points in order."""
-        order = np.argsort(self._place, kind='stable')
+        order = np.argsort(self._position, kind='stable')
         rows = self._rows[order[self._kept[order]]]
         msg, step = self._msg, self._rows.dtype.itemsize
         if not msg.fields:

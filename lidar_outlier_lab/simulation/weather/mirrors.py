@@ -100,7 +100,7 @@ def mirror(
 def _pane(
     tree: cKDTree, xyz: Floats, rng: np.random.Generator, *, level: bool
 ) -> tuple[NDArray[np.intp], Floats, float] | None:
-    """Choose a flat place; return the points in it, its normal and its distance from the sensor."""
+    """Choose a flat spot; return the points in it, its normal and its distance from the sensor."""
     for _ in range(40):
         centre = xyz[rng.integers(len(xyz))]
         size = rng.uniform(0.5, 1.0) * (0.15 * np.sqrt(centre @ centre) + 0.5)

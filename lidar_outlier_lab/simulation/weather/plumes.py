@@ -99,10 +99,10 @@ class _Field:
         for puff in cloud.puffs:
             self._add(puff, axes)
         if cloud.puffs:
-            places = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1)
-            inside = (self._grid > OUTSIDE) & (places[..., 2] > cloud.bottom)
+            positions = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1)
+            inside = (self._grid > OUTSIDE) & (positions[..., 2] > cloud.bottom)
             self._grid[~inside] = 0.0
-            self._grid[inside] *= self._lumps(places[inside])
+            self._grid[inside] *= self._lumps(positions[inside])
 
     def _add(self, puff: PlumePuff, axes: list[Floats]) -> None:
         parts, falls = [], []
@@ -113,11 +113,11 @@ class _Field:
         self._grid[tuple(parts)] += puff.density * np.einsum('i,j,k->ijk', *falls)
 
     def _lumps(self, xyz: Floats) -> Floats:
-        """Return smooth noise at places (M, 3), of mean 1."""
+        """Return smooth noise at positions (M, 3), of mean 1."""
         total = np.zeros(len(xyz))
         for octave, values in enumerate(self._lattice):
-            places = xyz.T * (2.0**octave / self._cloud.lump) + self._shift[octave][:, None]
-            total += 0.6**octave * map_coordinates(values, places, order=1, mode='grid-wrap')
+            positions = xyz.T * (2.0**octave / self._cloud.lump) + self._shift[octave][:, None]
+            total += 0.6**octave * map_coordinates(values, positions, order=1, mode='grid-wrap')
         # Between the lattice's values it varies less: by 0.6 on average.
         total /= 0.6 * np.sqrt(sum(0.36**octave for octave in range(OCTAVES)))
         uneven = self._cloud.uneven
@@ -130,8 +130,8 @@ class _Field:
         if not self._cloud.puffs:
             flat = xyz.reshape(-1, 3)
             return (self._cloud.density * self._lumps(flat)).reshape(middle.shape)
-        places = np.moveaxis((xyz - self._low) / VOXEL, 2, 0)
-        density: Floats = map_coordinates(self._grid, places, order=1, mode='constant')
+        positions = np.moveaxis((xyz - self._low) / VOXEL, 2, 0)
+        density: Floats = map_coordinates(self._grid, positions, order=1, mode='constant')
         return density
 
 

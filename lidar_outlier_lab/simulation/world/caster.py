@@ -57,22 +57,22 @@ def cast(
     cosine = np.ones((count, rays))
     surface = np.full((count, rays), -1, np.int64)
     part = np.full((count, rays), ROUND, np.int64)
-    place, step = np.empty(3), np.empty(3)
+    position, step = np.empty(3), np.empty(3)
     for n in range(count):
         farthest = np.inf  # of what the rays of the bundle have met so far
         for s in range(len(table)):
             row = table[s]
             for axis in range(3):
-                place[axis] = origin[axis, n, 0] - row[VELOCITY + axis] * t[n]
+                position[axis] = origin[axis, n, 0] - row[VELOCITY + axis] * t[n]
                 step[axis] = direction[axis, n, 0]
-            if not _is_towards(row, place, step, reach, farthest):
+            if not _is_towards(row, position, step, reach, farthest):
                 continue
             farthest = 0.0
             for k in range(rays):
                 for axis in range(3):
-                    place[axis] = origin[axis, n, k] - row[VELOCITY + axis] * t[n]
+                    position[axis] = origin[axis, n, k] - row[VELOCITY + axis] * t[n]
                     step[axis] = direction[axis, n, k]
-                far, lean, face = _meet(row, place, step, t[n])
+                far, lean, face = _meet(row, position, step, t[n])
                 if far < distance[n, k]:
                     distance[n, k], cosine[n, k] = far, lean
                     surface[n, k], part[n, k] = s, face
@@ -199,8 +199,8 @@ def _meet_tube(p: Floats, o: Floats, d: Floats) -> Hit:
     if not disc > 0.0:
         return np.inf, 1.0, ROUND
     far = (-b - np.sqrt(disc)) / a
-    place = along + far * lean
-    if not (far > 0.0 and 0.0 <= place <= p[7]):
+    position = along + far * lean
+    if not (far > 0.0 and 0.0 <= position <= p[7]):
         return np.inf, 1.0, ROUND
     return far, np.sqrt(disc) / p[6], ROUND
 
@@ -307,8 +307,8 @@ def _meet_leaf(
     i, j, k, seed = cell[0], cell[1], cell[2], int(p[9])
     gap, normal = np.empty(3), np.empty(3)
     for axis in range(3):
-        place = (cell[axis] + uniform(i, j, k, seed, 1 + axis)) * p[6]
-        gap[axis] = p[axis] + place - o[axis]
+        position = (cell[axis] + uniform(i, j, k, seed, 1 + axis)) * p[6]
+        gap[axis] = p[axis] + position - o[axis]
     height, around = 2.0 * uniform(i, j, k, seed, 4) - 1.0, 2.0 * np.pi * uniform(i, j, k, seed, 5)
     flat = np.sqrt(max(1.0 - height * height, 0.0))
     normal[0], normal[1], normal[2] = flat * np.cos(around), flat * np.sin(around), height

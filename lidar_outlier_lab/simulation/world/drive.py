@@ -241,15 +241,15 @@ def _fly(scene: Scene, rays: Rays, shots: _Shots, rng: np.random.Generator) -> N
 
 def _lift(how: Disturbances, fall: Floats, shots: _Shots, rng: np.random.Generator) -> None:
     """Lift some points off the road, along their rays."""
-    lot, place = rng.random((2, len(fall)))
+    lot, draw = rng.random((2, len(fall)))
     road = (shots.kind == Kind.ROAD) & (shots.cause == Cause.GOOD)
     twice = road & (lot < how.reflection)
     close = road & ~twice & (lot < how.reflection + how.near_surface)
     low, high = how.reflection_height
     span = -np.expm1(-(high - low) / how.reflection_scale)
-    lift = np.where(twice, low - how.reflection_scale * np.log1p(-place * span), 0.0)
+    lift = np.where(twice, low - how.reflection_scale * np.log1p(-draw * span), 0.0)
     low, high = how.near_surface_height
-    lift = np.where(close, low + place * (high - low), lift)
+    lift = np.where(close, low + draw * (high - low), lift)
     shots.cause[twice], shots.cause[close] = Cause.REFLECTION, Cause.NEAR_SURFACE
     shots.kind[twice | close] = Kind.AIR
     lifted = lift > 0.0

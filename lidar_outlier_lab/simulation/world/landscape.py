@@ -27,7 +27,7 @@ EAVES = 0.3  # metres that the foot of a tree's cone is above the ground
 
 
 class Look(NamedTuple):
-    """What is seen at N places from above: height of the top (metres), and kind."""
+    """What is seen at N positions from above: height of the top (metres), and kind."""
 
     height: Floats
     kind: Codes
@@ -59,7 +59,7 @@ class Landscape:
         return (columns - 1) * self.cell, (rows - 1) * self.cell
 
     def look(self, x: Floats, y: Floats) -> Look:
-        """Look at places (N,) from straight above."""
+        """Look at positions (N,) from straight above."""
         owner = np.zeros(len(x), np.int64)
         height = _look(self.top, self.owner, self.cell, x, y, owner)
         return Look(height, _kinds(owner))
@@ -89,7 +89,7 @@ def _kinds(owner: NDArray[np.int64]) -> Codes:
 
 @inner_kernel
 def _height(field: Floats, owner: NDArray[np.int64], cell: float, x: float, y: float) -> float:
-    """Height at a place: between the four corners, or that of the nearest where owners differ."""
+    """Height somewhere: between the four corners, or that of the nearest where owners differ."""
     u = min(max(x / cell, 0.0), field.shape[0] - 1.000001)
     v = min(max(y / cell, 0.0), field.shape[1] - 1.000001)
     i, j = int(u), int(v)
@@ -146,9 +146,9 @@ def _free(highest: Floats, side: float, o: Floats, d: Floats, far: float) -> flo
     i = int(min(max(x / side, 0.0), highest.shape[0] - 1.0))
     j = int(min(max(y / side, 0.0), highest.shape[1] - 1.0))
     step = (highest[i, j] - o[2] - far * d[2]) / d[2]
-    for place, number, pace in ((x, i, d[0]), (y, j, d[1])):
+    for position, number, pace in ((x, i, d[0]), (y, j, d[1])):
         border = (number + (pace > 0.0)) * side
-        step = min(step, (border - place) / pace) if pace != 0.0 else step
+        step = min(step, (border - position) / pace) if pace != 0.0 else step
     return float(step)
 
 
@@ -252,30 +252,30 @@ def build(ground: Floats, cell: float, plants: Plants, rng: np.random.Generator)
     land = Landscape(ground, top, owner, cell)
     long, broad = land.size
     for number in range(plants.houses):
-        place = (rng.uniform(0.0, long), rng.uniform(0.0, broad))
+        position = (rng.uniform(0.0, long), rng.uniform(0.0, broad))
         half = (rng.uniform(4.0, 9.0), rng.uniform(3.5, 6.0))
-        _house(land, number + 1, place, half, rng.uniform(*plants.eaves))
+        _house(land, number + 1, position, half, rng.uniform(*plants.eaves))
     middle = np.array([long / 2.0, broad / 2.0])
     for number in range(plants.trees):
-        place = (rng.uniform(0.0, long), rng.uniform(0.0, broad))
+        position = (rng.uniform(0.0, long), rng.uniform(0.0, broad))
         tall, wide, lot = rng.uniform(*plants.tall), rng.uniform(*plants.wide), rng.random()
-        if np.hypot(*(np.array(place) - middle)) >= plants.clearing:
-            _tree(land, -1 - number, place, (wide, tall), is_pointed=lot < plants.pointed)
+        if np.hypot(*(np.array(position) - middle)) >= plants.clearing:
+            _tree(land, -1 - number, position, (wide, tall), is_pointed=lot < plants.pointed)
     return land
 
 
 def _house(
     land: Landscape,
     number: int,
-    place: tuple[float, float],
+    position: tuple[float, float],
     half: tuple[float, float],
     eaves: float,
 ) -> None:
     """Put a house with a ridge along x, unless something is there."""
-    box = _box(land, place, half)
+    box = _box(land, position, half)
     if land.owner[box].any():
         return
-    _, y = _around(land, box, place)
+    _, y = _around(land, box, position)
     base = land.ground[box].max()
     roof = base + eaves + 0.7 * (half[1] - np.minimum(np.abs(y), half[1]))
     land.top[box] = roof
@@ -285,15 +285,15 @@ def _house(
 def _tree(
     land: Landscape,
     number: int,
-    place: tuple[float, float],
+    position: tuple[float, float],
     size: tuple[float, float],
     *,
     is_pointed: bool,
 ) -> None:
     """Put a cone or half an ellipsoid of (radius, height) where it stands out above the others."""
     wide, tall = size
-    box = _box(land, place, (wide, wide))
-    x, y = _around(land, box, place)
+    box = _box(land, position, (wide, wide))
+    x, y = _around(land, box, position)
     off = np.sqrt(x * x + y * y) / wide
     form = 1.0 - off if is_pointed else np.sqrt(np.maximum(1.0 - off * off, 0.0))
     height = land.ground[box] + EAVES + (tall - EAVES) * form
@@ -303,21 +303,21 @@ def _tree(
 
 
 def _box(
-    land: Landscape, place: tuple[float, float], half: tuple[float, float]
+    land: Landscape, position: tuple[float, float], half: tuple[float, float]
 ) -> tuple[slice, slice]:
-    """Corners within a rectangle around a place."""
+    """Corners within a rectangle around a position."""
     low, high = (
-        [int((at + sign * reach) / land.cell) for at, reach in zip(place, half, strict=True)]
+        [int((at + sign * reach) / land.cell) for at, reach in zip(position, half, strict=True)]
         for sign in (-1.0, 1.0)
     )
     return (slice(max(low[0], 0), high[0] + 1), slice(max(low[1], 0), high[1] + 1))
 
 
 def _around(
-    land: Landscape, box: tuple[slice, slice], place: tuple[float, float]
+    land: Landscape, box: tuple[slice, slice], position: tuple[float, float]
 ) -> tuple[Floats, Floats]:
-    """Coordinates of the corners in a box, from a place."""
+    """Coordinates of the corners in a box, from a position."""
     columns, rows = land.owner[box].shape
-    x = (box[0].start + np.arange(columns)) * land.cell - place[0]
-    y = (box[1].start + np.arange(rows)) * land.cell - place[1]
+    x = (box[0].start + np.arange(columns)) * land.cell - position[0]
+    y = (box[1].start + np.arange(rows)) * land.cell - position[1]
     return x[:, None], y[None, :]

@@ -69,8 +69,8 @@ class Puff:
         depth = whole * (ndtr((reach - middle) * pace) - before)
         sent_back = rng < -np.expm1(-depth)
         wanted = before - np.log1p(-np.where(sent_back, rng, 0.0)) / np.maximum(whole, TINY)
-        place = middle + ndtri(np.clip(wanted, 0.0, 1.0)) / pace
-        return np.where(sent_back, place, np.inf)
+        position = middle + ndtri(np.clip(wanted, 0.0, 1.0)) / pace
+        return np.where(sent_back, position, np.inf)
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Fall:
             mine = np.flatnonzero(level == number)
             sums = total[number]
             met = mine[depth[mine] < np.interp(reach[mine], edges, sums)]
-            # Where no drop is seen, the sum stands still: its places are not unique, and not asked.
+            # Where no drop is seen, the sum stands still: its inverse is not unique, and not asked.
             rising = np.concatenate([[True], np.diff(sums) > 0])
             far[met] = np.interp(depth[met], sums[rising], edges[rising])
         return far

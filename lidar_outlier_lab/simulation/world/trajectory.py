@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-STEP = 0.001  # seconds: grid on which speeds are summed up to places
+STEP = 0.001  # seconds: grid on which speeds are summed up to positions
 SLOPE_LENGTH = 1.5  # metres from the middle to an axle: turns heights of bumps into a lean
 
 
@@ -27,10 +27,10 @@ class Path(Protocol):
 
     @property
     def mount(self) -> tuple[float, float, float]:
-        """Place of the scanner in the vehicle's frame, metres."""
+        """Position of the scanner in the vehicle's frame, metres."""
 
     def position(self, t: Floats) -> Floats:
-        """Place of the vehicle on the road (3, N), metres, at t (N,) seconds."""
+        """Position of the vehicle on the road (3, N), metres, at t (N,) seconds."""
 
     def rotation(self, t: Floats) -> Floats:
         """Rotation (3, 3, N) from the vehicle's frame to the scene's."""
@@ -52,7 +52,7 @@ class Trajectory:
     mount: tuple[float, float, float] = (-1.0, 0.0, 2.4)  # the scanner in the vehicle's frame
 
     def position(self, t: Floats) -> Floats:
-        """Place of the vehicle on the road (3, N), metres, at t (N,) seconds."""
+        """Position of the vehicle on the road (3, N), metres, at t (N,) seconds."""
         rate = 2.0 * np.pi / self.speed_period
         x = self.start[0] + self.speed * t + self.speed_change / rate * (1.0 - np.cos(rate * t))
         y = self.start[1] + 0.05 * np.sin(0.9 * t)
@@ -130,7 +130,7 @@ class Route:
         return inside
 
     def position(self, t: Floats) -> Floats:
-        """Place of the vehicle on the road (3, N), metres, at t (N,) seconds."""
+        """Position of the vehicle on the road (3, N), metres, at t (N,) seconds."""
         way, _, x, y = self._at(t)
         return np.stack([x, y, self._height(way)])
 

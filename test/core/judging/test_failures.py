@@ -32,7 +32,7 @@ from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
+from lidar_outlier_filter.stream.session import Session
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -203,7 +203,7 @@ def far(begin: float) -> Any:
 @pytest.mark.usefixtures('broken_sor')
 def test_clouds_of_the_block_are_refused() -> None:
     """Counted by the reason, said of once for each, the place of the error once."""
-    clean = CloudFilter(FilterParameters().changed(SHORT))
+    clean = Session(FilterParameters().changed(SHORT))
     refused: list[str] = []
     failed: list[JudgingError] = []
     clean.refuse = lambda err: refused.append(str(err))
@@ -224,7 +224,7 @@ def test_clouds_of_the_block_are_refused() -> None:
 @pytest.mark.usefixtures('broken_sor')
 def test_clouds_of_the_block_pass() -> None:
     """Where that is asked for: unfiltered, in their turn, and counted as such."""
-    clean = CloudFilter(FilterParameters().changed(SHORT | {'scores': True}))
+    clean = Session(FilterParameters().changed(SHORT | {'scores': True}))
     clean.pass_failed = True
     messages = [line(0), far(0.01), line(0.02)]
     answers = [answer for msg in messages for answer in clean.push(msg)] + clean.flush()
@@ -236,7 +236,7 @@ def test_clouds_of_the_block_pass() -> None:
 
 def test_an_error_at_a_change_of_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
     """The new chain is tried on a few points first: an error there ends nothing."""
-    clean = CloudFilter(FilterParameters().changed(SHORT))
+    clean = Session(FilterParameters().changed(SHORT))
     failed: list[JudgingError] = []
     clean.fail = failed.append
     measure = sor.measure

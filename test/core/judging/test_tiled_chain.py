@@ -181,9 +181,9 @@ def test_most_points_are_measured_in_their_tile(monkeypatch: pytest.MonkeyPatch)
     far: list[int] = []
     measure = TiledChain._measure_far
 
-    def count(self: TiledChain, how: Any, places: Any, *given: Any) -> None:
-        far.append(len(places))
-        measure(self, how, places, *given)
+    def count(self: TiledChain, how: Any, indices: Any, *given: Any) -> None:
+        far.append(len(indices))
+        measure(self, how, indices, *given)
 
     monkeypatch.setattr(TiledChain, '_measure_far', count)
     for chain in ('sor', 'lof'):

@@ -89,19 +89,19 @@ def test_around(side: float, halo: float) -> None:
     tiles = Tiles(xyz, np.ones(300, np.bool_), side, np.empty)
     left = some()
     for tile in range(len(tiles)):
-        places, box = tiles.around(tile, halo, left)
+        indices, box = tiles.around(tile, halo, left)
         np.testing.assert_array_equal(box[0], tiles.corner[tile] - halo)
         np.testing.assert_array_equal(box[1], tiles.corner[tile] + side + halo)
         expected = [
-            place
-            for place, (x, y, _) in enumerate(tiles.xyz.tolist())
-            if left[place]
+            index
+            for index, (x, y, _) in enumerate(tiles.xyz.tolist())
+            if left[index]
             and (
-                place in range(len(xyz))[tiles.part(tile)]
+                index in range(len(xyz))[tiles.part(tile)]
                 or (box[0][0] <= x <= box[1][0] and box[0][1] <= y <= box[1][1])
             )
         ]
-        assert places.tolist() == sorted(expected, key=tiles.order.__getitem__)
+        assert indices.tolist() == sorted(expected, key=tiles.order.__getitem__)
 
 
 @pytest.mark.parametrize('axis', [0, 1])
@@ -118,14 +118,14 @@ def test_points_that_round_past_the_edge(side: float, axis: int) -> None:
     tiles = Tiles(xyz, np.ones(len(xyz), np.bool_), side, np.empty)
     everything = np.ones(len(xyz), np.bool_)
     for number in range(len(tiles)):
-        places, _ = tiles.around(number, 0.0, everything)
+        indices, _ = tiles.around(number, 0.0, everything)
         part = tiles.part(number)
-        assert set(range(part.start, part.stop)) <= set(places.tolist())
+        assert set(range(part.start, part.stop)) <= set(indices.tolist())
 
 
-def radius(xyz: NDArray[np.float64], place: int, k: int, left: NDArray[np.bool_]) -> float:
+def radius(xyz: NDArray[np.float64], index: int, k: int, left: NDArray[np.bool_]) -> float:
     """Distance to the k-th nearest other place with points; inf if there are fewer."""
-    own = xyz[place].tolist()
+    own = xyz[index].tolist()
     places = {tuple(point) for point in xyz[left].tolist()} - {tuple(own)}
     distances = sorted(float(np.linalg.norm(np.subtract(point, own))) for point in places)
     return distances[k - 1] if len(distances) >= k else np.inf
@@ -139,19 +139,19 @@ def test_closure(side: float, hops: int, k: int) -> None:
     tiles = Tiles(cloud(), np.ones(300, np.bool_), side, np.empty)
     left, xyz = some(), tiles.xyz
     given = [np.flatnonzero(tiles.order == index)[0] for index in (30, 31, 100, 200)]
-    start = np.array([place for place in given if left[place]])
+    start = np.array([index for index in given if left[index]])
     known = np.full(300, np.nan)
     found = tiles.closure(start, k, hops, left, known)
     expected = set(start.tolist())
     for _ in range(hops):
-        for place in sorted(expected):
-            reach = radius(xyz, place, k, left) * (1 + 1e-12)
-            near = np.linalg.norm(xyz - xyz[place], axis=1) <= reach
+        for index in sorted(expected):
+            reach = radius(xyz, index, k, left) * (1 + 1e-12)
+            near = np.linalg.norm(xyz - xyz[index], axis=1) <= reach
             expected |= set(np.flatnonzero(near & left).tolist())
     assert set(found.tolist()) == expected
     assert found.tolist() == sorted(found.tolist(), key=tiles.order.__getitem__)
-    for place in start.tolist():
-        assert known[place] == pytest.approx(radius(xyz, place, k, left), rel=1e-12)
+    for index in start.tolist():
+        assert known[index] == pytest.approx(radius(xyz, index, k, left), rel=1e-12)
 
 
 def test_known_radii_are_taken() -> None:

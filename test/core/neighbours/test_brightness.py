@@ -21,7 +21,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 
 @pytest.mark.parametrize('count', [0, 1, 119, 121, 5000])
 def test_as_loops(count: int) -> None:
-    """At edges and beyond, unknown intensities, dark ranges, and places without a point."""
+    """At edges and beyond, unknown intensities, dark ranges, and cells without a point."""
     rng = np.random.default_rng(count)
     reach = rng.choice(np.array([0.1, 0.5, 0.75, 1.0, 7.0, 8.0, 200.0, 500.0], np.float32), count)
     values = np.array([0.0, 1.0, 3.0, 250.0, -1.0, np.nan, np.inf], np.float32)
@@ -30,11 +30,11 @@ def test_as_loops(count: int) -> None:
     order = np.where(rng.random(count) < 0.1, -1, rng.permutation(count))
     bright = np.empty(count, np.float32)
     write_brightness(order, reach, intensity, bright)
-    places = [
+    cells = [
         None if i < 0 else (float(r), float(intensity[i]))
         for i, r in zip(order.tolist(), reach, strict=True)
     ]
-    assert bright.tolist() == pytest.approx(naive.brightness(places))
+    assert bright.tolist() == pytest.approx(naive.brightness(cells))
 
 
 def with_intensity(points: Points, scale: float = 1.0) -> Points:

@@ -102,7 +102,7 @@ def test_clusters_are_those_of_loops(name: str) -> None:
 
 @pytest.mark.parametrize('kind', ['falling', 'equal', 'teeth', 'nearly sorted'])
 def test_lines_are_sorted(kind: str) -> None:
-    """By phase, range and place; what is equal in all stays in its order."""
+    """By phase, range and position; what is equal in all stays in its order."""
     rng, count = np.random.default_rng(2), 900
     phases = {
         'falling': -np.arange(count),

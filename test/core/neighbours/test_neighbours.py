@@ -630,7 +630,7 @@ def test_wrong_numbers_of_neighbours_are_refused(k: int) -> None:
 
 
 def test_other_mistakes_are_refused() -> None:
-    """Numbers that are too small, masks and places of another cloud, limits that are none."""
+    """Numbers that are too small, masks and indices of another cloud, limits that are none."""
     xyz = np.eye(3)
     with pytest.raises(FilterError, match='at least 1, got 0'):
         Neighbourhood(xyz, 0)
@@ -641,9 +641,9 @@ def test_other_mistakes_are_refused() -> None:
         with pytest.raises(FilterError, match=r'rejected points must be \(3,\) of bool'):
             neighbourhood.without(mask)  # type: ignore[arg-type]
     for which in (np.array([3]), np.array([-1]), np.array([[0]])):
-        with pytest.raises(FilterError, match='places in tree order must be'):
+        with pytest.raises(FilterError, match='indices in tree order must be'):
             neighbourhood.nearest_elsewhere(which)
-        with pytest.raises(FilterError, match='places in tree order must be'):
+        with pytest.raises(FilterError, match='indices in tree order must be'):
             neighbourhood.within(which, np.ones(1))
     for limits in (np.ones(2), np.array([np.nan])):
         with pytest.raises(FilterError, match='squared distances must be'):

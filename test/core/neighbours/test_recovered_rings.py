@@ -170,8 +170,8 @@ def test_others_have_none(recordings: Path, name: str) -> None:
     xyz = np.stack(columns(recordings / 'clouds' / name, 'x', 'y', 'z'), axis=1)
     if name.startswith('samp41'):
         xyz = xyz[np.isfinite(xyz).all(axis=1)]
-    for place in (np.zeros(3), xyz.mean(axis=0), xyz[len(xyz) // 2] + [0.0, 0.0, 1.5]):
-        assert recover_rings(xyz - place) is None
+    for origin in (np.zeros(3), xyz.mean(axis=0), xyz[len(xyz) // 2] + [0.0, 0.0, 1.5]):
+        assert recover_rings(xyz - origin) is None
 
 
 def test_noise_has_none() -> None:

@@ -33,23 +33,23 @@ def test_few_hold_the_smallest(kind: str, count: int, k: int, guess: float) -> N
     k = min(k, count - 1)
     rng = np.random.default_rng(count + k)
     distance = some(kind, count, rng)
-    place, order = rng.permutation(count), rng.permutation(count)
-    few, few_place = np.empty(len(distance) + 4), np.empty(len(distance) + 4, np.int64)
-    best, best_place = np.empty_like(few), np.empty_like(few_place)
+    index, order = rng.permutation(count), rng.permutation(count)
+    few, few_index = np.empty(len(distance) + 4), np.empty(len(distance) + 4, np.int64)
+    best, best_index = np.empty_like(few), np.empty_like(few_index)
     upper = distance[:count].max()
     limit = smallest.tighten(distance, len(distance), k, guess, upper, count)
     assert smallest.count_up_to(distance, len(distance), limit) == np.count_nonzero(
         distance <= limit
     )
-    chosen = smallest.choose(distance, place, count, limit, few, few_place)
+    chosen = smallest.choose(distance, index, count, limit, few, few_index)
     assert chosen == np.count_nonzero(distance <= limit)
     assert chosen >= k
     if kind == 'different':
         assert chosen <= k + smallest.SURPLUS
-    smallest.sort(order, few, few_place, chosen, best, best_place)
-    expected = np.lexsort((order[place], distance[:count]))
+    smallest.sort(order, few, few_index, chosen, best, best_index)
+    expected = np.lexsort((order[index], distance[:count]))
     assert_array_equal(best[:k], distance[expected[:k]])
-    assert_array_equal(best_place[:chosen], place[expected[:chosen]])
+    assert_array_equal(best_index[:chosen], index[expected[:chosen]])
 
 
 def test_padding_makes_whole_strokes() -> None:

@@ -176,10 +176,10 @@ def test_forms(folder: Path) -> None:
 
 def cloud_of(xyz: Any, label: Any, source: Any = None, intensity: float = 20.0) -> Any:
     """Make a cloud without rings and times."""
-    place = np.asarray(xyz, np.float32)
-    own = np.arange(len(place)) if source is None else np.asarray(source)
-    bright = np.full(len(place), intensity, np.float32)
-    return forms.Cloud('one', place, bright, np.asarray(label, np.uint16), None, None, own)
+    position = np.asarray(xyz, np.float32)
+    own = np.arange(len(position)) if source is None else np.asarray(source)
+    bright = np.full(len(position), intensity, np.float32)
+    return forms.Cloud('one', position, bright, np.asarray(label, np.uint16), None, None, own)
 
 
 def test_figures() -> None:

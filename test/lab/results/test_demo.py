@@ -16,12 +16,12 @@ from PIL import Image
 from rich.console import Console
 
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation import pictures as picture
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_lab.results import demo
+from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.trajectory import Trajectory
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lidar_outlier_filter.evaluation.pictures import LEFT, LOST
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results import gallery, gallery_picture
 from lidar_outlier_lab.results.gallery_picture import Cutout
+from lidar_outlier_lab.results.pictures import LEFT, LOST
 from lidar_outlier_lab.results.samples import Sample, simulated
 
 if TYPE_CHECKING:

@@ -82,10 +82,10 @@ def test_the_papers_table() -> None:
 def test_slips_of_the_paper() -> None:
     """Three columns of the paper do not add up: table 3, A; table 4, A; table 5, C."""
     slips = {
-        (key, 'ABC'[place])
+        (key, 'ABC'[index])
         for key, rows in LESLAR.items()
-        for place, row in enumerate(rows)
-        if row.found + row.missed != OUTLIERS[place]
+        for index, row in enumerate(rows)
+        if row.found + row.missed != OUTLIERS[index]
     }
     assert slips == {('b', 'A'), ('c', 'A'), ('ab', 'C')}
 

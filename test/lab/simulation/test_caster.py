@@ -41,7 +41,7 @@ RAYS = 3000
 
 
 def aim(seed: int, target: Vector, spread: float, far: float) -> Rays:
-    """Aim single rays from all around at places near a target."""
+    """Aim single rays from all around at positions near a target."""
     rng = np.random.default_rng(seed)
     goal = np.array(target)[:, None] + rng.normal(0.0, spread, (3, RAYS))
     out = rng.normal(size=(3, RAYS))
@@ -214,7 +214,7 @@ def test_parts_of_a_building() -> None:
 
 
 def test_leaves_are_where_they_are() -> None:
-    """From either side a leaf is met in the same place: its opposite meets what a ray meets."""
+    """From either side a leaf is met in the same position: its opposite meets what a ray meets."""
     tree = Scene((Crown((0.0, 0.0, 0.0), (2.0, 2.0, 2.0), 3, cell=0.3, leaf=0.1, share=0.04),))
     rays = aim(8, (0.0, 0.0, 0.0), 1.0, 6.0)
     ahead = tree.cast(rays).distance[:, 0]

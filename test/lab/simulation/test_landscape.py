@@ -68,14 +68,14 @@ def test_rays_end_where_small_steps_do(*, is_built: bool) -> None:
 def test_leaves_are_gone_through() -> None:
     """A ray goes as deep into a tree as said, or down to the ground; a roof it never enters."""
     land = slope()
-    for place, depth, height, kind in (
+    for position, depth, height, kind in (
         ((32.0, 32.0), 0.0, 9.0, Kind.FOLIAGE),
         ((32.0, 32.0), 2.0, 7.0, Kind.FOLIAGE),
         ((32.0, 32.0), 99.0, 3.2, Kind.TERRAIN),
         ((15.0, 15.0), 2.0, 8.0, Kind.ROOF),
         ((5.0, 30.0), 2.0, 0.5, Kind.TERRAIN),
     ):
-        origin, direction = np.array([[*place, 30.0]]).T, np.array([[0.0, 0.0, -1.0]]).T
+        origin, direction = np.array([[*position, 30.0]]).T, np.array([[0.0, 0.0, -1.0]]).T
         distance, kinds = land.cast(origin, direction, np.array([depth]))
         slack = 0.45 if kind == Kind.FOLIAGE and depth else 1e-6
         assert 30.0 - distance[0] == pytest.approx(height, abs=slack)

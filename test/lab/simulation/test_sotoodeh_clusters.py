@@ -15,16 +15,17 @@ from PIL import Image
 
 from lidar_outlier_filter.core.detectors.elevation import detector as elevation
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
 from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation import pictures as picture
-from lidar_outlier_lab.results import sotoodeh_picture as hod_picture
-from lidar_outlier_lab.simulation.papers import sotoodeh_clusters as hod_scene
-from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, Errors, simulate
+from lidar_outlier_lab.results import pictures as picture
+from lidar_outlier_lab.results.papers import published, sotoodeh_hod
+from lidar_outlier_lab.results.papers import sotoodeh_picture as hod_picture
+from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, simulate
 
 if TYPE_CHECKING:
     from types import ModuleType
+
+    from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
 
 SEEDS = range(20)
 
@@ -43,31 +44,16 @@ def test_scene(seed: int) -> None:
     assert not np.array_equal(xyz, simulate(seed + 1).xyz)
 
 
-def test_errors() -> None:
-    """Of six points, three of them outliers, phase 1 rejects one of each and phase 2 a good one."""
-    outlier = np.array([False, False, False, True, True, True])
-    phase = np.array([1, 2, 0, 1, 0, 0], np.uint8)
-    outcome = ClusterOutcome(np.zeros(6), phase, np.ones(6, np.int64))
-    assert hod_scene.errors(outlier, outcome) == (Errors(6, 1, 2), Errors(4, 1, 2))
-    assert Errors(4, 1, 2).alpha == 0.25
-    assert Errors(4, 1, 2).beta == 0.5
-
-
-def test_errors_of_the_paper() -> None:
-    """Its Table 1: 3 and 9 of 656, 6 and 3 of 578."""
-    first, second = Errors(656, 3, 9), Errors(578, 6, 3)
-    shares = (first.alpha, first.beta, second.alpha, second.beta)
-    np.testing.assert_allclose(shares, hod_scene.PAPER, atol=1e-4)
-
-
 def test_errors_are_like_those_of_the_paper() -> None:
     """Phase 1 leaves near outliers, phase 2 finds most of them; good points are hardly lost."""
-    alpha_1, beta_1, alpha_2, beta_2 = hod_scene.mean_errors(SEEDS, Hierarchical())
-    assert alpha_1 <= hod_scene.PAPER[0]
-    assert 0.01 < beta_1 < 0.02
-    assert alpha_2 <= hod_scene.PAPER[2]
-    assert beta_2 < 0.008
-    assert hod_scene.table(SEEDS, Hierarchical()).row_count == 4
+    (_, lost_1, left_1, _), (_, lost_2, left_2, _) = (
+        sotoodeh_hod._counts(SEEDS, phase, cluttered=False) for phase in (1, 2)
+    )
+    paper = published.HIERARCHICAL
+    assert lost_1 <= paper[0].lost
+    assert 0.01 < left_1 / 656 < 0.02
+    assert lost_2 <= paper[1].lost
+    assert left_2 < 0.008 * 578
 
 
 def test_course() -> None:

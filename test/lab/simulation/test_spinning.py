@@ -104,12 +104,12 @@ def test_own_frame_moves_with_the_sensor() -> None:
     assert np.hypot(true['x'] - 8.0, true['y'] - 3.0).max() < 0.2
     distance = np.linalg.norm([seen[axis] for axis in 'xyz'], axis=0)
     eye = own.rays(shot).origin[:, :, 0]
-    place = np.stack([true[axis] for axis in 'xyz'])
-    np.testing.assert_allclose(np.linalg.norm(place - eye, axis=0), distance, atol=1e-5)
+    position = np.stack([true[axis] for axis in 'xyz'])
+    np.testing.assert_allclose(np.linalg.norm(position - eye, axis=0), distance, atol=1e-5)
     # Turning the sensor's points by its pose gives the scene's.
     pose = own.trajectory.rotation(own.sensor.seconds(shot))
     turned = np.einsum('ijn,jn->in', pose, np.stack([seen[axis] for axis in 'xyz']))
-    np.testing.assert_allclose(turned + eye, place, atol=1e-5)
+    np.testing.assert_allclose(turned + eye, position, atol=1e-5)
     assert distance[0] != pytest.approx(distance[-1], abs=0.5)
 
 

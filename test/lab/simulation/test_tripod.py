@@ -46,7 +46,7 @@ def test_without_an_echo() -> None:
     assert 0 < np.isnan(pixels).sum() == 40 * 120 - len(scan.points)
 
 
-def test_a_street_from_three_places() -> None:
+def test_a_street_from_three_positions() -> None:
     """Flakes and mixed points are in every scan; the same seed gives the same."""
     scans = tripod.facades(3, rows=40, columns=120)
     again = tripod.facades(3, rows=40, columns=120)

@@ -212,8 +212,8 @@ def test_plumes_hang_together() -> None:
     cloud = plumes.Plume(puffs, ratio=20.0)
     far, power, left = plumes.strike(cloud, OPTICS, beams, beams.range, np.random.default_rng(2))
     met = np.isfinite(far) & (power > OPTICS.floor)
-    place = beams.direction[met] * far[met, None]
-    assert (np.abs(place - np.array(puffs[0].centre)) < 3.6).all()
+    position = beams.direction[met] * far[met, None]
+    assert (np.abs(position - np.array(puffs[0].centre)) < 3.6).all()
     beside = met[1:] & met[:-1]
     assert beside.sum() > 0.7 * met.sum()
     assert (left[~np.isfinite(far)] == 1.0).all()

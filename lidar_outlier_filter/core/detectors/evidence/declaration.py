@@ -64,8 +64,10 @@ def _odds(
 
 def _survey_score(odds: Floats, parameters: FilterParameters) -> Scores:
     from lidar_outlier_filter.core.detectors.evidence.survey.judge import score
+    from lidar_outlier_filter.core.detectors.evidence.ways import Way
 
-    return Scores(score(odds, parameters.of(Evidence).threshold), scaled=True)
+    found = score(odds, parameters.of(Evidence).threshold)
+    return Scores(found, scaled=True, way=Way.SURVEY.value)
 
 
 def _reach() -> tuple[int, int]:

@@ -53,9 +53,10 @@ def detect(seen: Seen, parameters: FilterParameters) -> Scores:
     if way is Way.SURVEY:
         typical = typical_scale(points.xyz, np.arange(len(points)), parameters.threads)
         odds, _ = survey.measure(points.xyz, typical, parameters.threads)
-        return Scores(survey.score(odds, threshold), scaled=True)
+        return Scores(survey.score(odds, threshold), scaled=True, way=way.value)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None
     if found is None:
-        return Scores(sum_up(seen.neighbourhood, points, parameters, reason), reason=reason)
+        score = sum_up(seen.neighbourhood, points, parameters, reason)
+        return Scores(score, reason=reason, way=way.value)
     score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
-    return Scores(score, reason=reason, scaled=True)
+    return Scores(score, reason=reason, scaled=True, way=way.value)

@@ -101,10 +101,10 @@ def test_lines_without_returns() -> None:
 
 
 def test_no_pattern() -> None:
-    """A spinning sensor, few lines, a mirror that turns unevenly, and points anywhere have none."""
+    """A spinning sensor, one line, a mirror that turns unevenly, and points anywhere have none."""
     points = Drive(5).points
     assert find_profile_pattern(sweep(1, 0.0)) is None
-    assert find_profile_pattern(points.take(points.line < 3)) is None
+    assert find_profile_pattern(points.take(points.line < 1)) is None
     assert find_profile_pattern(points.take(slice(0, 0))) is None
     assert find_profile_pattern(points.take(points.line == 3)) is None
     rng = np.random.default_rng(5)
@@ -202,23 +202,23 @@ def test_group_of_an_arm() -> None:
     assert wanted == pytest.approx({name: described[name] for name in wanted}, rel=1e-2)
 
 
-def test_all_returns_of_a_tube_are_one_group() -> None:
-    """Reaching farther, parts of a tube hang together: its returns, and no others, are counted."""
+def test_the_wide_group_is_described() -> None:
+    """Halves of a tube are a group each, and, reaching farther, one: of that one all is said."""
     drive = Drive(8, lines=12, shots=400, strays=0.0)
     tube = np.abs(drive.angle - 1.9) < 0.12
-    near = 0.5 * drive.far + 0.05 * (drive.line - 6) + 0.2 * (drive.line >= 6)
+    near = 0.5 * drive.far + 0.05 * (drive.line - 6) + 0.45 * (drive.line >= 6)
     pattern = pattern_of(drive.measured(np.where(tube, near, drive.far)))
     there = pattern.order >= 0
+    of_tube = tube[pattern.order[there]]
     beside, found = prepare(pattern).near, {}
     for reach in REACHES:
-        group = profile_groups.join(
-            pattern, beside, reach, profile_groups.find_segments(pattern, reach)
-        )
-        found[reach] = int(group.max()) + 1
-    assert found[REACHES[0]] == 1 < found[REACHES[1]]
-    count = np.empty(len(tube))
-    count[pattern.order[there]] = find_groups(pattern, beside)[0, there]
-    assert_array_equal(count == np.count_nonzero(tube), tube)
+        segments = profile_groups.find_segments(pattern, reach)
+        group = profile_groups.join(pattern, beside, reach, segments)
+        found[reach] = np.unique(group[segments.of[there]][of_tube])
+        assert (found[reach] >= 0).all()
+    assert [len(found[reach]) for reach in REACHES] == [1, 2]
+    count = find_groups(pattern, beside)[0, there]
+    assert_array_equal(count == np.count_nonzero(tube), of_tube)
 
 
 @pytest.mark.parametrize('threads', [1, 2, 5])
@@ -242,15 +242,25 @@ def test_strays_are_found() -> None:
     assert rejected[~drive.stray].mean() < 0.0005
 
 
+@pytest.mark.parametrize('lines', [2, 3])
+def test_few_lines_are_enough(lines: int) -> None:
+    """Two lines show how fast the mirror turns: the trees find what does not belong."""
+    drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
+    few = drive.points.line < lines
+    rejected = judge(pattern_of(drive.points.take(few)), 1.0, profile=True) > 1
+    assert rejected[drive.stray[few]].mean() > 0.8
+    assert rejected[~drive.stray[few]].mean() < 0.002
+
+
 def test_sensor_decides_the_way() -> None:
-    """Profile scanners have trees, unless the sensor is said to spin, or the lines are too few."""
+    """Profile scanners have trees, unless the sensor is said to spin, or there is one line only."""
     points = Drive(11, 0.1).points
     wanted = judge(pattern_of(points), 2.0, profile=True).astype(np.float32)
     for sensor, same in (('auto', True), ('profile', True), ('spinning', False)):
         values = {'chain': ['evidence'], 'evidence.sensor': sensor, 'evidence.threshold': 2.0}
         found = Chain(FilterParameters().changed(values)).judge(points)
         assert np.array_equal(found.score, wanted) == same
-    few = points.take(points.line < 3)
+    few = points.take(points.line < 1)
     near = Neighbourhood(few.xyz, detector.neighbours())
     parameters = FilterParameters()
     assert_array_equal(

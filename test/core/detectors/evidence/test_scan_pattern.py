@@ -138,6 +138,18 @@ def test_rings_however_spaced(elevations: Sequence[float]) -> None:
     assert pattern.uneven[[0, -1]].tolist() == [10.0, 10.0]
 
 
+def test_steps_between_shots() -> None:
+    """Each ring has its own: of one that looks up a beam moves by less than the head turns."""
+    elevations = np.array([40.0, 0.0, 60.0, 20.0])
+    points = sweep(13, 0.0, columns=360, elevations=tuple(elevations))
+    column = np.arange(len(points)) // len(elevations)
+    points = points.take((points.line > 0) | (column % 2 == 0))  # every second shot of that ring
+    rank = np.argsort(elevations)
+    turned = np.radians(np.where(rank == 0, 2.0, 1.0))
+    wanted = turned * np.cos(np.radians(elevations[rank]))
+    np.testing.assert_allclose(pattern_of(points).step, wanted, rtol=0.02)
+
+
 def test_beams_near_the_zenith_see_their_neighbours() -> None:
     """Returns of a ring beside the zenith are near each other, though azimuths are far apart."""
     points = sweep(9, 0.0, elevations=(80.0, 84.0, 86.0, 88.0), columns=360)
@@ -314,3 +326,17 @@ def test_scores_of_the_first_pass_around_points() -> None:
     for line in range(len(pattern.first)):
         wide = found['wide_other'][pattern.first[line] : pattern.last[line]]
         assert wide.any() == (line in {1, 2})
+
+
+def test_a_range_at_an_edge_belongs_to_what_is_nearer() -> None:
+    """Shares are those of all points up to 1, 2, 4 … 64 m, and of all that are farther away."""
+    pattern = pattern_of(sweep(12, 0.0))
+    there = pattern.order >= 0
+    some = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 16, 32, 63, 64, 65, 128, 900], np.float32)
+    far = np.resize(some, len(there))
+    score = np.random.default_rng(1).choice(np.array([-1, 1], np.float32), len(there))
+    found = count_scores(pattern._replace(range=far), score)
+    octave = np.clip(np.ceil(np.log2(far)), 0, 7)
+    for k in np.flatnonzero(there):
+        alike = there & (octave == octave[k])
+        assert found.share[k] == np.float32((score[alike] > 0).mean())

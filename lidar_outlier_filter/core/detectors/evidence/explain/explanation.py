@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from lidar_outlier_filter.core.detectors.evidence.explain.contributions import contributions
 from lidar_outlier_filter.core.detectors.evidence.explain.reasons import OF_SUM, REASON_NAMES
-from lidar_outlier_filter.core.detectors.evidence.ways import Way
+from lidar_outlier_filter.core.detectors.evidence.ways import Way, choose
 from lidar_outlier_filter.core.detectors.explanation import Explanation, ReasonName
 
 _PATTERN = {
@@ -128,5 +128,6 @@ EXPLANATION = Explanation(
     },
     ways={Way.PATTERN.value: _PATTERN, Way.SURVEY.value: _SURVEY, Way.SUM.value: _SUM},
     of_score=(Way.SUM.value,),
+    choose=lambda seen, parameters: choose(seen, parameters)[0].value,
     explain=contributions,
 )

@@ -33,6 +33,7 @@ from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
+from lidar_outlier_filter.core.neighbours.own_frame import find_own_frame
 from lidar_outlier_filter.core.neighbours.placed_pattern import (
     LINES_AT_ONCE,
     Pattern,
@@ -77,6 +78,10 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
         turned, recovered = as_turn(points).in_own_frame, points.ring is not None
         spins = recovered or sensor == 'spinning'
         pattern = find_pattern(turned, threads, spins=spins)
+        if pattern is None and points.own is None and not recovered:
+            # Others may have moved the points.
+            moved = find_own_frame(points)
+            pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
         if pattern is not None:
             return FoundPattern(pattern, profile=False)
     if sensor != 'spinning':

@@ -114,7 +114,7 @@ def detect(
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.detectors.evidence import detector as evidence
+    >>> from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector as evidence
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     >>> from lidar_outlier_filter.core.points.points import Points
     >>> from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -14,7 +14,7 @@ import numpy as np
 from pyarrow import compute, parquet, types
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.room import check_room
+from lidar_outlier_filter.files.size_check import check_fits
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,14 +30,14 @@ _WIDTHS = {'BOOLEAN': 1, 'INT32': 4, 'INT64': 8, 'INT96': 12, 'FLOAT': 4, 'DOUBL
 def check_groups(path: Path, file: parquet.ParquetFile) -> None:
     """Refuse more rows, or larger row groups, than a file of its size can mean."""
     size, metadata = path.stat().st_size, file.metadata
-    check_room(path, 'the number of points', metadata.num_rows, 1, ROWS_OF_A_BYTE * size)
+    check_fits(path, 'the number of points', metadata.num_rows, 1, ROWS_OF_A_BYTE * size)
     for number in range(metadata.num_row_groups):
         group = metadata.row_group(number)
         total = 0
-        for place in range(group.num_columns):
-            column = group.column(place)
+        for index in range(group.num_columns):
+            column = group.column(index)
             # Of values of a fixed length the schema says it.
-            width = _WIDTHS.get(column.physical_type) or file.schema.column(place).length
+            width = _WIDTHS.get(column.physical_type) or file.schema.column(index).length
             total += max(column.total_uncompressed_size, column.num_values * width)
         _check(path, number, group.num_rows, total)
 
@@ -62,7 +62,7 @@ def check_texts(path: Path, file: parquet.ParquetFile, number: int) -> None:
 
 def texts(file: parquet.ParquetFile) -> list[str]:
     """List the columns of values of any length, those within others too."""
-    columns = [file.schema.column(place) for place in range(len(file.schema.names))]
+    columns = [file.schema.column(index) for index in range(len(file.schema.names))]
     return [column.path for column in columns if column.physical_type == _TEXT]
 
 
@@ -77,8 +77,8 @@ def _unpacked(column: Any) -> int:
     """Count the bytes of values that are held once each, if each were written out."""
     if types.is_dictionary(column.type):
         lengths = compute.binary_length(column.dictionary).to_numpy(zero_copy_only=False)
-        places = column.indices.drop_null().to_numpy()
-        counts = np.bincount(places, minlength=len(lengths))
+        indices = column.indices.drop_null().to_numpy()
+        counts = np.bincount(indices, minlength=len(lengths))
         return int(counts @ np.nan_to_num(lengths).astype(np.int64))
     if types.is_struct(column.type):
         return sum(_unpacked(child) for child in column.flatten())

@@ -118,7 +118,7 @@ def _perspective(  # noqa: PLR0913  one panel's whole content
     coloured: list[tuple[Mask, str]],
     view: tuple[tuple[float, ...], tuple[float, ...]],
 ) -> None:
-    """Look from a place to another."""
+    """Look from a position to another."""
     eye, goal = np.array(view[0]), np.array(view[1])
     forward = (goal - eye) / np.linalg.norm(goal - eye)
     right = np.cross(forward, [0.0, 0.0, 1.0])

@@ -27,24 +27,24 @@ def whole(path: Path, what: str, text: str) -> int:
     return int(text)
 
 
-def check_room(path: Path, what: str, count: int, each: int, room: int) -> None:
-    """Refuse a count of things, of at least ``each`` bytes, that the ``room`` (bytes) cannot hold.
+def check_fits(path: Path, what: str, count: int, each: int, size: int) -> None:
+    """Refuse a count of things, of at least ``each`` bytes, that do not fit into ``size`` bytes.
 
     Things without a byte cannot be counted by their bytes: there may be as many as there are bytes.
     """
-    most = max(0, room) // max(1, each)
+    most = max(0, size) // max(1, each)
     if not 0 <= count <= most:
         raise CloudError(f'{what} of {path}', f'from 0 to {most}, which it has room for', count)
 
 
-def check_place(path: Path, what: str, place: int, low: int, high: int) -> None:
-    """Refuse a place (byte) that is not between two others, both of them included."""
-    if not low <= place <= high:
-        raise CloudError(f'{what} of {path}', f'from byte {low} to byte {high}', place)
+def check_offset(path: Path, what: str, offset: int, low: int, high: int) -> None:
+    """Refuse an offset (byte) that is not between two others, both of them included."""
+    if not low <= offset <= high:
+        raise CloudError(f'{what} of {path}', f'from byte {low} to byte {high}', offset)
 
 
 def check_points(path: Path, said: int, each: int, begin: int, end: int) -> None:
-    """Refuse points of ``each`` bytes that are more or fewer than lie between two places (bytes).
+    """Refuse points of ``each`` bytes that are more or fewer than lie between two offsets (bytes).
 
     Behind the points there may be zeros, with which some programs fill pages, or a rest that is
     shorter than a point.
@@ -57,7 +57,7 @@ def check_points(path: Path, said: int, each: int, begin: int, end: int) -> None
 
 
 def _is_written(path: Path, begin: int, end: int) -> bool:
-    """Return whether any byte between two places is not zero."""
+    """Return whether any byte between two offsets is not zero."""
     with path.open('rb') as stream:
         stream.seek(begin)
         while part := stream.read(min(_PART, end - stream.tell())):

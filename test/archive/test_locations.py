@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, cast
 import pytest
 from helpers.stores import Store, running_store
 
-from lidar_outlier_filter.archive import places
+from lidar_outlier_filter.archive import locations
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings import remote_path
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
@@ -57,10 +57,10 @@ def content(path: remote_path.RecordingPath) -> list[tuple[str, int, bytes]]:
 @pytest.mark.parametrize('pattern', ['', '/2026', '/2026/*', '/2*/vlp*'])
 def test_recordings_are_found(store: Store, pattern: str) -> None:
     """A bucket, a folder and patterns give every recording once; nothing else."""
-    found = places.find([f's3://drives{pattern}', 's3://drives/2026/'])
+    found = locations.find([f's3://drives{pattern}', 's3://drives/2026/'])
     names = [f's3://drives/2026/{name}' for name in (BAG, DATABASE, MCAP)]
-    assert [str(place.path) for place in found] == names
-    assert [place.by_ranges for place in found] == [False, False, True]
+    assert [str(location.path) for location in found] == names
+    assert [location.by_ranges for location in found] == [False, False, True]
     (etag,) = {
         one['ETag'].strip('"')
         for one in store.client.list_objects_v2(Bucket='drives', Prefix=f'2026/{BAG}')['Contents']
@@ -71,18 +71,18 @@ def test_recordings_are_found(store: Store, pattern: str) -> None:
 def test_local_recordings_are_found_alike(recordings: Path) -> None:
     """A folder of this machine gives what its copy on a store gives, with the same sizes."""
     bags = recordings / 'bags'
-    found = places.find([str(bags / 'vlp16*'), str(bags / MCAP)])
-    assert [place.path for place in found] == [bags / BAG, bags / DATABASE, bags / MCAP]
+    found = locations.find([str(bags / 'vlp16*'), str(bags / MCAP)])
+    assert [location.path for location in found] == [bags / BAG, bags / DATABASE, bags / MCAP]
     sizes = [sum(f.stat().st_size for f in (bags / n).iterdir()) for n in (DATABASE, MCAP)]
-    assert [place.size for place in found] == [(bags / BAG).stat().st_size, *sizes]
-    assert places.find([f'file://{bags / MCAP}']) == found[2:]
+    assert [location.size for location in found] == [(bags / BAG).stat().st_size, *sizes]
+    assert locations.find([f'file://{bags / MCAP}']) == found[2:]
 
 
 @pytest.mark.parametrize('name', [MCAP, BAG, DATABASE])
 def test_a_store_gives_the_same_messages(store: Store, recordings: Path, name: str) -> None:
     """Every message of a recording is read from a store as from this machine."""
-    (place,) = places.find([f's3://drives/2026/{name}'])
-    with places.staged(place) as path:
+    (location,) = locations.find([f's3://drives/2026/{name}'])
+    with locations.staged(location) as path:
         assert isinstance(path, RemotePath) == (name == MCAP)
         assert content(path) == content(recordings / 'bags' / name)
     assert isinstance(path, RemotePath) or not path.exists()
@@ -92,24 +92,24 @@ def test_a_store_gives_the_same_messages(store: Store, recordings: Path, name: s
 def test_ranges_are_read_once(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """Opening reads the ends of a file; reading all fetches hardly more ranges than it has."""
     monkeypatch.setattr(remote_path, 'BLOCK', 2**17)
-    (place,) = places.find([f's3://drives/2026/{MCAP}'])
+    (location,) = locations.find([f's3://drives/2026/{MCAP}'])
     file = f'GET /drives/2026/{MCAP}/{MCAP}.mcap'
     before = store.requests.count(file)
-    with Recording(place.path) as recording:
+    with Recording(location.path) as recording:
         opened = store.requests.count(file) - before
         assert list(recording.messages())
-    ranges = place.size // 2**17 + 1
+    ranges = location.size // 2**17 + 1
     assert opened <= 5
     assert store.requests.count(file) - before < ranges + opened + 2
 
 
 @pytest.mark.usefixtures('store')
 def test_a_path_goes_to_another_process() -> None:
-    """A place is the same after it was packed and unpacked."""
-    (place,) = places.find([f's3://drives/2026/{MCAP}'])
-    again = pickle.loads(pickle.dumps(place))  # noqa: S301  packed here
-    assert again == place
-    assert content(again.path) == content(place.path)
+    """A location is the same after it was packed and unpacked."""
+    (location,) = locations.find([f's3://drives/2026/{MCAP}'])
+    again = pickle.loads(pickle.dumps(location))  # noqa: S301  packed here
+    assert again == location
+    assert content(again.path) == content(location.path)
 
 
 def test_a_damaged_end_is_walked(store: Store, recordings: Path) -> None:
@@ -118,20 +118,20 @@ def test_a_damaged_end_is_walked(store: Store, recordings: Path) -> None:
     store.new_bucket('damaged')
     address = store.put('s3://damaged/cut.mcap', data[:-100])
     with pytest.raises(RecordingError, match=r's3://damaged/cut\.mcap must be readable, got "a'):
-        content(places.path_at(address))
+        content(locations.path_at(address))
     # The footer names no summary: all that is known is in the records.
     bare = bytearray(data)
     bare[-28:-12] = bytes(16)
     address = store.put('s3://damaged/bare.mcap', bytes(bare))
-    assert content(places.path_at(address)) == content(recordings / 'bags' / MCAP)
+    assert content(locations.path_at(address)) == content(recordings / 'bags' / MCAP)
 
 
 def test_a_large_recording_is_not_copied(store: Store, tmp_path: Path) -> None:
     """What has more bytes than a copy may have is refused, before a byte is copied."""
-    (place,) = places.find([f's3://drives/2026/{BAG}'])
+    (location,) = locations.find([f's3://drives/2026/{BAG}'])
     before = store.requests.count('GET /drives/2026')
-    refused = pytest.raises(RecordingError, match=f'of at most 1000 bytes.*, got {place.size}')
-    with refused, places.staged(place, tmp_path, most=1000):
+    refused = pytest.raises(RecordingError, match=f'of at most 1000 bytes.*, got {location.size}')
+    with refused, locations.staged(location, tmp_path, most=1000):
         pass
     assert store.requests.count('GET /drives/2026') == before
     assert not list(tmp_path.iterdir())
@@ -146,18 +146,18 @@ def test_a_change_is_noticed(
     local = tmp_path / 'one.mcap'
     local.write_bytes(data)
     monkeypatch.setattr(remote_path, 'BLOCK', 2**15)
-    found = places.find([address, str(local)])
-    for place in found:
-        place.check_unchanged()
+    found = locations.find([address, str(local)])
+    for location in found:
+        location.check_unchanged()
     with Recording(found[1].path) as reading:
         next(messages := reading.messages())
         store.put(address, data[::-1])
         with pytest.raises(RecordingError, match=r'must be readable, got "The remote .* no lo'):
             list(messages)
     local.write_bytes(data[::-1])
-    for place in found:
+    for location in found:
         with pytest.raises(RecordingError, match='must be unchanged while it is read, got 1'):
-            place.check_unchanged()
+            location.check_unchanged()
 
 
 def _replay_and_fail(recording: Path, output: Path) -> None:
@@ -168,11 +168,11 @@ def _replay_and_fail(recording: Path, output: Path) -> None:
 def test_publish_whole_or_not(store: Store, recordings: Path, tmp_path: Path) -> None:
     """A bag appears at the end, metadata last; after an error nothing is there, nor any part."""
     store.new_bucket('cleaned')
-    target = places.path_at('s3://cleaned/2026/drive')
-    with pytest.raises(ZeroDivisionError), places.published(target, tmp_path) as path:
+    target = locations.path_at('s3://cleaned/2026/drive')
+    with pytest.raises(ZeroDivisionError), locations.published(target, tmp_path) as path:
         _replay_and_fail(recordings / 'bags' / MCAP, path)
     assert (store.keys('cleaned'), store.uploads('cleaned')) == ([], [])
-    with places.published(target, tmp_path) as path:
+    with locations.published(target, tmp_path) as path:
         replay(recordings / 'bags' / MCAP, path, parameters=FAST)
         expected = content(path)
         assert store.keys('cleaned') == []
@@ -186,7 +186,7 @@ def test_publish_whole_or_not(store: Store, recordings: Path, tmp_path: Path) ->
     ]
     assert not list(tmp_path.iterdir())
     refused = pytest.raises(RecordingError, match=r'a new folder, got s3://cleaned/2026/drive, w')
-    with refused, places.published(target, tmp_path):
+    with refused, locations.published(target, tmp_path):
         pass
 
 
@@ -208,21 +208,21 @@ class _TornFile:
 
 def test_an_upload_that_fails_is_given_up(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that fails while parts are sent leaves nothing on the store, nor any part."""
-    monkeypatch.setattr(places, 'PART', 5 * 2**20)
-    target = places.path_at(f'{store.new_bucket("full")}/drive/a.mcap')
+    monkeypatch.setattr(locations, 'PART', 5 * 2**20)
+    target = locations.path_at(f'{store.new_bucket("full")}/drive/a.mcap')
     assert isinstance(target, RemotePath)
     sent = store.requests.count('PUT /full/drive/a.mcap?partNumber=')
     with pytest.raises(OSError, match='Input/output error'):
-        places._upload(cast('Path', _TornFile()), target)
+        locations._upload(cast('Path', _TornFile()), target)
     assert store.requests.count('PUT /full/drive/a.mcap?partNumber=') > sent
     assert (store.keys('full'), store.uploads('full')) == ([], [])
 
 
 def test_what_fails_to_be_published_is_no_recording(store: Store, tmp_path: Path) -> None:
     """An error between two files costs one sentence; without metadata there is no recording."""
-    target = places.path_at(f'{store.new_bucket("half")}/drive')
+    target = locations.path_at(f'{store.new_bucket("half")}/drive')
     refused = pytest.raises(RecordingError, match='s3://half/drive must be written in full, got')
-    with refused, places.published(target, tmp_path) as path:
+    with refused, locations.published(target, tmp_path) as path:
         path.mkdir()
         (path / 'a.mcap').write_bytes(b'')
         (path / 'b.mcap').mkdir()  # no file
@@ -233,10 +233,10 @@ def test_what_fails_to_be_published_is_no_recording(store: Store, tmp_path: Path
 @pytest.mark.parametrize(
     ('address', 'sentence'),
     [
-        ('s3://no-such-bucket/drive.mcap', 'the place s3://.* must be reached, got ".*bucket'),
+        ('s3://no-such-bucket/drive.mcap', 'the address s3://.* must be reached, got ".*bucket'),
         ('s3://drives/2027', 'what is at s3://drives/2027 must be a recording, a folder of'),
         ('s3://drives/2026/*.mcap', 'what is at .* must be a recording, .*, got no recording'),
-        ('nosuch://drives/2026', 'the place nosuch://drives/2026 must be reached, got "Protocol'),
+        ('nosuch://drives/2026', 'the address nosuch://drives/2026 must be reached, got "Protocol'),
         ('/nosuch/*.mcap', 'what is at /nosuch.* must be a recording, .*, got no recording'),
     ],
 )
@@ -244,12 +244,12 @@ def test_what_fails_to_be_published_is_no_recording(store: Store, tmp_path: Path
 def test_what_is_not_there(address: str, sentence: str) -> None:
     """No bucket, no recording and no such store are refused in one sentence each."""
     with pytest.raises(RecordingError, match=sentence) as caught:
-        places.find([address])
+        locations.find([address])
     assert '\n' not in str(caught.value)
 
 
 def test_local_output_is_built_in_place(tmp_path: Path) -> None:
     """A folder of this machine is written as ever: the bag itself hides until it is whole."""
-    with places.published(tmp_path / 'out') as path, NewBag(path):
+    with locations.published(tmp_path / 'out') as path, NewBag(path):
         assert path == tmp_path / 'out'
     shutil.rmtree(path)

@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from lidar_outlier_filter.disk.publication import FOLDER, taken
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.remote_path import RemotePath, reached, written
 
@@ -38,7 +39,7 @@ class _State(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Place:
+class Location:
     """A recording that was found: where, how large, and which state of it.
 
     Attributes
@@ -64,7 +65,7 @@ class Place:
             If its size, a time or a mark of the store has changed.
 
         """
-        now = place_of(self.path)
+        now = location_of(self.path)
         if (now.size, now.state) != (self.size, self.state):
             got = f'{now.size} bytes and {now.state} after {self.size} bytes and {self.state}'
             raise RecordingError(f'the recording {self.path}', 'unchanged while it is read', got)
@@ -93,7 +94,7 @@ def path_at(address: str) -> RecordingPath:
     return RemotePath(system, key.rstrip('/'))
 
 
-def find(addresses: Iterable[str]) -> list[Place]:
+def find(addresses: Iterable[str]) -> list[Location]:
     """Find the recordings at addresses: each a recording, a folder of recordings, or a pattern.
 
     A folder is searched to its depth. What begins with a dot is passed over.
@@ -101,22 +102,22 @@ def find(addresses: Iterable[str]) -> list[Place]:
     Raises
     ------
     RecordingError
-        If there is none at an address, or the place cannot be reached.
+        If there is none at an address, or the address cannot be reached.
 
     """
-    found: dict[str, Place] = {}
+    found: dict[str, Location] = {}
     for address in addresses:
         path = path_at(address)
         with reached(address):
-            places = [place for one in _matching(path) for place in _recordings(one)]
-        if not places:
+            locations = [location for one in _matching(path) for location in _recordings(one)]
+        if not locations:
             must_be = 'a recording, a folder of recordings, or a pattern for some'
             raise RecordingError(f'what is at {address}', must_be, 'no recording')
-        found.update((str(place.path), place) for place in places)
+        found.update((str(location.path), location) for location in locations)
     return [found[name] for name in sorted(found)]
 
 
-def place_of(path: RecordingPath) -> Place:
+def location_of(path: RecordingPath) -> Location:
     """Describe a recording as it is now.
 
     Raises
@@ -126,18 +127,18 @@ def place_of(path: RecordingPath) -> Place:
 
     """
     with reached(path):
-        return _place(path, _files(path))
+        return _location(path, _files(path))
 
 
 @contextmanager
 def staged(
-    place: Place, scratch: Path | None = None, most: int = MOST_STAGED
+    location: Location, scratch: Path | None = None, most: int = MOST_STAGED
 ) -> Iterator[RecordingPath]:
     """Give a path by which a recording can be read; copy it to this machine where it must be.
 
     Parameters
     ----------
-    place : the recording
+    location : the recording
     scratch : folder for the copy, which is removed at the end; None: the system's
     most : bytes that a copy may have
 
@@ -147,17 +148,17 @@ def staged(
         If it has more bytes, cannot be reached, or has changed since it was found.
 
     """
-    if isinstance(place.path, Path) or place.by_ranges:
-        yield place.path
+    if isinstance(location.path, Path) or location.by_ranges:
+        yield location.path
         return
-    if place.size > most:
+    if location.size > most:
         must_be = f'of at most {most} bytes, to be copied to this machine'
-        raise RecordingError(f'the recording {place.path}', must_be, place.size)
+        raise RecordingError(f'the recording {location.path}', must_be, location.size)
     with TemporaryDirectory(prefix='.lidar_outlier_filter-', dir=scratch) as folder:
-        target = Path(folder, place.path.name)
-        with reached(place.path):
-            _copy(place.path, target)
-        place.check_unchanged()
+        target = Path(folder, location.path.name)
+        with reached(location.path):
+            _copy(location.path, target)
+        location.check_unchanged()
         yield target
 
 
@@ -179,7 +180,7 @@ def published(path: RecordingPath, scratch: Path | None = None) -> Iterator[Path
         yield path
         return
     if path.exists():
-        raise RecordingError('the output', 'a new folder', f'{path}, which exists')
+        raise taken(path, FOLDER)
     with TemporaryDirectory(prefix='.lidar_outlier_filter-', dir=scratch) as folder:
         built = Path(folder, path.name)
         yield built
@@ -200,7 +201,7 @@ def _matching(path: RecordingPath) -> list[RecordingPath]:
     return [one for one in found if not one.name.startswith('.')]
 
 
-def _recordings(path: RecordingPath) -> Iterator[Place]:
+def _recordings(path: RecordingPath) -> Iterator[Location]:
     """Describe a recording, or those below a folder."""
     files = _files(path)
     folders = {str(file.parent) for file in files if file.name == METADATA}
@@ -212,12 +213,12 @@ def _recordings(path: RecordingPath) -> Iterator[Place]:
         if str(file.parent) in folders:
             groups.setdefault(str(file.parent), {})[file] = state
         elif file.suffix in SUFFIXES:
-            yield _place(file, {file: state})
+            yield _location(file, {file: state})
     for group in groups.values():
-        yield _place(next(iter(group)).parent, group)
+        yield _location(next(iter(group)).parent, group)
 
 
-def _place(path: RecordingPath, files: dict[RecordingPath, _State]) -> Place:
+def _location(path: RecordingPath, files: dict[RecordingPath, _State]) -> Location:
     """Describe a recording by its files."""
     states = sorted((file.name, *state) for file, state in files.items())
     size = sum(state.size for state in files.values())
@@ -227,7 +228,7 @@ def _place(path: RecordingPath, files: dict[RecordingPath, _State]) -> Place:
     else:
         kind = 'etag'
     mark = states[0][-1] if len(states) == 1 else sha256(repr(states).encode()).hexdigest()
-    return Place(path, size, f'{kind}:{mark}', by_ranges)
+    return Location(path, size, f'{kind}:{mark}', by_ranges)
 
 
 def _files(path: RecordingPath) -> dict[RecordingPath, _State]:

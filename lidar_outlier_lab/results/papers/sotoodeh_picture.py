@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.detectors.hierarchical.detector import clusters, 
 from lidar_outlier_filter.core.detectors.hierarchical.gabriel import gabriel_graph
 from lidar_outlier_filter.core.detectors.hierarchical.spanning_tree import spanning_tree
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.evaluation.pictures import INK, LEFT, LOST, PAPER, add_legend, save
+from lidar_outlier_lab.results.pictures import INK, LEFT, LOST, PAPER, add_legend, save
 
 if TYPE_CHECKING:
     from pathlib import Path

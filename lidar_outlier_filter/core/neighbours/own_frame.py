@@ -1,0 +1,227 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The own frame of a spinning sensor, found in points that others have moved.
+
+The head turns steadily, so the time of a point gives its azimuth, but for a constant that each ring
+may have of its own. Seen from the sensor, every point is where its azimuth says, however far it is:
+
+    (x - s_x) sin φ = (y - s_y) cos φ
+
+That shows where the sensor s was at some moments, linearly between them, and how it turned. All
+elevations of a ring are the same, which shows its height, and how it leaned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.points.scan_lines import (
+    is_interleaved,
+    line_starts,
+    order_by_line,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points.points import Points
+
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+
+SAMPLES = 64  # points of a ring that show where the sensor was
+FEWEST, RINGS = 32, 4  # points of a ring, and rings, fewer show nothing
+EVERY = 0.05  # seconds between the moments
+LONGEST = 2.0  # seconds: longer stretches would have too many moments
+LAG = 8  # returns of a ring, to measure how fast the head turns
+NEAREST = 0.5  # m: what is nearer does not weigh more
+FITS, LEANS = 10, 3
+ENOUGH = 1e-5  # m and rad: a fit that changes less is done
+STEEPEST = 0.5  # cosine of the most that it may lean
+OFF = 0.5  # steps of the head that a typical return may be off its azimuth
+RIDGE = 1e-9  # what nothing shows stays as it is
+HUBER = 3.0  # times the median residual, beyond which a point weighs less
+FINEST_M, FINEST_RAD = 1024.0, 65536.0  # parts that places and leans are rounded to
+
+
+class _Some(NamedTuple):
+    """S points of each of R rings: places (R, S, 3), and how near to each moment (R, S, K)."""
+
+    xyz: Floats
+    at: Floats
+    phase: Floats  # (R, S) rad turned, if the head turned as fast as it usually does
+
+
+def find_own_frame(points: Points) -> Points | None:
+    """Return points of a spinning sensor with their places in its own frame.
+
+    Parameters
+    ----------
+    points : valid ones, in any frame whose z points up
+
+    Returns
+    -------
+    Points or None
+        None where the own frame does not show: lines are measured one after the other, there are
+        fewer than four rings, a stretch is longer than two seconds, it leans by more than 60°, or
+        points do not lie where a steadily turning head sees them. Where its x axis points means
+        nothing.
+
+    """
+    order = order_by_line(points)
+    first = line_starts(points.line[order])
+    rings = np.flatnonzero(np.diff(first) >= FEWEST)
+    t = points.t[order]
+    if len(rings) < RINGS or not is_interleaved(t, first):
+        return None
+    start, seconds = int(t.min()), float(np.ptp(t)) / SECOND
+    if seconds > LONGEST:
+        return None
+    rows = order[first[rings, None] + np.arange(SAMPLES) * np.diff(first)[rings, None] // SAMPLES]
+    guess = _first_guess(points.xyz[rows])
+    rate, step = _rate(points.xyz[order] - guess, t, first)
+    if not abs(rate) > 0.0:
+        return None
+    when = (points.t - start) / SECOND
+    moments = np.linspace(0.0, seconds, int(np.ceil(seconds / EVERY)) + 1)
+    near = np.maximum(1.0 - np.abs(when[rows][..., None] - moments) / moments[1], 0.0)
+    some = _Some(points.xyz[rows] - guess, near, rate * when[rows])
+    place, turn, off = _find(some)
+    if not off <= OFF * step:
+        return None
+    own, away = np.empty_like(points.xyz), (points.xyz - guess).T
+    for axis in range(3):
+        # One product after the other: sums of matrices depend on where a point stands.
+        x, y, z = (turn[axis, k] * away[k] for k in range(3))
+        own[:, axis] = x + y + z - np.interp(when, moments, place[:, axis])
+    return replace(points, own=own)
+
+
+def _find(some: _Some) -> tuple[Floats, Floats, float]:
+    """Find places (K, 3) of the sensor, upright; what puts it upright; and how far points are off.
+
+    How it leans is measured from where it is, and the other way round: by turns.
+    """
+    turn, seen = np.eye(3), some
+    place = np.zeros((some.at.shape[2], 3))
+    for _ in range(LEANS):
+        place, _ = _fit(seen, place)
+        place[:, 2], lean = _level(seen, place)
+        up = turn.T @ lean
+        if not up[2] > STEEPEST * np.sqrt((up**2).sum()):
+            return place, turn, np.inf
+        before, turn = turn, _upright(np.rint(up * FINEST_RAD) / FINEST_RAD)
+        place = place @ before @ turn.T
+        seen = some._replace(xyz=np.einsum('rsj,ij->rsi', some.xyz, turn))
+    place, off = _fit(seen, place)
+    place[:, 2], _ = _level(seen, place)
+    return np.rint(place * FINEST_M) / FINEST_M, turn, off
+
+
+def _upright(up: Floats) -> Floats:
+    """Return the shortest rotation that turns a direction up."""
+    x, y, z = up / np.sqrt((up**2).sum())
+    cross = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + z))
+
+
+def _first_guess(xyz: Floats) -> Floats:
+    """Guess where the sensor is: amid the smallest circles that rings draw (R, S, 3); metres."""
+    middle = np.median(xyz, axis=1)
+    about = (xyz - middle[:, None])[:, :, :2]
+    square = (about**2).sum(axis=2)
+    small = np.argsort(np.median(square, axis=1), kind='stable')[: max(len(xyz) // 4, 1)]
+    centres = []
+    for ring in small:
+        rows = np.column_stack([about[ring], np.ones(len(about[ring]))])
+        east, north, _ = np.linalg.lstsq(rows, square[ring], rcond=None)[0] / 2.0
+        centres.append(middle[ring] + np.array([east, north, 0.0]))
+    return np.asarray(np.rint(np.median(centres, axis=0)))
+
+
+def _rate(about: Floats, t: Ints, first: Ints) -> tuple[float, float]:
+    """Return how fast the head turns, rad/s, and the usual step along a ring, rad."""
+    azimuth = np.arctan2(about[:, 1], about[:, 0])
+    steps = np.diff(azimuth)
+    steps -= 2.0 * np.pi * np.rint(steps / (2.0 * np.pi))
+    passed = np.diff(t) / SECOND
+    inside = passed > 0.0
+    inside[first[1:-1] - 1] = False
+    if np.count_nonzero(inside) <= LAG:
+        return 0.0, 0.0
+    turned = np.cumsum(np.where(inside, steps, 0.0))
+    since = np.cumsum(np.where(inside, passed, 0.0))
+    span = since[LAG:] - since[:-LAG]
+    some = span > 0.0
+    rate = float(np.median((turned[LAG:] - turned[:-LAG])[some] / span[some]))
+    return rate, abs(rate) * float(np.median(passed[inside]))
+
+
+def _fit(some: _Some, place: Floats) -> tuple[Floats, float]:
+    """Fit x and y of the sensor and its azimuth at each moment; return how far points are off.
+
+    Rings have constants of their own: their beams may leave to one side.
+    """
+    count, place, off = len(place), place.copy(), np.inf
+    east, north = np.moveaxis((some.xyz - some.at @ place)[:, :, :2], 2, 0)
+    behind = np.exp(1j * (np.arctan2(north, east) - some.phase))
+    phase = some.phase + np.angle(behind.mean())
+    for _ in range(FITS):
+        east, north = np.moveaxis((some.xyz - some.at @ place)[:, :, :2], 2, 0)
+        sine, cosine = np.sin(phase), np.cos(phase)
+        beside, far = east * sine - north * cosine, east * cosine + north * sine
+        angle = np.abs(np.arctan2(beside, far))
+        off = float(np.median(angle))
+        columns = (-sine[..., None], cosine[..., None], far[..., None])
+        rows = np.concatenate([column * some.at for column in columns], axis=2)
+        weight = _weights(angle, off) / np.maximum(np.abs(far), NEAREST)
+        change, constant = _solve(rows, far, -beside, weight)
+        place[:, 0] += change[:count]
+        place[:, 1] += change[count : 2 * count]
+        phase = phase + some.at @ change[2 * count :] + constant[:, None]
+        if np.abs(change).max() < ENOUGH:
+            break
+    return place, off
+
+
+def _level(some: _Some, place: Floats) -> tuple[Floats, Floats]:
+    """Fit the height of the sensor at each moment (K,), and the direction that is up for it."""
+    count = len(place)
+    about = (some.xyz - some.at @ place)[:, :, :2]
+    flat = np.sqrt((about**2).sum(axis=2))
+    far = np.maximum(flat, NEAREST)
+    rows, weight = np.concatenate([some.at, about], axis=2), 1.0 / far
+    height = some.xyz[:, :, 2]
+    found = np.zeros(count + 2)
+    for _ in range(FITS):
+        before = found
+        found, slope = _solve(rows, flat, height, weight)
+        angle = np.abs(height - rows @ found - slope[:, None] * flat) / far
+        weight = _weights(angle, float(np.median(angle))) / far
+        if np.abs(found - before).max() < ENOUGH:
+            break
+    return found[:count], np.array([-found[count], -found[count + 1], 1.0])
+
+
+def _weights(angle: Floats, typical: float) -> Floats:
+    """Let points that are far off count less (Huber); the square root of their weights."""
+    least = np.finfo(float).tiny
+    weight: Floats = np.sqrt(np.minimum(1.0, HUBER * typical / np.maximum(angle, least)))
+    return weight
+
+
+def _solve(rows: Floats, own: Floats, value: Floats, weight: Floats) -> tuple[Floats, Floats]:
+    """Solve for U unknowns of all rings, and one of each: rows (R, S, U), own and value (R, S)."""
+    rows, own, value = rows * weight[..., None], own * weight, value * weight
+    size = np.maximum((own**2).sum(axis=1), np.finfo(float).tiny)
+    shared = np.einsum('rs,rsu->ru', own, rows) / size[:, None]
+    alone = (own * value).sum(axis=1) / size
+    left = (rows - own[..., None] * shared[:, None]).reshape(-1, rows.shape[2])
+    square = left.T @ left
+    square[np.diag_indices(len(square))] += RIDGE * np.trace(square) + np.finfo(float).tiny
+    found = np.linalg.solve(square, left.T @ (value - own * alone[:, None]).ravel())
+    return found, alone - shared @ found
