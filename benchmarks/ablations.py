@@ -25,7 +25,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
-from lidar_outlier_filter.core.detectors.evidence import declaration
+from lidar_outlier_filter.core.detectors.evidence import ways
 from lidar_outlier_filter.core.detectors.evidence.models import (
     NAMES,
     PATTERN_MODEL,
@@ -80,7 +80,7 @@ def first_alone() -> Models:
 def judging(models: Models | None) -> Iterator[None]:
     """Let the default judge by other trees; None: by the weighted sum."""
     if models is None:
-        with patch.object(declaration, 'find_either', lambda *_, **__: None):
+        with patch.object(ways, 'find_either', lambda *_, **__: None):
             yield
     else:
         with patch.object(pattern, 'load', lambda name: models.get(name) or load(name)):

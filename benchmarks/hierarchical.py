@@ -27,10 +27,11 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import Delaunay, cKDTree
 from scipy.stats import norm
 
-from lidar_outlier_filter.core.detectors import elevation
+from lidar_outlier_filter.core.detectors.elevation import detector as elevation
+from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.detectors import Elevation, Hierarchical
 
 if TYPE_CHECKING:
     from collections.abc import Callable

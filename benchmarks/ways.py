@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
 from ways_clouds import FEW, few_lines, moved_recordings, moved_street, swinging
 
 from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either, judge
 from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
-from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import detect, neighbours
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters

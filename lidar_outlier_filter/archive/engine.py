@@ -8,7 +8,6 @@ verdict from a piece only where the piece has judged the same points.
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.known_chain import KnowingChain
@@ -17,7 +16,6 @@ from lidar_outlier_filter.archive.piece_queue import PieceQueue
 from lidar_outlier_filter.archive.pieces import Piece, cut, starts
 from lidar_outlier_filter.archive.whole_recordings import WholeRecordings
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.detectors import DetectorSections
 from lidar_outlier_filter.recordings.replay import ReplayReport, replay
 from lidar_outlier_filter.stream.compiling import make_ready
 
@@ -63,21 +61,13 @@ class Engine:
         self._workers = workers
         self.judged = self.judged_here = 0
         self._whole: WholeRecordings | None = None
-        if workers is not None and self._can_be_cut():
+        if workers is not None:
             make_ready(self._parameters)  # before workers would compile the same at once
             if folder is not None:
                 self._whole = WholeRecordings(tasks, order, workers, folder)
             cut_up = (task for task in tasks if self._whole is None or task not in self._whole)
             following = (self._pieces(task.location) for task in cut_up)
             self._queue = PieceQueue(following, workers, tick)
-
-    def _can_be_cut(self) -> bool:
-        """Return whether workers know all detectors of the chain; say why not."""
-        own = {item.name for item in fields(DetectorSections)}
-        added = [name for name in self._parameters.chain if name not in own]
-        if added:
-            self._inform(f'one process judges all: workers do not know {", ".join(added)}')
-        return not added
 
     def _pieces(self, location: Location) -> list[Piece]:
         """Cut a recording; one that cannot be read has no pieces: who writes it says why."""

@@ -11,9 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import lidar_outlier_filter
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.kernels import kernel_cache
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -43,7 +46,8 @@ def _file_hash(path: Path) -> str:
 
 
 def parameters_hash(parameters: FilterParameters, **options: object) -> str:
-    """Hash the values that decide what is written."""
+    """Hash the values that decide what is written, and others' detectors of the chain."""
+    options['detectors'] = _code_of(name for name in parameters.chain if not _is_own(name))
     values = {k: v for k, v in parameters.flat().items() if k not in WITHOUT_EFFECT}
     return sha256(json.dumps([values, options], sort_keys=True).encode()).hexdigest()
 
@@ -51,7 +55,17 @@ def parameters_hash(parameters: FilterParameters, **options: object) -> str:
 @cache
 def version(judge: str = _JUDGE) -> str:
     """Return the version of the package with the hash of the code that judges: of a module."""
-    return f'{lidar_outlier_filter.__version__}+{kernel_cache.stamp(judge)[:12]}'
+    code = [kernel_cache.stamp(judge), *_code_of(name for name in DETECTORS if _is_own(name))]
+    return f'{lidar_outlier_filter.__version__}+{sha256("".join(code).encode()).hexdigest()[:12]}'
+
+
+def _code_of(names: Iterable[str]) -> list[str]:
+    """Hash the code of detectors: nothing imports them but who asks for their declarations."""
+    return [kernel_cache.stamp(DETECTORS[name].home) for name in names]
+
+
+def _is_own(name: str) -> bool:
+    return DETECTORS[name].home.startswith(f'{lidar_outlier_filter.__name__}.')
 
 
 @cache
@@ -66,4 +80,6 @@ def model_hash() -> str:
 
 def judging_code(judge: str = _JUDGE) -> str:
     """Return what two processes have in common that judge alike: the code and the models."""
-    return f'{version(judge)}+{model_hash()[:12]}'
+    others = ''.join(_code_of(name for name in DETECTORS if not _is_own(name)))
+    added = f'+{sha256(others.encode()).hexdigest()[:12]}' if others else ''
+    return f'{version(judge)}+{model_hash()[:12]}{added}'

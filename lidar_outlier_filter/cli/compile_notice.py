@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 PACKAGE = 'lidar_outlier_filter'
-# Of entry points: others that have kernels.
-GROUPS = (f'{PACKAGE}.commands', f'{PACKAGE}.detectors')
+COMMANDS = f'{PACKAGE}.commands'  # of entry points: others that have kernels
 
 
 def say_what_is_compiled() -> None:
@@ -45,19 +44,19 @@ def notice() -> Callable[[str], None]:
 
 def _sentence(module: str) -> str:
     """Name the part of the package that a kernel belongs to; nothing for kernels of others."""
-    from lidar_outlier_filter.stream.compiling import SECONDS, SHARED_SECONDS  # noqa: PLC0415
+    from lidar_outlier_filter.core.detectors.registry import DETECTORS  # noqa: PLC0415
+    from lidar_outlier_filter.stream.compiling import SHARED_SECONDS  # noqa: PLC0415
 
-    package, _, *rest = [*module.split('.'), '']
-    if package != PACKAGE:
-        return f'the kernels of {package} are compiled, this once' if package in _others() else ''
     whose, seconds = 'that all share', SHARED_SECONDS
-    if rest[0] == 'detectors' and rest[1] in SECONDS:
-        whose, seconds = f'of {rest[1]}', SECONDS[rest[1]]
+    mine = (one for one in DETECTORS.values() if f'{module}.'.startswith(f'{one.home}.'))
+    if (one := next(mine, None)) is not None:
+        whose, seconds = f'of {one.name}', one.kernels.seconds
+    elif (package := module.partition('.')[0]) != PACKAGE:
+        return f'the kernels of {package} are compiled, this once' if package in _others() else ''
     return f'the kernels {whose} are compiled, this once: about {seconds} s'
 
 
 @cache
 def _others() -> frozenset[str]:
-    """Name the packages that add commands or detectors."""
-    found = (one for group in GROUPS for one in entry_points(group=group))
-    return frozenset(one.module.partition('.')[0] for one in found)
+    """Name the packages that add commands."""
+    return frozenset(one.module.partition('.')[0] for one in entry_points(group=COMMANDS))

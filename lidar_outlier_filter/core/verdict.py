@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.parameters.installed import BITS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,10 +19,10 @@ if TYPE_CHECKING:
 
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
-# Beside the bit of `hierarchical`: its second phase rejected the point, in the surroundings of its
-# cluster; without it the first one did. It says nothing alone, and has no vote.
-SECOND_PHASE = 1 << 15
-ALL = SECOND_PHASE - 1  # bits for detectors
+ALL = sum(BITS)  # bits for detectors
+# Beside the bit of a detector: it says more of the point, as the detector declares. It says nothing
+# alone, and has no vote.
+EXTRA = 0xFFFF & ~ALL
 # Rounding to float32 must not make a rejected point look kept.
 ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
 
@@ -35,13 +36,13 @@ class Verdict:
     score : (N,) float32
         The largest score any detector gave; NaN for a point that none could test.
     detectors : (N,) uint16
-        The bits of the detectors whose score is greater than 1, and ``SECOND_PHASE``.
+        The bits of the detectors whose score is greater than 1, and ``EXTRA``.
     undecided : (N,) uint16
         The bits of the detectors that looked at the point and could not test it.
     rejected : (N,) bool
         Whether the point is an outlier: one bit in ``detectors``, or as many as must agree.
     reason : (N,) uint8
-        Why, where ``scores`` are wanted: a number of ``evidence.reasons.REASON_NAMES``, or 0.
+        Why, where ``scores`` are wanted: a number that :func:`.registry.reasons` names, or 0.
 
     Examples
     --------

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import (
     CONFIDENCE,
@@ -145,7 +145,7 @@ def _detectors(points: Judged) -> dict[str, Confusion]:
     bits = points.detectors
     if bits is None:
         return {}
-    found = {name: confusion(points.bad, (bits & bit) != 0) for name, bit in BITS.items()}
+    found = {name: confusion(points.bad, (bits & one.bit) != 0) for name, one in DETECTORS.items()}
     return {name: counts for name, counts in found.items() if counts.rejected}
 
 

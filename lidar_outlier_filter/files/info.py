@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.declaration import choose
+from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.core.neighbours.recovered_rings import MOST_POINTS
 from lidar_outlier_filter.errors import CloudError
@@ -76,5 +76,6 @@ def _judged(file: CloudFile) -> tuple[int, str]:
     if loaded.lack:
         loaded = points.recovered(file, loaded, parameters)
     valid = loaded.points.take(loaded.points.valid)
-    way, _ = choose(Seen(valid, parameters, whole=True), parameters)
-    return loaded.rings, way.value
+    seen = Seen(valid, parameters, whole=True)
+    known = (explanations()[name] for name in parameters.chain if name in explanations())
+    return loaded.rings, '; '.join(one.choose(seen, parameters) for one in known)

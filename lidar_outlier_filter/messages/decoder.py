@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.registry import reads_intensity, sigma_field
 from lidar_outlier_filter.core.points.points import SECOND, Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.core.points.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError, short
@@ -104,7 +105,7 @@ class Decoder:
         self._before = copy.copy(self._counter)
         view = self.view(msg)
         if view is None:
-            return _nothing(with_sigma=bool(self.parameters.alpha_beta_gamma.sigma_field))
+            return _nothing(with_sigma=bool(sigma_field(self.parameters)[0]))
         xyz = np.empty((view.size, 3))
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
@@ -281,7 +282,7 @@ class Decoder:
 
     def _intensity(self, view: NDArray[np.void]) -> NDArray[np.float32] | None:
         """Return the intensities, where there are any and a detector looks at them."""
-        if 'evidence' not in self.parameters.chain:
+        if not reads_intensity(self.parameters):
             return None
         name = _choose(view, 'auto', INTENSITY_NAMES, '', 'iuf')
         with np.errstate(over='ignore'):  # what is too bright is inf
@@ -290,10 +291,10 @@ class Decoder:
     def _sigma(
         self, view: NDArray[np.void], valid: NDArray[np.bool_]
     ) -> NDArray[np.float64] | None:
-        name = self.parameters.alpha_beta_gamma.sigma_field
+        name, parameter = sigma_field(self.parameters)
         if not name:
             return None
-        sigma = _named(view, name, 'alpha_beta_gamma.sigma_field', 'iuf').astype(np.float64)
+        sigma = _named(view, name, parameter, 'iuf').astype(np.float64)
         check_sigma(sigma, valid, f'field {name!r}')
         return sigma
 

@@ -132,13 +132,15 @@ def declare(  # noqa: PLR0913  one line declares all that is known of a paramete
     *,
     fixed: bool = False,
 ) -> Any:
-    """Declare a parameter as a field of a dataclass."""
+    """Declare a parameter as a field of a dataclass; a default may be a function that gives it."""
     about = {'text': text, 'unit': unit, 'low': low, 'high': high, 'choices': choices}
+    if callable(default):
+        return field(default_factory=default, metadata={**about, 'fixed': fixed})
     return field(default=default, metadata={**about, 'fixed': fixed})
 
 
 class Section:
-    """The parameters of one detector, a frozen dataclass of fields that :func:`declare` made."""
+    """Parameters of one detector: a frozen dataclass of fields that :func:`declare` made."""
 
     def check(self) -> None:
         """Refuse settings that make sense alone but not with each other."""
@@ -150,7 +152,9 @@ def walk(cls: type, prefix: str) -> Iterator[Parameter]:
     for item in fields(cls):
         if is_dataclass(item.default) and not isinstance(item.default, type):
             sections.append((type(item.default), f'{prefix}{item.name}.'))
-        elif item.default is not MISSING:
-            yield Parameter(prefix + item.name, item.default, **item.metadata)
+        elif item.metadata:
+            factory = item.default_factory
+            default = item.default if factory is MISSING else factory()
+            yield Parameter(prefix + item.name, default, **item.metadata)
     for section, name in sections:
         yield from walk(section, name)

@@ -3,9 +3,8 @@
 """Every parameter, declared once: name, type, default, unit, range and one sentence.
 
 ROS declarations, ``config/defaults.yaml``, the tables of the pages and what ``--set`` takes are
-made from this file, and from those of the detectors and of the node, which are parts of it. A
-parameter of a detector is named ``detector.parameter``. Detectors that do not come with the package
-bring a section of their own: :func:`add_section`.
+made from this file, from that of the node, and from those of the detectors that are installed. A
+parameter of a detector is named ``detector.parameter``.
 """
 
 # ruff: noqa: RUF009  the defaults that are called for are frozen
@@ -14,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from types import MappingProxyType
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from lidar_outlier_filter.errors import ParameterError
@@ -26,7 +25,7 @@ from lidar_outlier_filter.parameters.declaration import (
     shown,
     walk,
 )
-from lidar_outlier_filter.parameters.detectors import DetectorSections, SpinningWeights, Weights
+from lidar_outlier_filter.parameters.installed import GROUP, Installed, gather
 from lidar_outlier_filter.parameters.node import HealthLimits, LoadParameters, MotionParameters
 
 if TYPE_CHECKING:
@@ -34,17 +33,19 @@ if TYPE_CHECKING:
 
 OneSection = TypeVar('OneSection', bound=Section)
 
-_added: dict[str, type[Section]] = {}
+
+def _default_chain() -> tuple[str, ...]:
+    return tuple(name for name, one in installed().detectors.items() if one.by_default)[:1]
 
 
 @dataclass(frozen=True)
-class FilterParameters(DetectorSections):
+class FilterParameters:
     """All parameters of the filter; make a changed copy with :meth:`changed`.
 
     Attributes
     ----------
-    added : tuple of sections
-        Those of added detectors that were changed; read them with :meth:`of`.
+    of_detectors : tuple of sections
+        Those that are not as by default; read them with :meth:`of`.
 
     """
 
@@ -54,8 +55,8 @@ class FilterParameters(DetectorSections):
         fixed=True,
     )
     chain: tuple[str, ...] = declare(
-        ('evidence',),
-        'Detectors, in their order.',  # the choices: every detector that has a section
+        _default_chain,
+        'Detectors, in their order.',  # the choices: every detector that is installed
     )
     vote: int = declare(
         0,
@@ -179,19 +180,17 @@ class FilterParameters(DetectorSections):
         '',
         'File that ~/save_parameters writes; empty: one named after the node, in ROS_HOME.',
     )
-    evidence_profile: Weights = Weights()
-    evidence_spinning: SpinningWeights = SpinningWeights()
     motion: MotionParameters = MotionParameters()
     load: LoadParameters = LoadParameters()
     health: HealthLimits = HealthLimits()
-    added: tuple[Section, ...] = field(default_factory=tuple)
+    of_detectors: tuple[Section, ...] = field(default_factory=tuple)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be: each parameter by itself, then together."""
         for parameter in describe():
-            parameter.check(_value(self, parameter.name))
-        for name in detector_names():
-            self._section(name).check()
+            parameter.check(self.value(parameter.name))
+        for section in self.of_detectors:
+            section.check()
         _check_together(self)
         self.health.check()
         self.motion.check(len(self.inputs))
@@ -207,11 +206,14 @@ class FilterParameters(DetectorSections):
         Examples
         --------
         >>> from lidar_outlier_filter.parameters.filter import FilterParameters
-        >>> stricter = FilterParameters().changed({'chain': ['lof'], 'lof.threshold': 1.5})
-        >>> stricter.chain, stricter.lof.threshold
-        (('lof',), 1.5)
+        >>> faster = FilterParameters().changed({'chain': ['lof'], 'max_delay': 0.5})
+        >>> faster.chain, faster.max_delay
+        (('lof',), 0.5)
 
         """
+        for name in _named(values):
+            if name in installed().refused:
+                raise installed().refused[name]
         known = {parameter.name: parameter for parameter in describe()}
         top: dict[str, Any] = {}
         sections: dict[str, dict[str, Any]] = {}
@@ -222,31 +224,39 @@ class FilterParameters(DetectorSections):
                 raise ParameterError('a parameter', must_be, shown(name) + meant)
             section, _, leaf = name.rpartition('.')
             (sections.setdefault(section, {}) if section else top)[leaf] = known[name].check(value)
-        added = {type(one): one for one in self.added}
+        own = {}
+        for name, one in _sections().items():
+            mine: Any = self.of(one)  # a frozen dataclass, as all sections are
+            changed = replace(mine, **sections.pop(name, {}))
+            if changed != one():
+                own[name] = changed
         for name, leaves in sections.items():
-            section = replace(self._section(name), **leaves)
-            if name in _added:
-                added[type(section)] = section
-            else:
-                top[name] = section
-        return replace(self, **top, added=tuple(added.values()))
+            top[name] = replace(getattr(self, name), **leaves)
+        return replace(self, **top, of_detectors=tuple(own.values()))
 
     def of(self, section: type[OneSection]) -> OneSection:
-        """Return the section of a detector that was added by its class.
+        """Return the parameters of a detector, by their class.
 
         Raises
         ------
         ParameterError
-            If no such section has been added.
+            If no detector that is installed declares them.
 
         """
-        if section not in _added.values():
-            raise ParameterError('a section of parameters', 'an added one', section.__name__)
-        changed = (one for one in self.added if isinstance(one, section))
-        return next(changed, None) or section()
+        for one in self.of_detectors:
+            if type(one) is section:
+                return one
+        if section not in _sections().values():
+            raise ParameterError('a section of parameters', 'of a detector', section.__name__)
+        return section()
 
-    def _section(self, name: str) -> Any:
-        return self.of(_added[name]) if name in _added else getattr(self, name)
+    def value(self, name: str) -> Any:
+        """Return one value by its flat, dotted name."""
+        section, _, leaf = name.rpartition('.')
+        if not section:
+            return getattr(self, leaf)
+        own = _sections().get(section)
+        return getattr(self.of(own) if own else getattr(self, section), leaf)
 
     def flat(self) -> dict[str, Any]:
         """All values by their flat, dotted names, in the order of declaration.
@@ -258,27 +268,14 @@ class FilterParameters(DetectorSections):
         ('evidence',)
 
         """
-        return {parameter.name: _value(self, parameter.name) for parameter in describe()}
+        return {parameter.name: self.value(parameter.name) for parameter in describe()}
 
 
-# The smoother as in Leslar, Wang and Hu (2010): each point is tested once, in a window around it.
-PAPER: Mapping[str, object] = MappingProxyType(
-    {
-        'chain': ['alpha_beta_gamma'],
-        'alpha_beta_gamma.sides': 'both',
-        'alpha_beta_gamma.order': 2,
-        'alpha_beta_gamma.before': 5,
-        'alpha_beta_gamma.after': 5,
-        'alpha_beta_gamma.min_window': 4,
-        'alpha_beta_gamma.significance': 0.001,
-        'alpha_beta_gamma.passes': 1,
-    }
-)
-
-
-def _value(parameters: FilterParameters, name: str) -> Any:
-    section, _, leaf = name.rpartition('.')
-    return getattr(parameters._section(section) if section else parameters, leaf)  # noqa: SLF001  of the same file
+def _named(values: Mapping[str, object]) -> set[str]:
+    """Return the names that may be of detectors: of their parameters, and in the chain."""
+    chain = values.get('chain')
+    names = [*values, *(chain if isinstance(chain, list | tuple) else ())]
+    return {name.partition('.')[0] for name in names if isinstance(name, str)}
 
 
 def _check_together(parameters: FilterParameters) -> None:
@@ -298,35 +295,28 @@ def _check_together(parameters: FilterParameters) -> None:
         raise ParameterError('max_delay', must_be, f'{parameters.max_delay:g} s')
 
 
-def detector_names() -> tuple[str, ...]:
-    """List the detectors that have a section: those of the package, then added ones."""
-    return (*(section.name for section in fields(DetectorSections)), *_added)
-
-
-def add_section(name: str, section: type[Section]) -> None:
-    """Add the parameters of a detector that does not come with the package.
+@cache
+def installed() -> Installed:
+    """Find the detectors that are installed, once in a process.
 
     Raises
     ------
-    ParameterError
-        If there is a parameter or a section of that name.
+    FilterError
+        If those of the package itself are not.
 
     """
-    if name in _added or name in {item.name for item in fields(FilterParameters)}:
-        raise ParameterError('the name of a section', 'a new one', repr(name))
-    _added[name] = section
-    describe.cache_clear()
+    return gather(entry_points(group=GROUP), [item.name for item in fields(FilterParameters)])
 
 
-def remove_section(name: str) -> None:
-    """Take away a section that was added."""
-    del _added[name]
-    describe.cache_clear()
+@cache
+def _sections() -> dict[str, type[Section]]:
+    """Return the parameters of all detectors, by the first part of their names."""
+    return {k: v for one in installed().detectors.values() for k, v in one.sections.items()}
 
 
 @cache
 def describe() -> tuple[Parameter, ...]:
-    """List every parameter: those of no section first, those of added detectors last.
+    """List every parameter: those of no section first, then those of the detectors.
 
     Examples
     --------
@@ -336,7 +326,9 @@ def describe() -> tuple[Parameter, ...]:
 
     """
     found = list(walk(FilterParameters, ''))
-    for name, section in _added.items():
-        found += walk(section, f'{name}.')
-    choices = detector_names()
-    return tuple(replace(one, choices=choices) if one.name == 'chain' else one for one in found)
+    alone = [one for one in found if '.' not in one.name]
+    for name, section in _sections().items():
+        alone += walk(section, f'{name}.')
+    alone += [one for one in found if '.' in one.name]
+    choices = tuple(installed().detectors)
+    return tuple(replace(one, choices=choices) if one.name == 'chain' else one for one in alone)

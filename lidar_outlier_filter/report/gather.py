@@ -102,7 +102,7 @@ def gather(
         tally,
         kept,
         keeper.reasons,
-        tuple(sorted(way.value for way in chain.reasons.ways)),
+        tuple(sorted(chain.reasons.ways)),
         codes,
         source.has_frames,
     )

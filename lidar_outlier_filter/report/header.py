@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.detectors.evidence.explain.reasons import REASON_NAMES
-from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, reasons
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, ros_lines
-from lidar_outlier_filter.report.feature_texts import REST, TEXTS, reason_text
-from lidar_outlier_filter.report.pack import REASONS
-from lidar_outlier_filter.report.reasons import OF_SUM, OF_WAY
+from lidar_outlier_filter.report.pack import reason_names
+from lidar_outlier_filter.report.reasons import REST, vocabulary
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES
 
 if TYPE_CHECKING:
@@ -71,12 +69,9 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'curve': _curve(gathered),
         'sections': len(sections),
         'frames': _frames(gathered, frames, packed, sections),
-        'features': [
-            *([name, TEXTS[way][name]] for way, names in OF_WAY.items() for name in names),
-            *REST,
-        ],
-        'ofSum': OF_SUM,
-        'reasons': list(REASONS),
+        'features': [list(one) for one in (*vocabulary().features, *REST)],
+        'ofSum': vocabulary().of_sum,
+        'reasons': reason_names(),
         'removed': _removed(gathered),
         'explained': len(packed.reasons),
         'detectors': detectors(),
@@ -87,18 +82,15 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
 def _removed(gathered: Gathered) -> dict[str, Any]:
     """Say which detectors reject how many points at the given settings, and for which reasons."""
     tally = gathered.tally
-    reasons = sorted(tally.reasons.items(), key=lambda item: -item[1])
+    noted = sorted(tally.reasons.items(), key=lambda item: -item[1])
     return {
         'detectors': [
             [one.name, tally.detectors[one.name]]
             for one in DETECTORS.values()
             if one.name in tally.detectors
         ],
-        'reasons': [
-            [REASON_NAMES[number], reason_text(number), count]
-            for number, count in reasons[:MOST_LISTED]
-        ],
-        'others': sum(count for _, count in reasons[MOST_LISTED:]),
+        'reasons': [[*reasons()[number], count] for number, count in noted[:MOST_LISTED]],
+        'others': sum(count for _, count in noted[MOST_LISTED:]),
     }
 
 

@@ -44,7 +44,7 @@ class Kept:
     bits : (N,) uint32
         The steps of all sliders that reject the point.
     strongest : (N,) uint8
-        Number of the strongest reason of a rejected point, see ``REASON_NAMES``; 0 without.
+        Number of the strongest reason of a rejected point, of :func:`.reasons`; 0 without.
     reason : (N,) int32, row of the reasons; ``UNKNOWN`` without
     order : (N,) uint32
         Random: any first part of the points in this order is an even sample.
@@ -185,9 +185,9 @@ def _nothing() -> Kept:
     )
 
 
-def table(reasons: list[Reason]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+def table(reasons: list[Reason]) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
     """Lay out reasons: (R, ADDED) features, and what they add."""
-    features = np.zeros((len(reasons), ADDED), np.uint8)
+    features = np.zeros((len(reasons), ADDED), np.uint16)
     added = np.zeros((len(reasons), ADDED), np.float32)
     for row, reason in enumerate(reasons):
         features[row], added[row] = reason.features, reason.added

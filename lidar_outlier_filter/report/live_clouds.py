@@ -17,11 +17,11 @@ from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.report.frames import SHORT, STRETCH
 from lidar_outlier_filter.report.pack import (
     LINES,
-    REASON_INDEX,
     Fields,
     box,
     brightness,
     numbers,
+    reason_numbers,
     scores,
     span,
 )
@@ -97,7 +97,7 @@ class LiveFrame:
             position=np.rint((points.xyz - origin) / step).astype(np.uint64),
             score=scores(points.score),
             brightness=brightness(points.intensity, self.span),
-            reason=REASON_INDEX[points.reason],
+            reason=reason_numbers()[points.reason],
             detector=numbers(points.detectors),
             truth=np.zeros(len(bits), np.uint32),
             bits=bits.astype(np.uint32),

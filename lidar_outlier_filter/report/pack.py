@@ -4,19 +4,20 @@
 
 Words 0 and 1: x, y and z in steps of the frame's box, 21 bits each. Word 2, from the lowest bit:
 score × 256 (10 bits, ``UNTESTED`` without), intensity (7), strongest reason (7, its index in
-``REASONS``, from 1; 0 without), number of the first detector that rejects it (4, 0: none), truth
-(2). Word 3: the steps of the sliders that reject it (21 bits), then the rank of its scan line in
-the frame (11, modulo).
+:func:`reason_names`, from 1; 0 without), number of the first detector that rejects it (4, 0: none),
+truth (2). Word 3: the steps of the sliders that reject it (21 bits), then the rank of its scan line
+in the frame (11, modulo).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.explain.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.registry import reasons
 from lidar_outlier_filter.messages.cloud import first_numbers
 from lidar_outlier_filter.report.keeping import table
 from lidar_outlier_filter.report.sliders import BITS
@@ -38,9 +39,7 @@ NO_TRUTH, GOOD, BAD = range(3)
 LINES = 1 << 11
 DARKEST, BRIGHTEST = 2, 98  # percentiles of the intensity that the colours span
 ROW = 20  # numbers of a point with reasons: see `reasons`
-REASONS = tuple(REASON_NAMES.values())
-REASON_INDEX = np.zeros(256, np.uint32)
-REASON_INDEX[list(REASON_NAMES)] = np.arange(1, len(REASONS) + 1)
+MOST_REASONS = 127  # that have a number in the words
 
 
 @dataclass(frozen=True)
@@ -99,6 +98,20 @@ class Fields:
         return words
 
 
+@cache
+def reason_names() -> list[str]:
+    """List the names of the reasons, in the order of their numbers in the words."""
+    return [one.name for one in reasons().values()][:MOST_REASONS]
+
+
+@cache
+def reason_numbers() -> Words:
+    """Return the number in the words, from 1, of each number in ``outlier_reason``; 0: none."""
+    found = np.zeros(256, np.uint32)
+    found[list(reasons())[:MOST_REASONS]] = np.arange(1, len(reason_names()) + 1)
+    return found
+
+
 def pack(gathered: Gathered, frames: Frames) -> Packed:
     """Pack the kept points, in the order of their frames."""
     kept = gathered.kept.take(frames.order)
@@ -109,7 +122,7 @@ def pack(gathered: Gathered, frames: Frames) -> Packed:
         position=np.rint((kept.xyz - origin[number]) / step[number]).astype(np.uint64),
         score=scores(kept.score),
         brightness=brightness(kept.intensity, limits),
-        reason=REASON_INDEX[kept.strongest],
+        reason=reason_numbers()[kept.strongest],
         detector=numbers(kept.detectors),
         truth=_truth(gathered, kept.code),
         bits=kept.bits,

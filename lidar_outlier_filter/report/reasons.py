@@ -5,22 +5,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from functools import cache, partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.declaration import DETECTOR as EVIDENCE
-from lidar_outlier_filter.core.detectors.evidence.declaration import Way
-from lidar_outlier_filter.core.detectors.evidence.explain.contributions import contributions
-from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import REASONS
-from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import PROFILE
-from lidar_outlier_filter.core.detectors.evidence.survey.far import NAMES
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import PARTS
+from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.judging.chain import Chain
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.declaration import Detector
+    from lidar_outlier_filter.core.detectors.explanation import Explanation
     from lidar_outlier_filter.core.detectors.scores import Scores
     from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
@@ -31,13 +30,38 @@ NEAR = 0.8  # scores above this are explained, too
 MOST_IN_BLOCK = 2000  # points that are explained of those judged together
 MOST_IN_CLOUD = 20_000  # of a whole cloud
 STRONGEST = 6  # features that are kept of each
-# Features of every way to judge; one name may mean different things. Parts of a sum stand last.
-OF_WAY = {Way.PATTERN: (*REASONS, *PROFILE), Way.SURVEY: NAMES, Way.SUM: PARTS}
-FEATURES = tuple(name for names in OF_WAY.values() for name in names)
-OF_SUM = len(FEATURES) - len(PARTS)
-# Behind them: all other features together, and what trees say on average.
-OTHERS, AVERAGE = len(FEATURES), len(FEATURES) + 1
 ADDED = STRONGEST + 2
+REST = (('others', 'all other features together'), ('average', 'what the trees say on average'))
+
+
+class Vocabulary(NamedTuple):
+    """The features of all detectors that explain their scores.
+
+    Attributes
+    ----------
+    features : (name, few words) of each; a name may mean different things. REST follows
+    of_sum : from there on, features add up to scores; the others to log-odds
+    number : number of a feature, by way and name
+
+    """
+
+    features: tuple[tuple[str, str], ...]
+    of_sum: int
+    number: dict[tuple[str, str], int]
+
+
+@cache
+def vocabulary() -> Vocabulary:
+    """Put the features of all ways into one order."""
+    odds: list[tuple[str, Mapping[str, str]]] = []
+    sums: list[tuple[str, Mapping[str, str]]] = []
+    for one in explanations().values():
+        for way, texts in one.ways.items():
+            (sums if way in one.of_score else odds).append((way, texts))
+    every = [(way, name, text) for way, texts in odds + sums for name, text in texts.items()]
+    index = {(way, name): number for number, (way, name, _) in enumerate(every)}
+    features = tuple((name, text) for _, name, text in every)
+    return Vocabulary(features, sum(len(texts) for _, texts in odds), index)
 
 
 @dataclass(frozen=True)
@@ -47,16 +71,16 @@ class Reason:
     Attributes
     ----------
     score : that of the chain, float32
-    features : (ADDED,) uint8
-        Indices in ``FEATURES`` of those that add or take away most, the largest first; then
-        ``OTHERS`` and ``AVERAGE``.
+    features : (ADDED,) uint16
+        Indices in the vocabulary of those that add or take away most, the largest first; then those
+        of ``REST``.
     added : (ADDED,) float32
-        What each adds to the log-odds; from ``OF_SUM`` on, to the score.
+        What each adds to the log-odds, or to the score.
 
     """
 
     score: float
-    features: NDArray[np.uint8]
+    features: NDArray[np.uint16]
     added: NDArray[np.float32]
 
 
@@ -66,28 +90,35 @@ class NotedReasons:
 
     Attributes
     ----------
-    ways : how the default judged
+    ways : how detectors judged
 
     """
 
-    ways: set[Way] = field(default_factory=set)
+    ways: set[str] = field(default_factory=set)
     _noted: dict[bytes, tuple[int, list[Reason]]] = field(default_factory=dict)
 
-    def note(self, seen: Seen, score: NDArray[np.float64], parameters: FilterParameters) -> None:
-        """Explain the points that the default rejects, or nearly so."""
+    def note(
+        self,
+        explanation: Explanation,
+        seen: Seen,
+        score: NDArray[np.float64],
+        parameters: FilterParameters,
+    ) -> None:
+        """Explain the points that a detector rejects, or nearly so."""
         wanted = _chosen(score, MOST_IN_CLOUD if seen.whole else MOST_IN_BLOCK)
         if not wanted.any():
             return
         points, single = seen.points, score.astype(np.float32)
-        found = contributions(seen, parameters, wanted)
+        found = explanation.explain(seen, parameters, wanted)
         self.ways.add(found.way)
-        indices = _indices(found.way, found.names)
+        known = vocabulary()
+        indices = np.array([known.number[found.way, name] for name in found.names], np.uint16)
         where = np.flatnonzero(wanted)
         order = np.argsort(-np.abs(found.added), axis=0, kind='stable')[:STRONGEST]
         largest = np.take_along_axis(found.added, order, axis=0)
         others = found.added.sum(axis=0) - largest.sum(axis=0)
         added = np.concatenate([largest, [others, found.average]])
-        rest = np.array([OTHERS, AVERAGE], np.uint8)
+        rest = len(known.features) + np.arange(len(REST), dtype=np.uint16)
         for i, key in enumerate(_keys(points, where)):
             features = np.concatenate([indices[order[:, i]], rest])
             reason = Reason(float(single[where[i]]), features, added[:, i])
@@ -116,21 +147,23 @@ class NotedReasons:
 
 
 class ExplainingChain(Chain):
-    """A chain that notes the reasons of what the default rejects."""
+    """A chain that notes the reasons of what its detectors reject, where they can say."""
 
     def __init__(self, parameters: FilterParameters) -> None:
-        """Note reasons where the default is one of the chain."""
+        """Note reasons where a detector of the chain explains its scores."""
         # Under `scores` detectors give the strongest reason, too; no verdict depends on it.
         super().__init__(parameters.changed({'scores': True}))
         self.reasons = NotedReasons()
         self._detectors = [
-            replace(one, detect=self._explained) if one is EVIDENCE else one
+            replace(one, detect=partial(self._explained, one))
+            if one.name in explanations()
+            else one
             for one in self._detectors
         ]
 
-    def _explained(self, seen: Seen, parameters: FilterParameters) -> Scores:
-        found = EVIDENCE.detect(seen, parameters)
-        self.reasons.note(seen, found.score, parameters)
+    def _explained(self, one: Detector, seen: Seen, parameters: FilterParameters) -> Scores:
+        found = one.detect(seen, parameters)
+        self.reasons.note(explanations()[one.name], seen, found.score, parameters)
         return found
 
 
@@ -143,12 +176,6 @@ def _chosen(score: NDArray[np.float64], most: int) -> NDArray[np.bool_]:
     wanted = np.zeros(len(score), np.bool_)
     wanted[near] = True
     return wanted
-
-
-def _indices(way: Way, names: tuple[str, ...]) -> NDArray[np.uint8]:
-    """Find the features of one way in ``FEATURES``."""
-    before = {Way.PATTERN: 0, Way.SURVEY: len(OF_WAY[Way.PATTERN]), Way.SUM: OF_SUM}[way]
-    return np.array([before + OF_WAY[way].index(name) for name in names], np.uint8)
 
 
 def _keys(points: Points, where: NDArray[np.intp]) -> list[bytes]:

@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.kernels.compiling import SENSORS, NotCompiled, only_compiled
 from lidar_outlier_filter.core.kernels.threads import cores
@@ -25,21 +26,9 @@ from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
-# Processor seconds that the kernels of a detector take, about; those that all share come on top.
-SECONDS: Mapping[str, int] = {
-    'alpha_beta_gamma': 1,
-    'quadric': 45,
-    'lof': 9,
-    'sor': 6,
-    'hierarchical': 4,
-    'elevation': 8,
-    'evidence': 33,
-}
-SHARED_SECONDS = 10
-APART = 'evidence'  # has other kernels for each kind of sensor
-SURVEY = 'survey'  # of `evidence.sensor`: the kernels are the same for all sensors
+SHARED_SECONDS = 10  # of a processor, about, for the kernels that all detectors share
 SCORES = 'scores'  # which come with reasons, that have kernels of their own
 PATIENT = 10  # niceness beside a filter that runs
 
@@ -89,7 +78,7 @@ def load(parameters: FilterParameters) -> bool:
 
 def seconds(parameters: FilterParameters) -> int:
     """Return about how long compiling a chain takes here, without what is on disk already."""
-    total = SHARED_SECONDS + sum(SECONDS.get(name, 0) for name in parameters.chain)
+    total = SHARED_SECONDS + sum(DETECTORS[name].kernels.seconds for name in parameters.chain)
     return round(total / min(len(shares(parameters)), cores()))
 
 
@@ -103,8 +92,8 @@ def shares(parameters: FilterParameters) -> list[KernelShare]:
         }
         changed = {key: value for key, value in values.items() if value != default[key]}
         given = tuple(sorted(changed.items()))
-        is_apart = name == APART and parameters.evidence.sensor != SURVEY
-        parts = [(sensor,) for sensor in SENSORS] if is_apart else [SENSORS]
+        by_sensor = DETECTORS[name].kernels.by_sensor(parameters)
+        parts = [(sensor,) for sensor in SENSORS] if by_sensor else [SENSORS]
         found += [KernelShare(name, given, part) for part in parts]
     return found
 

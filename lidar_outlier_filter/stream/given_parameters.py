@@ -35,7 +35,7 @@ def gather(parameters: object, chain: Sequence[str] | None = None) -> FilterPara
     if isinstance(parameters, FilterParameters):
         return parameters if chain is None else parameters.changed({'chain': chain})
     if not isinstance(parameters, Mapping | None):
-        must_be = "a mapping as in {'lof.threshold': 1.5}"
+        must_be = "a mapping as in {'max_points': 1000}"
         raise ParameterError('the parameters', must_be, repr(parameters))
     values = dict(parameters or {})
     if chain is not None:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.explain.reasons import REASON_NAMES
-from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, reasons
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -117,10 +116,10 @@ class Statistics:
             (self.rejected, verdict.detectors),
             (self.undecided, verdict.undecided),
         ):
-            for name, bit in BITS.items():
-                count = int(np.count_nonzero(bits & bit))
+            for name, one in DETECTORS.items():
+                count = int(np.count_nonzero(bits & one.bit))
                 if count:
                     counter[name] += count
         for number, count in enumerate(np.bincount(verdict.reason).tolist()):
             if number and count:
-                self.reasons[REASON_NAMES[number]] += count
+                self.reasons[reasons()[number].name] += count

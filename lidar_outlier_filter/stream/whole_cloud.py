@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.registry import sigma_fields
 from lidar_outlier_filter.core.judging.whole_cloud import check_chain, judge_whole, with_rings
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import CloudError, ParameterError
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-FIELDS = ('time_field', 'line_field', 'angle_field', 'alpha_beta_gamma.sigma_field')
+FIELDS = ('time_field', 'line_field', 'angle_field')
 NO_TIME, NO_LINES = 'no time of each point', 'no scan line of each point'
 
 
@@ -151,11 +152,11 @@ def _points(
     parameters: FilterParameters,
 ) -> tuple[Points, str]:
     """Make points of plain arrays; say what they lack to have scan lines."""
-    values = parameters.flat()
-    for name in FIELDS:
-        if values[name] not in {'', 'auto'}:
+    for name in (*FIELDS, *sigma_fields()):
+        value = parameters.value(name)
+        if value not in {'', 'auto'}:
             must_be = 'given for clouds with fields only'
-            raise ParameterError(name, must_be, f'{values[name]!r} for an array without')
+            raise ParameterError(name, must_be, f'{value!r} for an array without')
     given = _numbers('xyz', xyz, 'iuf')
     if given.ndim != 2 or given.shape[1] != 3:  # noqa: PLR2004  x, y, z
         raise CloudError('the shape of xyz', '(N, 3)', given.shape)

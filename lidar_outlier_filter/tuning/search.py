@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.verdict import ALL
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED
@@ -139,7 +139,7 @@ def fold_of_each(data: Training, folds: int) -> Ints:
 def _alone(data: Training, verdict: Verdict, chain: Sequence[str]) -> dict[str, tuple[int, int]]:
     result = {}
     for name in chain:
-        mine = verdict.rejected & (verdict.detectors & ALL == BITS[name])
+        mine = verdict.rejected & (verdict.detectors & ALL == DETECTORS[name].bit)
         outliers, good = np.count_nonzero(mine & data.bad), np.count_nonzero(mine & data.good)
         result[name] = int(outliers), int(good)
     return result
@@ -221,10 +221,10 @@ class Searcher:
         others = np.zeros(len(bits), np.uint8)
         for name in chain:
             if name != detector:
-                others += (bits & BITS[name]) != 0
+                others += (bits & DETECTORS[name].bit) != 0
         seen = None
         if self._parameters.vote == 0:
-            earlier = sum(BITS[name] for name in chain[: chain.index(detector)])
+            earlier = sum(DETECTORS[name].bit for name in chain[: chain.index(detector)])
             seen = (bits & earlier) == 0
 
         def score_of(changes: Values) -> NDArray[np.float32]:

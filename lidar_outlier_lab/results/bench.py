@@ -17,15 +17,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+from lidar_outlier_filter.core.detectors.sor import detector as sor
+from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import scan_lines
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.cloud import structured
-from lidar_outlier_filter.parameters.detectors import Sor
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.session import Session
 from lidar_outlier_lab.results import peers
@@ -183,7 +184,7 @@ def smoother_work(sides: str) -> Work:
 
 def _smooth(points: Points, parameters: FilterParameters) -> NDArray[np.bool_]:
     lines = scan_lines.find_lines(points, parameters.gap_factor)
-    return alpha_beta_gamma.detect(points, lines, parameters.alpha_beta_gamma).rejected
+    return alpha_beta_gamma.detect(points, lines, parameters.of(AlphaBetaGamma)).rejected
 
 
 def neighbours_work(xyz: NDArray[np.float64]) -> Work:

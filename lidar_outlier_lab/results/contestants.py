@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_lab.results.papers.methods import SMOOTHER
 from lidar_outlier_lab.results.peers import has_open3d, lof, open3d_cloud, rejected_but
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ class Peer:
 ONE_SURFACE = {
     'quadric.surfaces': 1,
     'quadric.start': 'all',
-    'quadric.significance': PAPER['alpha_beta_gamma.significance'],
+    'quadric.significance': SMOOTHER['alpha_beta_gamma.significance'],
 }
 PATCH = {**ONE_SURFACE, 'quadric.window': 'patch'}
 SMALL_ONES = ('leslar-b', 'leslar-c')  # a surface for each point takes minutes on larger ones
@@ -122,13 +123,13 @@ RULES = ('`sor`', '`sor`, radius', '`sor` as DROR', '`sor` as DSOR')
 OURS: tuple[Ours, ...] = (
     Ours(DEFAULT),
     Ours('`alpha_beta_gamma`', {'chain': ('alpha_beta_gamma',)}),
-    Ours('smoother ±5, σ of each line', {**PAPER, 'chain': ('alpha_beta_gamma',)}),
+    Ours('smoother ±5, σ of each line', {**SMOOTHER, 'chain': ('alpha_beta_gamma',)}),
     Ours('`quadric`', {'chain': ('quadric',)}),
     Ours('`quadric`, one surface, `patch`', {**PATCH, 'chain': ('quadric',)}, only=SMALL_ONES),
     Ours('`quadric`, one surface', {**ONE_SURFACE, 'chain': ('quadric',)}),
     Ours(
         'smoother ±5, then one surface, `patch`',
-        {**PAPER, **PATCH, 'chain': ('alpha_beta_gamma', 'quadric')},
+        {**SMOOTHER, **PATCH, 'chain': ('alpha_beta_gamma', 'quadric')},
         only=SMALL_ONES,
     ),
     Ours('`lof`', {'chain': ('lof',)}),

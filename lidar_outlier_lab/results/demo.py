@@ -13,13 +13,14 @@ from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_points, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate, summary
-from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.page import write_page
 from lidar_outlier_filter.report.sources import RecordedSource
 from lidar_outlier_lab.results import pictures as picture
+from lidar_outlier_lab.results.papers.methods import SMOOTHER
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
 
@@ -37,7 +38,7 @@ MARKER = '.lidar_outlier_filter_demo'  # in a folder that a demo made, and may r
 DRIVE, PARAMETERS, PICTURE = 'drive', 'demo.yaml', 'before_after.png'
 PAGE, MOST_DRAWN = 'report.html', 3_000_000
 SNOW, SNOW_FILTERED, SNOW_PICTURE = 'snow', 'snow_default', 'snow_before_after.png'
-FORMS: dict[str, Mapping[str, object]] = {'paper': PAPER, 'default': {}}
+FORMS: dict[str, Mapping[str, object]] = {'paper': SMOOTHER, 'default': {}}
 
 
 def run(

@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors import lof, sor
+from lidar_outlier_filter.core.detectors.lof import detector as lof
+from lidar_outlier_filter.core.detectors.lof.parameters import Lof
+from lidar_outlier_filter.core.detectors.sor import detector as sor
+from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_filter.parameters.detectors import Lof, Sor
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
 from lidar_outlier_lab.results.samples import simulated
 

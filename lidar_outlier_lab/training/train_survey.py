@@ -28,10 +28,10 @@ from lidar_outlier_filter.core.detectors.evidence.survey.judge import (
     neighbours,
 )
 from lidar_outlier_filter.core.detectors.evidence.survey.near import COUNT as COUNT_NEAR
-from lidar_outlier_filter.core.detectors.evidence.survey.near import NEAR, K
-from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
+from lidar_outlier_filter.core.detectors.evidence.survey.near import NEAR
 from lidar_outlier_filter.core.detectors.evidence.trees import add_up
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.typical_scale import K, typical_scale
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_scenes import training_scene

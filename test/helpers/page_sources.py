@@ -11,22 +11,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from helpers.clouds import table
+from helpers.detectors import BITS
 from helpers.page_runs import DATA, ROOT, Pages, run, write_clouds
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.cli.terminal import REFUSED
 from lidar_outlier_filter.core.detectors.evidence.models import PATTERN_MODEL, read_file
 from lidar_outlier_filter.core.detectors.evidence.pattern.judge import judge
-from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.core.judging.whole_cloud import judge_whole, with_rings
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate
 from lidar_outlier_filter.evaluation.report import percent as exactly
-from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_lab.results.papers.counts import count
+from lidar_outlier_lab.results.papers.methods import SMOOTHER
 from lidar_outlier_lab.results.samples import simulated
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
@@ -47,7 +48,7 @@ REPLAY = 'lidar-outlier-filter replay'
 STREET_FORMS: Mapping[str, Mapping[str, object]] = {
     'default': {},
     'smoother': {'chain': ['alpha_beta_gamma']},
-    'paper': PAPER,
+    'paper': SMOOTHER,
 }
 LESLAR_SEED, LETTERS = 101, 'abc'  # of the page of the paper, and its clouds
 SHORT = 10_000

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import lidar_outlier_filter
-from lidar_outlier_filter.core.detectors.registry import BITS, DETECTORS
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.parameters.filter import describe
 
 ROOT = Path(__file__).parents[2]
@@ -59,7 +59,7 @@ def test_every_parameter_is_shown(pages: Path) -> None:
     """With its range and its sentence: on the page of all, and a detector's on its own page."""
     for parameter in describe():
         section = parameter.name.rpartition('.')[0]
-        shown = ['parameters'] + [f'detectors/{section}'] * (section in BITS)
+        shown = ['parameters'] + [f'detectors/{section}'] * (section in DETECTORS)
         for page in shown:
             text = words(pages / f'{page}.html')
             assert parameter.name in text

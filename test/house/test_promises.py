@@ -30,8 +30,9 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import BYTES_OF_SCORES, structured
-from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.session import Answer, Session
+from lidar_outlier_lab.results.papers.methods import SMOOTHER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -156,7 +157,7 @@ WAYS: dict[str, dict[str, object]] = {
     'default': DEFAULT | {'evidence.threshold': 0.7},
     'default by angle': DEFAULT | {'line_source': 'angle', 'evidence.threshold': 0.5},
     'either': {},
-    'both': dict(PAPER),
+    'both': dict(SMOOTHER),
     'sigma': {'alpha_beta_gamma.sigma': 0.02, 'alpha_beta_gamma.test': 'joint'},
     'sigma of each point': {'alpha_beta_gamma.sigma_field': 'std'},
     'few passes': {'alpha_beta_gamma.passes': 2, 'alpha_beta_gamma.test': 'both'},

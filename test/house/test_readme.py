@@ -10,9 +10,9 @@ import re
 from pathlib import Path
 
 import pytest
+from helpers.detectors import BITS
 
 from lidar_outlier_filter.cli.main import commands_for
-from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml, table
 

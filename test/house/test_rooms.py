@@ -6,16 +6,18 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 import sys
 from collections import defaultdict
 from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 ROOT = Path(__file__).parents[2]
 PACKAGE, LAB = 'lidar_outlier_filter', 'lidar_outlier_lab'
@@ -195,6 +197,63 @@ def test_nothing_is_left_to_others() -> None:
         if isinstance(node, ast.Name) and node.id == 'NotImplementedError'
     ]
     assert not wrong
+
+
+DETECTORS = f'{PACKAGE}.core.detectors'
+
+
+def homes() -> dict[str, str]:
+    """Find the folder of each detector by the first part of its parameters' names."""
+    every = entry_points(group=f'{PACKAGE}.detectors')
+    own = [one for one in every if one.module.startswith(f'{DETECTORS}.')]
+    return {name: one.module.rpartition('.')[0] for one in own for name in one.load().sections}
+
+
+def is_about(text: str, names: Iterable[str]) -> bool:
+    """Return whether a text is the name of a detector, or of one of its parameters."""
+    return any(text == name or text.startswith(f'{name}.') for name in names)
+
+
+def named(module: Module, names: set[str]) -> Iterator[str]:
+    """Name what a module says of detectors: as an import, an attribute or a text of its own.
+
+    A name alone may be a variable, as the angle ``elevation``. Docstrings and help are sentences.
+    """
+    for imported in module.imports():
+        if imported.startswith(f'{DETECTORS}.') and is_about(imported[len(DETECTORS) + 1 :], names):
+            yield f'import {imported}'
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Attribute) and node.attr in names:
+            yield f'.{node.attr}'
+        text = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(text, str) and is_about(text, names):
+            yield repr(text)
+
+
+def test_nobody_names_a_detector() -> None:
+    """What the product knows of a detector, its declaration says; entry points find that."""
+    found = homes()
+    wrong = []
+    for module in modules().values():
+        if not module.name.startswith(f'{PACKAGE}.'):
+            continue
+        others = {name for name, home in found.items() if not module.name.startswith(home)}
+        wrong += [f'{module.name}: {one}' for one in named(module, others)]
+    assert found
+    assert set(wrong) <= {f"{PACKAGE}.cli.info: 'elevation'"}  # the angle of rings
+
+
+def test_declarations_are_light() -> None:
+    """To know all parameters costs no numba, no SciPy and no ROS."""
+    heavy = ('numba', 'scipy', 'rclpy')
+    code = f"""
+import sys
+from {PACKAGE}.parameters.filter import FilterParameters
+FilterParameters()
+print([name for name in {heavy} if name in sys.modules])
+"""
+    command = [sys.executable, '-c', code]
+    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == '[]\n'
 
 
 def test_plain_words() -> None:

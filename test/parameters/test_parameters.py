@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
 from lidar_outlier_filter.errors import FilterError, ParameterError
-from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters, describe
-from lidar_outlier_filter.parameters.papers import METHODS
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, read_yaml, table, write_yaml
+from lidar_outlier_lab.results.papers.methods import METHODS, SMOOTHER
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -192,7 +193,7 @@ def test_changed() -> None:
         'chain': ['alpha_beta_gamma'],
     }
     changed = DEFAULT.changed(values)
-    assert (changed.block, changed.max_delay, changed.alpha_beta_gamma.passes) == (2.0, 3.0, 3)
+    assert (changed.block, changed.max_delay, changed.of(AlphaBetaGamma).passes) == (2.0, 3.0, 3)
     assert type(changed.block) is float
     assert changed.chain == ('alpha_beta_gamma',)
     names = {name for name, value in changed.flat().items() if value != DEFAULT.flat()[name]}
@@ -249,7 +250,7 @@ def test_files_of_families() -> None:
 
 def test_file_of_the_paper() -> None:
     """The file with the paper's settings has them."""
-    assert read_yaml(CONFIG / 'leslar2010.yaml') == PAPER
+    assert read_yaml(CONFIG / 'leslar2010.yaml') == SMOOTHER
 
 
 @pytest.mark.parametrize('name', METHODS)

@@ -17,7 +17,12 @@ from matplotlib import colormaps
 
 from lidar_outlier_filter.archive.run import _Times
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.detectors.evidence.explain.explanation import EXPLANATION
+from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import REASONS
 from lidar_outlier_filter.core.detectors.evidence.explain.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import PROFILE
+from lidar_outlier_filter.core.detectors.evidence.survey.far import NAMES
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import PARTS
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
@@ -28,13 +33,12 @@ from lidar_outlier_filter.recordings.info import look
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report import gather as gathering
 from lidar_outlier_filter.report import keeping
-from lidar_outlier_filter.report.feature_texts import TEXTS
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.header import header, parameter_file, split
-from lidar_outlier_filter.report.pack import REASONS, SCORE_UNIT, STEPS, UNTESTED, pack
+from lidar_outlier_filter.report.pack import SCORE_UNIT, STEPS, UNTESTED, pack, reason_names
 from lidar_outlier_filter.report.page import colour_maps
-from lidar_outlier_filter.report.reasons import FEATURES, MOST_IN_BLOCK, OF_WAY, STRONGEST
+from lidar_outlier_filter.report.reasons import MOST_IN_BLOCK, STRONGEST
 from lidar_outlier_filter.report.sliders import BITS, sliders
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
 from lidar_outlier_filter.stream.topics import CLOUD
@@ -139,7 +143,7 @@ def test_points_are_unpacked_as_they_were(found: Gathered) -> None:
     known = score < UNTESTED - 1
     assert kept.score[known] == pytest.approx(score[known] / SCORE_UNIT, abs=0.51 / SCORE_UNIT)
     names = [REASON_NAMES.get(one, '') for one in kept.strongest.tolist()]
-    assert ['', *REASONS][int(((word >> 17) & 0x7F)[0])] == names[0] != ''
+    assert ['', *reason_names()][int(((word >> 17) & 0x7F)[0])] == names[0] != ''
     assert ((word >> 17) & 0x7F)[kept.rejected].all()
     assert not ((word >> 17) & 0x7F)[~kept.rejected].any()
     assert np.array_equal(last & ((1 << BITS) - 1), kept.bits)
@@ -258,8 +262,11 @@ def test_removed_points_are_counted_by_who_and_why(found: Gathered) -> None:
     listed = sum(count for _, _, count in known['removed']['reasons'])
     assert listed + known['removed']['others'] == rejected
     assert all(text for _, text, _ in known['removed']['reasons'])
-    assert [name for name, _ in known['features']] == [*FEATURES, 'others', 'average']
-    assert {way: tuple(texts) for way, texts in TEXTS.items()} == OF_WAY
+    features = [(*REASONS, *PROFILE), NAMES, PARTS]
+    assert [tuple(texts) for texts in EXPLANATION.ways.values()] == features
+    every = [name for names in features for name in names]
+    assert [name for name, _ in known['features']] == [*every, 'others', 'average']
+    assert known['ofSum'] == len(every) - len(PARTS)
 
 
 def test_parameter_file_is_read_back(tmp_path: Path) -> None:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
+from helpers.detectors import BITS
 from helpers.nodes import flush, line, process
 
-from lidar_outlier_filter.core.detectors.registry import BITS
 from lidar_outlier_filter.messages.cloud import NUMBER, first_numbers
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.health import PLOTTED

@@ -14,6 +14,7 @@ import rclpy
 from helpers import TESTS
 from helpers.live import Program, clouds, collector, diagnoser, environment, next_status, publisher
 from helpers.nodes import flush, process
+from helpers.strangers import write_installed
 from helpers.watching import fresh_copy
 from rclpy.context import Context
 from rclpy.serialization import deserialize_message
@@ -211,20 +212,15 @@ def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
     assert f'version {__version__} is ready: inputs /points; chain evidence; ' in ready
 
 
-# The node with a detector whose kernel takes days, and a sensor in the same process.
+# A detector whose kernel takes days.
 ENDLESS = """
-import sys
 from dataclasses import dataclass
-from helpers.clouds import cloud, table
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import plain
-from lidar_outlier_filter.core.detectors.registry import register
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.parameters.declaration import Section, declare
-from lidar_outlier_filter.ros.executable import main
 import numpy as np
-from sensor_msgs.msg import PointCloud2
 
 @kernel
 def spin(count):
@@ -245,8 +241,15 @@ class Endless(Section):
     limit: float = declare(1.0, 'Nothing.', '', 0.5, 2.0)
 
 dial = plain('endless.limit', (1.0,))
-register(Detector('endless', 128, Endless, detect, lambda _: dial,
-                  colour='#123456', rejects='is judged', source='this test'))
+DETECTOR = Detector('endless', 128, Endless, detect, lambda _: dial,
+                    colour='#123456', rejects='is judged', source='this test')
+"""
+# The node, and a sensor in the same process.
+BESIDE_A_SENSOR = """
+import sys
+from helpers.clouds import cloud, table
+from lidar_outlier_filter.ros.executable import main
+from sensor_msgs.msg import PointCloud2
 
 def attach(node):
     publisher = node.create_publisher(PointCloud2, '/points', 10)
@@ -268,10 +271,10 @@ sys.exit(main(attach=attach))
 @pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM])
 def test_stopped_while_a_kernel_runs(tmp_path: Path, second: signal.Signals) -> None:
     """The first signal lets it finish, which would take days; the second ends it at once."""
-    program = tmp_path / 'endless.py'
-    program.write_text(ENDLESS, encoding='utf-8')
-    paths = [str(TESTS), *filter(None, [os.environ.get('PYTHONPATH')])]
-    env = environment() | {'PYTHONPATH': os.pathsep.join(paths)}
+    program = tmp_path / 'program.py'
+    program.write_text(BESIDE_A_SENSOR, encoding='utf-8')
+    found = write_installed(tmp_path / 'installed', 'endless', ENDLESS)
+    env = environment() | {'PYTHONPATH': os.pathsep.join([str(TESTS), found['PYTHONPATH']])}
     words = ('-p', 'chain:=[endless]', '-p', 'blocks:=message')
     with Program(program, '--ros-args', *words, env=env) as node:
         node.wait_for('computing')

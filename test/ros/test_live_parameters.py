@@ -13,6 +13,9 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
+from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
+from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -104,7 +107,10 @@ def test_numbers_may_be_text(ros: Ros) -> None:
     """So ros2cli hands over what YAML 1.1 takes for no number; other text is refused."""
     node = ros.filter()
     assert ros.set(quadric__significance='1e-06', sor__k='12') == ['', '']
-    assert (node.filter_parameters.quadric.significance, node.filter_parameters.sor.k) == (1e-6, 12)
+    assert (node.filter_parameters.of(Quadric).significance, node.filter_parameters.of(Sor).k) == (
+        1e-6,
+        12,
+    )
     (reason,) = ros.set(sor__k='12.5')
     assert reason == "sor.k must be a whole number, got '12.5'"
 

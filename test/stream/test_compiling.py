@@ -22,7 +22,7 @@ from lidar_outlier_filter.cli.compile import _wanted
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.kernels.compiling import SENSORS, NotCompiled, only_compiled
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters.filter import FilterParameters, detector_names
+from lidar_outlier_filter.parameters.filter import FilterParameters, installed
 from lidar_outlier_filter.stream import compiling
 from lidar_outlier_filter.stream.compiling import KernelShare, Processes, is_ready, shares
 
@@ -178,7 +178,7 @@ def test_only_this_thread_is_kept_from_compiling() -> None:
 
 def test_shares_are_all_the_work() -> None:
     """Each detector once for each kind of sensor, with what was changed of its parameters."""
-    chain = detector_names()
+    chain = tuple(installed().detectors)
     work = shares(parameters(*chain, **{'lof.statistic': 'lof2', 'threads': 1}))
     done = [(one.detector, sensor) for one in work for sensor in one.sensors]
     assert len(set(done)) == len(done) == len(chain) * len(SENSORS)

@@ -12,7 +12,7 @@ import pytest
 from helpers.labelled import POINT, write
 from sklearn import metrics
 
-from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import Codes

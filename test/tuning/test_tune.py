@@ -19,13 +19,16 @@ import yaml
 from helpers.labelled import POINT, write
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+from lidar_outlier_filter.core.detectors.evidence.parameters import Evidence
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_filter.parameters.filter import PAPER, FilterParameters, describe
+from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import read_yaml, ros_lines
 from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_lab.results.papers.methods import SMOOTHER as PAPER
 from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
@@ -158,7 +161,7 @@ def test_the_default_chain(bag: Path, tmp_path: Path, capsys: Capture, ros: Ros)
     found = values['evidence.threshold']
     assert LINE.findall(capsys.readouterr().out) == [('evidence.threshold', str(found))]
     node = ros.filter('--params-file', str(output))
-    assert node.filter_parameters.evidence.threshold == found
+    assert node.filter_parameters.of(Evidence).threshold == found
     assert ros.set(evidence__threshold=2.9) == ['']
 
 
@@ -299,7 +302,7 @@ def test_lines_lead_there_step_by_step() -> None:
 def test_lines_name_only_what_changes() -> None:
     """What is as it was needs no line; numbers are written so that ROS reads them back."""
     start = FilterParameters()
-    same = {'alpha_beta_gamma.before': start.alpha_beta_gamma.before}
+    same = {'alpha_beta_gamma.before': start.of(AlphaBetaGamma).before}
     assert ros_lines(start, same) == []
     (line,) = ros_lines(start, {**same, 'alpha_beta_gamma.significance': 1e-15})
     assert line.endswith(' 1.0e-15')

@@ -3,22 +3,25 @@
 """What a detector declares of itself.
 
 Everything else follows from the declaration: what ``chain`` may hold, the bits of a verdict, what
-the tuner tries, what is judged in tiles, the tables and the colours.
+is read of a cloud, what is compiled, what the tuner tries, what is judged in tiles, the reasons,
+the tables and the colours. It is read wherever parameters are: so its functions import what
+computes when they are called.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.dials import Dial, Threshold
+    from lidar_outlier_filter.core.detectors.explanation import Explanation
     from lidar_outlier_filter.core.detectors.scores import Scores
     from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -81,24 +84,35 @@ class Reaching:
         Gives (N,) float64, and within what distance of each point all else is that it depends on.
         What it gives of points that are not wanted means nothing.
     score : of the measures of all points
-    neighbours, steps : int
-        What a measure depends on is within so many steps, each to one of so many nearest places.
+    reach : of nothing
+        Gives two numbers, of neighbours and of steps: what a measure depends on is within so many
+        steps, each to one of so many nearest places.
 
     """
 
     prepare: Callable[[Floats, Ints, FilterParameters], float]
     measure: Callable[[Floats, Bools, float, FilterParameters], tuple[Floats, Floats]]
     score: Callable[[Floats, FilterParameters], Scores]
-    neighbours: int
-    steps: int
+    reach: Callable[[], tuple[int, int]]
 
 
-def _none(_parameters: FilterParameters) -> int:
-    return 0
+@dataclass(frozen=True)
+class Kernels:
+    """What it takes to compile a detector.
 
+    Attributes
+    ----------
+    seconds : int
+        Of a processor, about, beside those of the kernels that all detectors share.
+    by_sensor : of the parameters of the filter
+        Whether each kind of sensor has kernels of its own.
+    more : parameters whose kernels ``compile`` makes too, beside those of the defaults
 
-def _no_dials(_parameters: FilterParameters) -> list[Dial]:
-    return []
+    """
+
+    seconds: int = 0
+    by_sensor: Callable[[FilterParameters], bool] = lambda _: False
+    more: Sequence[Mapping[str, object]] = ()
 
 
 @dataclass(frozen=True)
@@ -114,19 +128,29 @@ class Detector:
     section : class of its parameters
     detect : of what it sees, and the parameters of the filter
     threshold : what the tuner sweeps
-    dials : what the tuner tries beside it, which may depend on other parameters
-    neighbours : length of the lists of neighbours that it asks for; 0: of none
-    needs_lines : bool
-        Whether it works along scan lines, so that points without lines cannot be judged.
-    uses_lines : bool
-        Whether it works along scan lines where there are some.
-    tiled : how it judges in tiles; None: it must see all points at once
     colour : str
         '#rrggbb', in pictures.
     rejects : str
         Continues "a point is rejected that …".
     source : str
         Where it was published.
+    dials : what the tuner tries beside it, which may depend on other parameters
+    neighbours : length of the lists of neighbours that it asks for; 0: of none
+    needs_lines : bool
+        Whether it works along scan lines, so that points without lines cannot be judged.
+    uses_lines : bool
+        Whether it works along scan lines where there are some.
+    wants_rings : of the parameters
+        Whether the rings of a cloud without scan lines are to be recovered for it.
+    columns : what else it reads of a cloud, in the chain: ``intensity``; set: ``sigma``
+        With the parameter that names the field; empty: its usual names.
+    tiled : how it judges in tiles; None: it must see all points at once
+    kernels : what it takes to compile it
+    extra : names of bits beside its own, which say more of a rejected point
+    explain : gives what explains its scores; None: nothing does
+    further : parameters in sections of other names
+    by_default : bool
+        Whether it is the default chain.
 
     """
 
@@ -138,8 +162,26 @@ class Detector:
     colour: str
     rejects: str
     source: str
-    dials: Callable[[FilterParameters], list[Dial]] = _no_dials
-    neighbours: Callable[[FilterParameters], int] = _none
+    dials: Callable[[FilterParameters], list[Dial]] = lambda _: []
+    neighbours: Callable[[FilterParameters], int] = lambda _: 0
     needs_lines: bool = False
     uses_lines: bool = False
+    wants_rings: Callable[[FilterParameters], bool] = lambda _: False
+    columns: Mapping[Literal['sigma', 'intensity'], str] = field(default_factory=dict)
     tiled: Tiled | Measured | Reaching | None = None
+    kernels: Kernels = Kernels()
+    extra: Mapping[int, str] = field(default_factory=dict)
+    explain: Callable[[], Explanation] | None = None
+    further: Mapping[str, type[Section]] = field(default_factory=dict)
+    by_default: bool = False
+
+    @property
+    def sections(self) -> dict[str, type[Section]]:
+        """All its parameters, by the first part of their names."""
+        return {self.name: self.section, **self.further}
+
+    @property
+    def home(self) -> str:
+        """The package of its parameters, or the module where that is of none."""
+        module = self.section.__module__
+        return module.rpartition('.')[0] or module

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import ndtri
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -82,7 +81,13 @@ def plain(name: str, values: Iterable[float]) -> Threshold:
 def significance(name: str) -> Threshold:
     """Make a threshold that is a two-sided probability."""
     values = (value for value in reversed(decades(-15, 0)) if value <= 0.1)  # noqa: PLR2004  a tenth of all is too much for any
-    return scaled(name, values, lambda value: float(-ndtri(value / 2)))
+    return scaled(name, values, _quantile)
+
+
+def _quantile(probability: float) -> float:
+    from scipy.special import ndtri  # noqa: PLC0415  declarations are read without it
+
+    return float(-ndtri(probability / 2))
 
 
 def each(name: str, values: Iterable[object]) -> Dial:

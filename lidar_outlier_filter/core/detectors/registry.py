@@ -1,84 +1,61 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""THE list of the detectors: those of the package, and those that a program registers.
-
-To add one of your own, declare it and its parameters, and register it before the parameters are
-read. Then the node, replay, ``clean`` and the tuner know it as they know the others.
-"""
+"""The detectors that are installed, and what follows from all their declarations together."""
 
 from __future__ import annotations
 
-from contextlib import contextmanager
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from functools import cache
+from itertools import chain
+from typing import TYPE_CHECKING, cast
 
-from lidar_outlier_filter.core.detectors import elevation, lof, sor
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma import declaration as alpha_beta_gamma
-from lidar_outlier_filter.core.detectors.evidence import declaration as evidence
-from lidar_outlier_filter.core.detectors.hierarchical import declaration as hierarchical
-from lidar_outlier_filter.core.detectors.quadric import declaration as quadric
-from lidar_outlier_filter.core.verdict import ALL
-from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.filter import add_section, remove_section
+from lidar_outlier_filter.parameters.filter import installed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     from lidar_outlier_filter.core.detectors.declaration import Detector
+    from lidar_outlier_filter.core.detectors.explanation import Explanation, ReasonName
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
-_BUILT_IN = (
-    alpha_beta_gamma.DETECTOR,
-    quadric.DETECTOR,
-    lof.DETECTOR,
-    sor.DETECTOR,
-    hierarchical.DETECTOR,
-    elevation.DETECTOR,
-    evidence.DETECTOR,
-)
-_detectors = {detector.name: detector for detector in _BUILT_IN}
-_bits = {detector.name: detector.bit for detector in _BUILT_IN}
-
-# By name, in the order of their bits; what is registered later is seen in them.
-DETECTORS: Mapping[str, Detector] = MappingProxyType(_detectors)
-BITS: Mapping[str, int] = MappingProxyType(_bits)
+# By name, in the order of their bits.
+DETECTORS = cast('Mapping[str, Detector]', installed().detectors)
 
 
-def register(detector: Detector) -> None:
-    """Add a detector that does not come with the package.
+def sigma_fields() -> list[str]:
+    """Name the parameters that name a field with the standard deviation of each point."""
+    return [one.columns['sigma'] for one in DETECTORS.values() if 'sigma' in one.columns]
 
-    Raises
-    ------
-    FilterError
-        If its name or its bit is taken, or its bit is none of those for detectors.
 
+def sigma_field(parameters: FilterParameters) -> tuple[str, str]:
+    """Return the field with the standard deviation of each point, and the parameter that names it.
+
+    Both are empty where no parameter does.
     """
-    free = [1 << n for n in range(ALL.bit_length()) if 1 << n not in _bits.values()]
-    if detector.bit not in free:
-        must_be = 'one of ' + ', '.join(str(bit) for bit in free)
-        raise FilterError(f'the bit of {detector.name}', must_be, detector.bit)
-    add_section(detector.name, detector.section)
-    _detectors[detector.name] = detector
-    _bits[detector.name] = detector.bit
+    named = ((str(parameters.value(name)), name) for name in sigma_fields())
+    return next((one for one in named if one[0]), ('', ''))
 
 
-def unregister(name: str) -> None:
-    """Take away a detector that was registered."""
-    remove_section(name)
-    del _detectors[name], _bits[name]
+def reads_intensity(parameters: FilterParameters) -> bool:
+    """Return whether a detector of the chain looks at intensities."""
+    return any('intensity' in DETECTORS[name].columns for name in parameters.chain)
 
 
-@contextmanager
-def registered(detector: Detector) -> Iterator[None]:
-    """Register a detector for a while, as in a test."""
-    register(detector)
-    try:
-        yield
-    finally:
-        unregister(detector.name)
+@cache
+def explanations() -> Mapping[str, Explanation]:
+    """Return what explains scores, by the names of detectors."""
+    return {name: one.explain() for name, one in DETECTORS.items() if one.explain is not None}
+
+
+@cache
+def reasons() -> Mapping[int, ReasonName]:
+    """Return what the numbers in ``outlier_reason`` mean."""
+    every = [one.reasons.items() for one in explanations().values()]
+    return dict(chain.from_iterable(every))
 
 
 def table() -> str:
     """Write the table of the detectors for the documentation, in Markdown."""
     lines = ['| detector | bit | a point is rejected that … | source |', '| --- ' * 4 + '|']
-    lines += [f'| `{one.name}` | {one.bit} | {one.rejects} | {one.source} |' for one in _BUILT_IN]
+    every = DETECTORS.values()
+    lines += [f'| `{one.name}` | {one.bit} | {one.rejects} | {one.source} |' for one in every]
     return '\n'.join(lines) + '\n'

@@ -37,7 +37,7 @@ from lidar_outlier_filter.core.judging.tiles import ROUNDING, Tiles, distances_t
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import scan_lines
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.core.verdict import ALL, Verdict
+from lidar_outlier_filter.core.verdict import EXTRA, Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
 
 if TYPE_CHECKING:
@@ -257,10 +257,9 @@ class _Measure:
         self, detector: Detector, way: Measured | Reaching, parameters: FilterParameters
     ) -> None:
         if isinstance(way, Reaching):
-            self.k = way.neighbours
+            self.k, self.steps = way.reach()
         else:
-            self.k = detector.neighbours(parameters)
-        self.steps = way.steps
+            self.k, self.steps = detector.neighbours(parameters), way.steps
         self._way, self._parameters = way, parameters
         self._prepared = 0.0
 
@@ -308,7 +307,7 @@ class _Measure:
 
 def _scores(verdict: Verdict) -> Scores:
     """Return what one detector found."""
-    extra = verdict.detectors & np.uint16(~ALL & 0xFFFF)
+    extra = verdict.detectors & np.uint16(EXTRA)
     return Scores(verdict.score.astype(np.float64), extra, reason=verdict.reason)
 
 

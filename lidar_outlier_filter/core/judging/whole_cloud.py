@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.judging.chain import Chain, along_lines, uses_lines
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.judging.chain import Chain, along_lines
 from lidar_outlier_filter.core.neighbours.recovered_rings import MOST_POINTS, recover_rings
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.verdict import Verdict
@@ -48,11 +49,11 @@ def with_rings(cloud: Points, parameters: FilterParameters) -> Points:
     Parameters
     ----------
     cloud : in the sensor's own frame, missing returns among its points
-    parameters : whose chain may look for lines, and whose ``evidence.sensor`` may be one that spins
+    parameters : whose chain may want rings
 
     """
-    spins = parameters.evidence.sensor in {'auto', 'spinning'}
-    if not (spins and uses_lines(parameters.chain)) or has_lines(cloud):
+    wanted = any(DETECTORS[name].wants_rings(parameters) for name in parameters.chain)
+    if not wanted or has_lines(cloud):
         return cloud
     where = np.flatnonzero(cloud.valid)
     found = recover_rings(cloud.xyz[where]) if len(where) <= MOST_POINTS else None

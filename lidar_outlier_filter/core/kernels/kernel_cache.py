@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 _IMPORT = re.compile(
     r'^(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n]*)|import\s+([^\n]*))', re.MULTILINE
 )
+_PACKAGE = 'lidar_outlier_filter'
 _DIGITS = 16  # of the hash, hexadecimal, in the name of a file
 
 
@@ -119,35 +120,44 @@ def _complain(sentence: str) -> None:
 
 @cache
 def stamp(module: str) -> str:
-    """Hash the file of a module and all files of its package that it imports, however far.
+    """Hash the file of a module, and all files of its package and of this one that it imports.
 
     Parameters
     ----------
-    module : its full name; it must be imported, or about to be.
+    module : its full name; it must be imported, or about to be. Of a package: all its modules
 
     """
     total = sha256(b'bounds' if numba.config.BOUNDSCHECK else b'')  # type: ignore[attr-defined]
-    for path in sorted(_reachable(module)):
+    own = Path(str(sys.modules[_PACKAGE].__file__)).parent
+    # In an order that does not depend on where packages lie.
+    for path in sorted(_reachable(module), key=lambda path: (own not in path.parents, path)):
         total.update(path.name.encode() + _content(path))
     return total.hexdigest()
 
 
 def _reachable(module: str) -> set[Path]:
-    top = module.partition('.')[0]
-    root = Path(str(sys.modules[top].__file__)).parent
+    first = _file_of(module)
+    tops = {module.partition('.')[0], _PACKAGE}
     found: set[Path] = set()
-    pending = {_file_of(root, module)}
+    pending = {first}
+    if first is not None and first.name == '__init__.py':
+        pending |= {*first.parent.rglob('*.py')}
     while pending:
         path = pending.pop()
         if path is not None and path not in found:
             found.add(path)
-            pending |= {_file_of(root, name) for name in _imports(path) if name.startswith(top)}
+            names = (name for name in _imports(path) if name.partition('.')[0] in tops)
+            pending |= {_file_of(name) for name in names}
     return found
 
 
-def _file_of(root: Path, module: str) -> Path | None:
-    """Find the file of a module below ``root``; None where the name is not that of a module."""
-    stem = root.joinpath(*module.split('.')[1:])
+def _file_of(module: str) -> Path | None:
+    """Find the file of a module of an imported package; None where the name is not of a module."""
+    top, *rest = module.split('.')
+    file = Path(str(sys.modules[top].__file__))
+    if file.name != '__init__.py':  # a module that is no package
+        return None if rest else file
+    stem = file.parent.joinpath(*rest)
     candidates = (stem.with_suffix('.py'), stem / '__init__.py')
     return next((path for path in candidates if path.is_file()), None)
 

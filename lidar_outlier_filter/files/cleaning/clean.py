@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 from contextlib import contextmanager
-from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,7 @@ from lidar_outlier_filter.disk.scratch import scratch
 from lidar_outlier_filter.errors import CloudError, said_by
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cleaning import clean_outputs
-from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, as_text
+from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, as_text, as_values
 from lidar_outlier_filter.files.cleaning.clean_report import report_of
 from lidar_outlier_filter.files.cleaning.judged_file import judge_file, timed
 from lidar_outlier_filter.files.cloud_file import open_cloud
@@ -106,7 +105,7 @@ def _write_clouds(judged: JudgedFile, built: Sequence[Path], progress: Progress)
 
 def _write_logs(report: CleanReport, built: Sequence[Path], logs: Sequence[Path]) -> None:
     """Write the report as text and as JSON; nowhere in a dry run."""
-    texts = (as_text(report), json.dumps(asdict(report), indent=2) + '\n')
+    texts = (as_text(report), json.dumps(as_values(report), indent=2) + '\n')
     for text, target, log in zip(texts, built, logs, strict=False):
         try:
             target.write_text(text, encoding='utf-8', errors='surrogateescape')

@@ -69,11 +69,10 @@ class CleanReport:
     both are kept. ``metres`` says of coordinates in other units how many metres one is, ``lines``
     what the scan lines were found by; ``coarse``, that coordinates are too far away for float32;
     ``lack`` what the file lacks to have some, ``rings`` how many were recovered from elevations;
-    ``second_phase``
-    how many of the points that ``hierarchical`` rejected its second phase did; ``spared`` how many
-    would be rejected, but are of classes that stay as they are; ``by_class`` the points and the
-    rejected ones of each class; ``low`` and ``high`` how many rejected ones are below and above
-    what is kept around them.
+    ``extra`` of how many
+    rejected points detectors say more, by what they say; ``spared`` how many would be rejected, but
+    are of classes that stay as they are; ``by_class`` the points and the rejected ones of each
+    class; ``low`` and ``high`` how many rejected ones are below and above what is kept around them.
     """
 
     input: str
@@ -94,7 +93,7 @@ class CleanReport:
     untested: int
     rejected: int
     rejected_by: Mapping[str, int]
-    second_phase: int
+    extra: Mapping[str, int]
     spared: int
     by_class: Mapping[int, tuple[int, int]]
     low: int
@@ -125,10 +124,18 @@ def versions() -> dict[str, str]:
     }
 
 
+def as_values(report: CleanReport) -> dict[str, Any]:
+    """List what a report says, by name; what detectors say more stands among the others."""
+    values: dict[str, Any] = {}
+    for name, value in asdict(report).items():
+        values |= value if name == 'extra' else {name: value}
+    return values
+
+
 def as_text(report: CleanReport) -> str:
     """Write a report as text, a line for each thing."""
     lines = []
-    for name, value in asdict(report).items():
+    for name, value in as_values(report).items():
         if isinstance(value, dict):
             lines.append(f'{name}:')
             lines += [f'  {key}: {_plain(entry)}' for key, entry in value.items()]

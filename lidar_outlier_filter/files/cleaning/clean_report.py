@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.registry import BITS
-from lidar_outlier_filter.core.verdict import SECOND_PHASE
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, settings, versions
 from lidar_outlier_filter.files.cleaning.points import say_coarse
 
@@ -58,7 +57,7 @@ def _counts(verdict: Verdict, valid: NDArray[np.bool_], chain: Sequence[str]) ->
     """Count the points, all and by detector."""
 
     def by_detector(bits: NDArray[np.uint16]) -> dict[str, int]:
-        return {name: int(np.count_nonzero(bits & BITS[name])) for name in chain}
+        return {name: int(np.count_nonzero(bits & DETECTORS[name].bit)) for name in chain}
 
     return {
         'points': len(valid),
@@ -66,6 +65,10 @@ def _counts(verdict: Verdict, valid: NDArray[np.bool_], chain: Sequence[str]) ->
         'untested': int(np.count_nonzero(np.isnan(verdict.score[valid]))),
         'rejected': int(np.count_nonzero(verdict.rejected)),
         'rejected_by': by_detector(verdict.detectors),
-        'second_phase': int(np.count_nonzero(verdict.detectors & SECOND_PHASE)),
+        'extra': {
+            name: int(np.count_nonzero(verdict.detectors & bit))
+            for one in DETECTORS.values()
+            for bit, name in one.extra.items()
+        },
         'undecided_by': by_detector(verdict.undecided),
     }

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.registry import sigma_field
 from lidar_outlier_filter.core.judging.whole_cloud import with_rings
 from lidar_outlier_filter.core.points.points import Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.errors import CloudError
@@ -185,9 +186,9 @@ def _others(file: CloudFile, parameters: FilterParameters) -> list[str]:
     ]
     if parameters.angle_field:
         named.append(_named(file, parameters.angle_field, 'angle_field', ()))
-    if parameters.alpha_beta_gamma.sigma_field:
-        sigma = parameters.alpha_beta_gamma.sigma_field
-        named.append(_named(file, sigma, 'alpha_beta_gamma.sigma_field', ()))
+    sigma, parameter = sigma_field(parameters)
+    if sigma:
+        named.append(_named(file, sigma, parameter, ()))
     if named[0]:
         named += [name for name in scan.COLUMNS if name in file.columns]
     return list(dict.fromkeys(name for name in named if name))
@@ -224,7 +225,7 @@ def _with_lines(
     found = _lines(file, points.valid, t, columns, parameters)
     if found is None:
         return Loaded(points, '', 'no column that says its scan lines')
-    sigma = _sigma(columns, points.valid, parameters.alpha_beta_gamma.sigma_field, size)
+    sigma = _sigma(columns, points.valid, sigma_field(parameters)[0], size)
     timed = Points(points.xyz, t, found.line, points.valid, sigma)
     return Loaded(timed, f'{time} ({unit}) and {found.found_by}', '')
 

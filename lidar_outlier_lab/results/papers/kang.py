@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.elevation import body, detect, differences
+from lidar_outlier_filter.core.detectors.elevation.detector import body, detect, differences
+from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.parameters.detectors import Elevation
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS
 from lidar_outlier_lab.results.papers.published import KANG

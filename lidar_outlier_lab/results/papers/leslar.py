@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.report import percent
-from lidar_outlier_filter.parameters.detectors import Quadric
-from lidar_outlier_filter.parameters.filter import PAPER
-from lidar_outlier_filter.parameters.papers import METHODS
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers import leslar_picture
 from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, Counted, count
+from lidar_outlier_lab.results.papers.methods import METHODS, SMOOTHER
 from lidar_outlier_lab.results.papers.published import LESLAR, OUTLIERS, POINTS
 from lidar_outlier_lab.results.samples import simulated
 
@@ -40,9 +39,9 @@ SIGMAS = (0.03, 0.05, 0.1, 0.15, 0.17, 0.2, 0.25)  # metres
 PARTS = (25, 50, 100, 200)  # points
 FORMS: Mapping[str, Mapping[str, object]] = {
     **{key: METHODS[f'leslar2010_{key}'] for key in TITLES},
-    **{f'(a), σ = {sigma} m': {**PAPER, 'alpha_beta_gamma.sigma': sigma} for sigma in SIGMAS},
-    '(a), σ of each line': PAPER,
-    **{f'(a), σ of each {n} points': {**PAPER, 'alpha_beta_gamma.sigma_part': n} for n in PARTS},
+    **{f'(a), σ = {sigma} m': {**SMOOTHER, 'alpha_beta_gamma.sigma': sigma} for sigma in SIGMAS},
+    '(a), σ of each line': SMOOTHER,
+    **{f'(a), σ of each {n} points': {**SMOOTHER, 'alpha_beta_gamma.sigma_part': n} for n in PARTS},
     '(b), σ of a residual at least 5 mm': {
         **METHODS['leslar2010_b'],
         'quadric.sigma_floor': 0.005,

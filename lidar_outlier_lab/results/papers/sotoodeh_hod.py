@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_filter.parameters.detectors import Hierarchical
 from lidar_outlier_lab.results.markdown import image, paragraphs, table
 from lidar_outlier_lab.results.papers import published, sotoodeh_picture
 from lidar_outlier_lab.results.papers.side_views import View, draw

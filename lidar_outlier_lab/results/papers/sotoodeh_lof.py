@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors import lof
+from lidar_outlier_filter.core.detectors.lof import detector as lof
+from lidar_outlier_filter.core.detectors.lof.parameters import Lof
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation.confusion import confusion
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_filter.parameters.detectors import Lof
 from lidar_outlier_lab.results.markdown import image, paragraphs, table
 from lidar_outlier_lab.results.papers import published
 from lidar_outlier_lab.results.papers.maps import Classes, Grey, draw_classes, draw_images

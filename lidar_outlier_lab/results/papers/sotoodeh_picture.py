@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Bools, Floats
-    from lidar_outlier_filter.parameters.detectors import Hierarchical
+    from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
     from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
 
     Ends = NDArray[np.int64]

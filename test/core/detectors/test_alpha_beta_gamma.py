@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import Outcome, detect
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import residuals
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import find_lines, order_by_line
-from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
 
 Floats = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from naive import elevation as naive
 
-from lidar_outlier_filter.core.detectors import elevation
-from lidar_outlier_filter.core.detectors.elevation import body, detect
+from lidar_outlier_filter.core.detectors.elevation import detector as elevation
+from lidar_outlier_filter.core.detectors.elevation.detector import body, detect
+from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.detectors import Elevation
 
 if TYPE_CHECKING:
     from pathlib import Path

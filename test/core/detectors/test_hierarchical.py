@@ -17,9 +17,9 @@ from scipy.spatial import Delaunay
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical import gabriel, spanning_tree
 from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome, detect
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.detectors import Hierarchical
 
 if TYPE_CHECKING:
     from collections.abc import Callable

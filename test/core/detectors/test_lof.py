@@ -19,9 +19,9 @@ from helpers.neighbour_clouds import (
 from naive import lof as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lidar_outlier_filter.core.detectors import lof
+from lidar_outlier_filter.core.detectors.lof import detector as lof
+from lidar_outlier_filter.core.detectors.lof.parameters import Lof
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.parameters.detectors import Lof
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -17,11 +17,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from lidar_outlier_filter.core.detectors.quadric import detector as quadric
 from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windows
 from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
+from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
 from lidar_outlier_filter.core.detectors.quadric.surfaces import judge
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_steps import height
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.detectors import Quadric
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import TESTS
+from helpers.detectors import BITS
 
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.registry import BITS
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.points.points import FARTHEST, FINEST, Points
-from lidar_outlier_filter.core.verdict import ALL, SECOND_PHASE, Verdict
+from lidar_outlier_filter.core.verdict import ALL, EXTRA, Verdict
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -143,7 +144,7 @@ def test_any_number_of_threads(chain: tuple[str, ...]) -> None:
 def test_bits_are_all_different() -> None:
     """A recorded number says the detectors."""
     assert [BITS[name] for name in EVERY] == [1, 2, 4, 8, 16, 32, 64]
-    assert ALL & SECOND_PHASE == 0
+    assert ALL & EXTRA == 0
 
 
 @pytest.mark.parametrize('chain', [('hierarchical',), ('hierarchical', 'elevation')])
@@ -156,11 +157,11 @@ def test_phases(chain: tuple[str, ...], vote: int) -> None:
     points.xyz[:400, 2] += np.where(near, 0.25, 0.0)
     values = {'hierarchical.min_cluster': 30, 'hierarchical.global_confidence': 0.9999}
     verdict = judge(points, *chain, vote=vote, **values)
-    settings = parameters('hierarchical', **values).hierarchical
+    settings = parameters('hierarchical', **values).of(Hierarchical)
     result = hierarchical.detect(points.xyz, settings)
     assert set(result.phase) == {0, 1, 2}
     second = result.phase == 2
-    np.testing.assert_array_equal(verdict.detectors & SECOND_PHASE != 0, second)
+    np.testing.assert_array_equal(verdict.detectors & EXTRA != 0, second)
     assert (verdict.detectors[second] & BITS['hierarchical'] != 0).all()
     if chain == ('hierarchical',):
         np.testing.assert_array_equal(np.round(30 / verdict.score), result.cluster)
@@ -169,7 +170,7 @@ def test_phases(chain: tuple[str, ...], vote: int) -> None:
 def test_the_second_phase_has_no_vote() -> None:
     """It is a part of one detector."""
     verdict = Verdict.untested(3)
-    verdict.detectors[:] = [BITS['hierarchical'] | SECOND_PHASE, BITS['lof'] | BITS['sor'], 0]
+    verdict.detectors[:] = [BITS['hierarchical'] | EXTRA, BITS['lof'] | BITS['sor'], 0]
     verdict.settle(2)
     assert verdict.rejected.tolist() == [False, True, False]
 

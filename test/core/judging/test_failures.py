@@ -27,7 +27,8 @@ from helpers.streams import (
 )
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.core.detectors.sor import detector as sor
+from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
@@ -241,7 +242,7 @@ def test_an_error_at_a_change_of_parameters(monkeypatch: pytest.MonkeyPatch) -> 
     measure = sor.measure
     monkeypatch.setattr(sor, 'measure', None)
     clean.change(clean.parameters.changed({'sor.k': 9}))
-    assert clean.parameters.sor.k == 9
+    assert clean.parameters.of(Sor).k == 9
     assert len(failed) == clean.statistics.failures == 1
     monkeypatch.setattr(sor, 'measure', measure)
     clean.push(line(0))

@@ -18,7 +18,7 @@ from helpers.replays import cloud as sweep
 from helpers.replays import content, write_drive
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors import sor
+from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.judging.slow import SlowDetector, watched
 from lidar_outlier_filter.core.kernels.compiling import COUNT

@@ -14,9 +14,9 @@ from helpers.shapes import CHAINS, GRID, LINE, SHAPES, UTM, scanned, street
 from naive import hierarchical as naive
 
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines, sort_lines
-from lidar_outlier_filter.parameters.detectors import Hierarchical
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

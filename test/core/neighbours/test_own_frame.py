@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.detectors.evidence.declaration import Way, choose
+from lidar_outlier_filter.core.detectors.evidence.ways import Way, choose
 from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.neighbours.own_frame import find_own_frame

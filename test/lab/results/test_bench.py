@@ -8,8 +8,8 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.detectors import sor
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filterpy_engine
+from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.results import bench, peers
 from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive

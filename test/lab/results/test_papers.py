@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.messages.truth import Cause
-from lidar_outlier_filter.parameters.detectors import Elevation
 from lidar_outlier_lab.results.neighbour_curves import statistics
 from lidar_outlier_lab.results.papers import kang, maps, pirotti_buses, roc, side_views
 from lidar_outlier_lab.results.papers import sotoodeh_hod as hod

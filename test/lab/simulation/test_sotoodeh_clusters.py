@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lidar_outlier_filter.core.detectors import elevation
+from lidar_outlier_filter.core.detectors.elevation import detector as elevation
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.detectors import Hierarchical
 from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.results.papers import published, sotoodeh_hod
 from lidar_outlier_lab.results.papers import sotoodeh_picture as hod_picture

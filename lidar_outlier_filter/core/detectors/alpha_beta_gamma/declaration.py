@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The smoother as a detector of the chain."""
 
+# ruff: noqa: PLC0415  a declaration is read wherever parameters are: kernels come when they are used
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import detect
-from lidar_outlier_filter.core.detectors.declaration import Detector, Tiled
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+from lidar_outlier_filter.core.detectors.declaration import Detector, Kernels, Tiled
 from lidar_outlier_filter.core.detectors.dials import Dial, each, significance
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.seen import Seen
@@ -22,8 +23,10 @@ WINDOWS = (3, 4, 5, 7, 10, 15)
 
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
+    from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import detect
+
     def of_lines(points: Points, lines: Lines) -> Scores:
-        outcome = detect(points, lines, parameters.alpha_beta_gamma)
+        outcome = detect(points, lines, parameters.of(AlphaBetaGamma))
         return Scores(outcome.score, passes=outcome.passes)
 
     return seen.along_lines(of_lines)
@@ -47,7 +50,9 @@ DETECTOR = Detector(
     threshold=lambda _: significance('alpha_beta_gamma.significance'),
     dials=_dials,
     needs_lines=True,
+    columns={'sigma': 'alpha_beta_gamma.sigma_field'},
     tiled=Tiled.BY_LINE,
+    kernels=Kernels(seconds=1),
     colour='#0072b2',
     rejects='is improbable after the points before and behind it in its line segment',
     source='Leslar, Wang and Hu 2010, (a)',

@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.points.scan_lines import Lines
-    from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
 
     Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
 
@@ -82,7 +82,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     ----------
     points : N points, sorted by line and time, all of them valid
     lines : their lines and segments
-    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.AlphaBetaGamma`
+    parameters : see :class:`~.alpha_beta_gamma.parameters.AlphaBetaGamma`
 
     Returns
     -------
@@ -103,7 +103,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     >>> from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as smoother
     >>> from lidar_outlier_filter.core.points.points import Points
     >>> from lidar_outlier_filter.core.points.scan_lines import find_lines
-    >>> from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
+    >>> from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor

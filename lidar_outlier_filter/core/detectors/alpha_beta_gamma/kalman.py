@@ -38,7 +38,7 @@ from lidar_outlier_filter.errors import FilterError, ParameterError
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import Series
-    from lidar_outlier_filter.parameters.detectors import AlphaBetaGamma
+    from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
 
 Floats = NDArray[np.float64]
 

@@ -2,28 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hierarchical outlier detection as a detector of the chain."""
 
+# ruff: noqa: PLC0415  a declaration is read wherever parameters are: kernels come when they are used
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Detector
+from lidar_outlier_filter.core.detectors.declaration import Detector, Kernels
 from lidar_outlier_filter.core.detectors.dials import Dial, Threshold, decades, each, scaled
-from lidar_outlier_filter.core.detectors.hierarchical.detector import detect
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.verdict import SECOND_PHASE
-from lidar_outlier_filter.parameters.detectors import Hierarchical
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECOND = 2  # phase
+SECOND_PHASE = 1 << 15  # beside its bit: the second phase rejected the point, not the first one
 
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
-    outcome = detect(seen.points.xyz, parameters.hierarchical, seen.threads)
+    from lidar_outlier_filter.core.detectors.hierarchical.detector import detect
+
+    outcome = detect(seen.points.xyz, parameters.of(Hierarchical), seen.threads)
     return Scores(outcome.score, (outcome.phase == SECOND) * np.uint16(SECOND_PHASE))
 
 
@@ -47,6 +50,8 @@ DETECTOR = Detector(
     detect=_detect,
     threshold=_threshold,
     dials=_dials,
+    kernels=Kernels(seconds=4),
+    extra={SECOND_PHASE: 'second_phase'},
     colour='#e69f00',
     rejects='belongs to a cluster of fewer than `min_cluster` points: of the minimum spanning '
     'tree, then (bit 32768 beside it) of the Gabriel graphs, without their long edges; '

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters.detectors import Hierarchical
+    from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -91,7 +91,7 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     Parameters
     ----------
     xyz : (N, 3) float64, finite, metres; fewer than ``min_cluster`` points stay untested
-    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Hierarchical`
+    parameters : see :class:`~.hierarchical.parameters.Hierarchical`
     threads : at most so many, 0 for all cores; the outcome does not depend on it
 
     Returns
@@ -113,7 +113,7 @@ def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOu
     --------
     >>> import numpy as np
     >>> from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-    >>> from lidar_outlier_filter.parameters.detectors import Hierarchical
+    >>> from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor

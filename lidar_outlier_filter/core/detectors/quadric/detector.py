@@ -20,8 +20,8 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    from lidar_outlier_filter.parameters.detectors import Quadric
 
     Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ def detect(
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Quadric`
+    parameters : see :class:`~.quadric.parameters.Quadric`
     variance : (N,) or (N, 3, 3) float64, optional
         Of each point: of any of its coordinates, or D of all three, m². Only their ratios count:
         σ̂0 is estimated in every window. None: unit weights.
@@ -72,7 +72,7 @@ def detect(
     >>> import numpy as np
     >>> from lidar_outlier_filter.core.detectors.quadric import detector as quadric
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    >>> from lidar_outlier_filter.parameters.detectors import Quadric
+    >>> from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor

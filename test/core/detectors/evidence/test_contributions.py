@@ -7,12 +7,12 @@ from __future__ import annotations
 import numpy as np
 from helpers.roads import arm
 
-from lidar_outlier_filter.core.detectors.evidence.declaration import Way
 from lidar_outlier_filter.core.detectors.evidence.explain.contributions import contributions
 from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
-from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
+from lidar_outlier_filter.core.detectors.evidence.ways import Way
 from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.neighbours.typical_scale import typical_scale
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -24,7 +24,7 @@ def test_sum_adds_up_to_the_score() -> None:
     seen = Seen(points, parameters, 20)
     every = np.ones(len(points), np.bool_)
     found = contributions(seen, parameters, every)
-    assert found.way is Way.SUM
+    assert found.way == Way.SUM.value
     score = Chain(parameters).judge(points).score
     total = np.maximum(found.added.sum(axis=0, dtype=np.float64), 0.0)
     np.testing.assert_allclose(total, score, rtol=1e-5, atol=1e-5)
@@ -46,7 +46,7 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     wanted = rng.random(len(xyz)) < 0.3
     wanted[:20] = True
     found = contributions(seen, parameters, wanted)
-    assert found.way is Way.SURVEY
+    assert found.way == Way.SURVEY.value
     odds, _ = survey.measure(xyz, typical_scale(xyz, np.arange(len(xyz))))
     total = found.added.sum(axis=0, dtype=np.float64) + found.average
     np.testing.assert_allclose(total, odds[wanted], atol=2e-4)

@@ -13,6 +13,11 @@ from helpers.roads import arm, points_of, road, sweep
 from naive import evidence as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
+from lidar_outlier_filter.core.detectors.evidence.parameters import (
+    Evidence,
+    SpinningWeights,
+    Weights,
+)
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector as evidence
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum import groups, lines
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -40,12 +45,12 @@ def naively(points: Points, **changed: Any) -> list[float]:
     values = {name.replace('__', '.'): value for name, value in changed.items()}
     parameters = FilterParameters().changed(values)
     weights = {
-        True: asdict(parameters.evidence_spinning),
-        False: asdict(parameters.evidence_profile),
+        True: asdict(parameters.of(SpinningWeights)),
+        False: asdict(parameters.of(Weights)),
     }
     columns = (points.xyz, points.t, points.line, points.range)
     scan = naive.Scan(*(column.tolist() for column in columns))
-    evidence = parameters.evidence
+    evidence = parameters.of(Evidence)
     return naive.detect(scan, weights, parameters.gap_factor, evidence.sensor, evidence.threshold)
 
 

@@ -27,6 +27,7 @@ from lidar_outlier_filter.core.detectors.evidence.models import (
     PatternModel,
     load,
 )
+from lidar_outlier_filter.core.detectors.evidence.parameters import Weights
 from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES
 from lidar_outlier_filter.core.detectors.evidence.pattern.judge import first_pass
 from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
@@ -148,7 +149,7 @@ def test_weighted_sum() -> None:
     points, _ = road(3, lines=24)
     parameters = FilterParameters()
     scan = see(Neighbourhood(points.xyz, neighbours()), points, parameters.gap_factor)
-    weights = np.array([getattr(parameters.evidence_profile, name) for name in OF_SUM])
+    weights = np.array([getattr(parameters.of(Weights), name) for name in OF_SUM])
     addends = compute(scan, spinning=False).contributions * weights
     expected = np.empty(len(points), np.int64)
     expected[scan.neighbourhood.order] = addends.argmax(axis=1)

@@ -18,15 +18,11 @@ from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
 from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far
 from lidar_outlier_filter.core.detectors.evidence.survey.model import load
-from lidar_outlier_filter.core.detectors.evidence.survey.near import K
-from lidar_outlier_filter.core.detectors.evidence.survey.places import (
-    find_places,
-    shares_places,
-)
-from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
 from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
 from lidar_outlier_filter.core.judging.whole_cloud import judge_whole
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.places import find_places, shares_places
+from lidar_outlier_filter.core.neighbours.typical_scale import K, typical_scale
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

@@ -7,26 +7,27 @@ Trees add up to log-odds, a weighted sum to the score itself.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.declaration import Way, choose
 from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import (
     average_of,
     contribute,
     explain,
 )
+from lidar_outlier_filter.core.detectors.evidence.parameters import Evidence
 from lidar_outlier_filter.core.detectors.evidence.survey import far as survey_far
 from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
 from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far
 from lidar_outlier_filter.core.detectors.evidence.survey.model import load
-from lidar_outlier_filter.core.detectors.evidence.survey.near import K
-from lidar_outlier_filter.core.detectors.evidence.survey.places import find_places
-from lidar_outlier_filter.core.detectors.evidence.survey.scale import typical_scale
+from lidar_outlier_filter.core.detectors.evidence.ways import Way, choose
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import PARTS, detect
+from lidar_outlier_filter.core.detectors.explanation import Contributions
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.places import find_places
+from lidar_outlier_filter.core.neighbours.typical_scale import K, typical_scale
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,26 +38,6 @@ if TYPE_CHECKING:
     Bools = NDArray[np.bool_]
     Floats = NDArray[np.float64]
     Singles = NDArray[np.float32]
-
-
-class Contributions(NamedTuple):
-    """What features add to the verdicts of M points.
-
-    Attributes
-    ----------
-    way : how they were judged
-    names : of the F features
-    added : (F, M) float32
-        To log-odds, or to scores of ``Way.SUM``.
-    average : (M,) float32
-        What trees say on average, to which it is added; 0 of ``Way.SUM``.
-
-    """
-
-    way: Way
-    names: tuple[str, ...]
-    added: Singles
-    average: Singles
 
 
 def contributions(seen: Seen, parameters: FilterParameters, wanted: Bools) -> Contributions:
@@ -71,15 +52,15 @@ def contributions(seen: Seen, parameters: FilterParameters, wanted: Bools) -> Co
     """
     way, _ = choose(seen, parameters)
     if way is Way.SURVEY:
-        return Contributions(way, survey_far.NAMES, *_of_survey(seen, wanted))
+        return Contributions(way.value, survey_far.NAMES, *_of_survey(seen, wanted))
     if way is Way.PATTERN:
-        sensor = parameters.evidence.sensor
+        sensor = parameters.of(Evidence).sensor
         found = explain(seen.points, seen.threads, sensor=sensor, wanted=wanted)
-        return Contributions(way, found.names, found.added[:, wanted], found.average[wanted])
+        return Contributions(way.value, found.names, found.added[:, wanted], found.average[wanted])
     parts = np.zeros((len(wanted), len(PARTS)))
     detect(seen.neighbourhood, seen.points, parameters, parts=parts)
     nothing = np.zeros(np.count_nonzero(wanted), np.float32)
-    return Contributions(way, PARTS, parts[wanted].T.astype(np.float32), nothing)
+    return Contributions(way.value, PARTS, parts[wanted].T.astype(np.float32), nothing)
 
 
 def _of_survey(seen: Seen, wanted: Bools) -> tuple[Singles, Singles]:

@@ -42,7 +42,6 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
 from lidar_outlier_filter.core.detectors.evidence.survey.lanes import (
-    LEAST,
     NARROW,
     add_moments,
     copy_rows,
@@ -52,13 +51,14 @@ from lidar_outlier_filter.core.detectors.evidence.survey.lanes import (
     write_between,
     write_heights,
 )
-from lidar_outlier_filter.core.detectors.evidence.survey.near import FAR, NEAR, SMOOTH, K
+from lidar_outlier_filter.core.detectors.evidence.survey.near import FAR, NEAR, SMOOTH
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.eigen import (
     eigenvalues,
     eigenvectors,
 )
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
+from lidar_outlier_filter.core.neighbours.typical_scale import LEAST, K
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -20,13 +20,14 @@ from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_n
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far, write_far
 from lidar_outlier_filter.core.detectors.evidence.survey.lanes import add_farthest
 from lidar_outlier_filter.core.detectors.evidence.survey.model import load
-from lidar_outlier_filter.core.detectors.evidence.survey.near import K, Near, write_near
-from lidar_outlier_filter.core.detectors.evidence.survey.places import find_places, shares_places
+from lidar_outlier_filter.core.detectors.evidence.survey.near import Near, write_near
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.places import find_places, shares_places
+from lidar_outlier_filter.core.neighbours.typical_scale import K
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

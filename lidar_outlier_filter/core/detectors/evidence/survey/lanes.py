@@ -13,6 +13,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import sort_signed
+from lidar_outlier_filter.core.neighbours.typical_scale import LEAST
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Index = NDArray[np.int32]
 
-LEAST = 1e-6  # metres that are added to scales, which may be 0
 NARROW = 1e-6  # ratio of variances across and along, below which neighbours lie on a line
 EVEN = 0.02  # of s: heights differ so much on any surface
 OPPOSITE = -0.8  # cosine of the angle between neighbours, at most

@@ -42,7 +42,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.survey.lanes import (
-    LEAST,
     NARROW,
     add_moments,
     aside,
@@ -58,6 +57,7 @@ from lidar_outlier_filter.core.detectors.evidence.weighted_sum.eigen import (
 )
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
+from lidar_outlier_filter.core.neighbours.typical_scale import LEAST, K
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,7 +67,6 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
     Index = NDArray[np.int32]
 
-K = 8  # neighbours
 FEW = 3  # of them
 SMOOTH = 0.01  # of s: less is not expected of any surface
 TABLE = 1024  # places for the points that two steps reach, a power of 2: few of them meet

@@ -47,6 +47,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.explain.reasons import SLANTED, strongest_of_sum
+from lidar_outlier_filter.core.detectors.evidence.parameters import (
+    Evidence,
+    SpinningWeights,
+    Weights,
+)
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.features import (
     FEATURES,
     compute,
@@ -65,7 +70,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.evidence.weighted_sum.features import Features, Scan
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.core.points.points import Points
-    from lidar_outlier_filter.parameters.detectors import Weights
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]
@@ -130,7 +134,7 @@ def detect(
         return score
     scan = see(neighbourhood, points, parameters.gap_factor)
     weights, result = compute_first(scan, parameters)
-    threshold = parameters.evidence.threshold * weights.threshold
+    threshold = parameters.of(Evidence).threshold * weights.threshold
     statistic = weigh(result.contributions, _weights(weights)) / threshold
     where = neighbourhood.order
     number = None if reason is None else strongest_of_sum(result.contributions, _weights(weights))
@@ -152,7 +156,7 @@ def detect(
             newly = strongest_of_sum(result.contributions, _weights(weights))
             number = np.where(result.wanted, newly, number[left])
     if weights.slanted:
-        straight = straightness(scan, result.usual.spacing) / parameters.evidence.threshold
+        straight = straightness(scan, result.usual.spacing) / parameters.of(Evidence).threshold
         if number is not None:
             number[straight > statistic] = SLANTED
         if parts is not None:
@@ -184,12 +188,12 @@ def _note(
 
 def compute_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Features]:
     """Choose the weights of the sensor that saw all points, and compute their features."""
-    sensor = parameters.evidence.sensor
+    sensor = parameters.of(Evidence).sensor
     if sensor == 'auto':
         spinning = is_interleaved(scan.ordered.t, scan.lines.first)
     else:
         spinning = sensor == 'spinning'
-    weights = parameters.evidence_spinning if spinning else parameters.evidence_profile
+    weights = parameters.of(SpinningWeights) if spinning else parameters.of(Weights)
     return weights, compute(scan, spinning=spinning)
 
 

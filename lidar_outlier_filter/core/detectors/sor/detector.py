@@ -42,32 +42,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Detector, Measured
-from lidar_outlier_filter.core.detectors.dials import (
-    NEIGHBOURS,
-    Dial,
-    Threshold,
-    decades,
-    each,
-    plain,
-)
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
-from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, median
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.declaration import walk
-from lidar_outlier_filter.parameters.detectors import Sor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.detectors.dials import ScoreOf
+    from lidar_outlier_filter.core.detectors.sor.parameters import Sor
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Floats = NDArray[np.float64]
 
@@ -83,7 +68,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Sor`
+    parameters : see :class:`~.sor.parameters.Sor`
     range_m : (N,) float64, optional
         Distance of each point from the sensor, metres; ``range_scaled`` needs it.
 
@@ -113,9 +98,9 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.detectors import sor
+    >>> from lidar_outlier_filter.core.detectors.sor import detector as sor
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    >>> from lidar_outlier_filter.parameters.detectors import Sor
+    >>> from lidar_outlier_filter.core.detectors.sor.parameters import Sor
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor
@@ -217,78 +202,3 @@ def _ratio(statistic: Floats, limit: Floats | float) -> Floats:
     with np.errstate(over='ignore'):
         np.divide(statistic, limit, out=score, where=np.greater(limit, 0))
     return score
-
-
-def _score(measured: Floats, range_m: Callable[[], Floats], parameters: FilterParameters) -> Scores:
-    scaled = parameters.sor.range_scaled
-    return Scores(score(measured, parameters.sor, range_m() if scaled else None))
-
-
-def _threshold(parameters: FilterParameters) -> Threshold:
-    if parameters.sor.statistic == 'radius':
-        return _radius_threshold(scaled=parameters.sor.range_scaled)
-    if parameters.sor.statistic == 'sor2':
-        return plain('sor.limit', decades(-4, 3))
-    return _multiplier()
-
-
-def _multiplier() -> Threshold:
-    """Make the threshold of ``sor``: d against μ + m σ, so that two runs give it for all m."""
-    name = 'sor.multiplier'
-
-    def statistic(score_of: ScoreOf, _near: float) -> Floats:
-        at_0 = score_of({name: 0.0}).astype(np.float64)  # d / μ
-        at_1 = score_of({name: 1.0}).astype(np.float64)  # d / (μ + σ)
-        with np.errstate(divide='ignore', invalid='ignore'):
-            spread = at_0 / at_1 - 1  # σ / μ
-            result: Floats = (at_0 - 1) / spread
-        return result
-
-    return Threshold(name, (0.0, *decades(-1, 3)), float, statistic)
-
-
-def _radius_threshold(*, scaled: bool) -> Threshold:
-    name = 'sor.radius'
-    values = decades(-3, 3)
-    if not scaled:
-        return plain(name, values)
-
-    def statistic(score_of: ScoreOf, _near: float) -> Floats:
-        # Rejected beyond the larger of radius and range_factor × range: beyond both.
-        smallest = next(item.low for item in walk(Sor, 'sor.') if item.name == name)
-        beyond = score_of({name: smallest, 'sor.range_scaled': True}) > 1
-        distance = score_of({name: 1.0, 'sor.range_scaled': False})
-        return np.where(beyond, distance, 0.0)
-
-    return Threshold(name, tuple(values), float, statistic)
-
-
-def _dials(parameters: FilterParameters) -> list[Dial]:
-    kind = parameters.sor.statistic
-    name = 'sor.min_neighbors' if kind == 'radius' else 'sor.k'
-    dials = [each(name, (1, 2, *NEIGHBOURS[:4]) if kind == 'radius' else NEIGHBOURS)]
-    # Under sor2 the limit is multiplied by it, and is searched itself.
-    if parameters.sor.range_scaled and kind != 'sor2':
-        dials.append(each('sor.range_factor', (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2)))
-    return dials
-
-
-_MEASURED = Measured(
-    measure=lambda neighbourhood, parameters: measure(neighbourhood, parameters.sor),
-    score=_score,
-    steps=1,
-)
-DETECTOR = Detector(
-    name='sor',
-    bit=8,
-    section=Sor,
-    detect=_MEASURED.detect,
-    threshold=_threshold,
-    dials=_dials,
-    neighbours=lambda parameters: neighbours(parameters.sor),
-    tiled=_MEASURED,
-    colour='#009e73',
-    rejects='is too far from its nearest neighbours: statistical (`sor`, `sor2`), or by `radius`; '
-    'both may grow with the range (DSOR, DROR)',
-    source="Pirotti 2018; equal to PCL's selection",
-)

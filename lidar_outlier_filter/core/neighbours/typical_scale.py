@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
-from lidar_outlier_filter.core.detectors.evidence.survey.lanes import LEAST
-from lidar_outlier_filter.core.detectors.evidence.survey.near import K
-from lidar_outlier_filter.core.detectors.evidence.survey.places import find_places
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.places import find_places
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,6 +23,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
 
+K = 8  # neighbours
+LEAST = 1e-6  # metres that are added to scales, which may be 0
 SAMPLE = 20_000  # points, about
 AT_ONCE = 500_000  # points that are looked at
 EVERY = 1 << 32

@@ -29,20 +29,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Detector
-from lidar_outlier_filter.core.detectors.dials import decades, each, plain
-from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.detectors import Elevation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.detectors.seen import Seen
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -57,7 +52,7 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     Parameters
     ----------
     xyz : (N, 3) float64, finite, metres, z up
-    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Elevation`
+    parameters : see :class:`~.elevation.parameters.Elevation`
     threads : at most so many, 0 for all cores; the scores do not depend on it
 
     Returns
@@ -81,8 +76,8 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.detectors import elevation
-    >>> from lidar_outlier_filter.parameters.detectors import Elevation
+    >>> from lidar_outlier_filter.core.detectors.elevation import detector as elevation
+    >>> from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor
@@ -204,21 +199,3 @@ def _differences_of_lists(
         for j in range(offsets[i], offsets[i + 1]):
             total += elevation[near[j]] - elevation[which[i]]
         result[which[i]] = total / (offsets[i + 1] - offsets[i])
-
-
-def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
-    return Scores(detect(seen.points.xyz, parameters.elevation, seen.threads))
-
-
-DETECTOR = Detector(
-    name='elevation',
-    bit=32,
-    section=Elevation,
-    detect=_detect,
-    threshold=lambda _: plain('elevation.multiplier', decades(-1, 3)),
-    dials=lambda _: [each('elevation.k', (10, 20, 30, 60))],
-    colour='#56b4e9',
-    rejects='is set apart in elevation, or differs by more than 3 σ from its neighbours on the map '
-    '(airborne clouds, z up)',
-    source='Kang 2018',
-)

@@ -42,7 +42,7 @@ def find_places(xyz: Floats) -> Places:
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.detectors.evidence.survey.places import find_places
+    >>> from lidar_outlier_filter.core.neighbours.places import find_places
     >>> places = find_places(np.array([[2.0, 0, 0], [1, 0, 0], [2, 0, 0]]))
     >>> places.first.tolist(), places.of.tolist()
     ([0, 1], [0, 1, 0])

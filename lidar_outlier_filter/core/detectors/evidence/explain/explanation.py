@@ -1,11 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What each feature of the default is, in a few words for people who look at a page."""
+"""How the default explains its scores; what each feature is, in a few words for people."""
 
 from __future__ import annotations
 
-from lidar_outlier_filter.core.detectors.evidence.declaration import Way
+from lidar_outlier_filter.core.detectors.evidence.explain.contributions import contributions
 from lidar_outlier_filter.core.detectors.evidence.explain.reasons import OF_SUM, REASON_NAMES
+from lidar_outlier_filter.core.detectors.evidence.ways import Way, choose
+from lidar_outlier_filter.core.detectors.explanation import Explanation, ReasonName
 
 _PATTERN = {
     'step': 'distance to the nearer return beside it in its line',
@@ -119,11 +121,13 @@ _SUM = {
     'company': 'share of its neighbours rejected before',
     'slanted': 'in a thin, straight, slanted group in the air',
 }
-TEXTS = {Way.PATTERN: _PATTERN, Way.SURVEY: _SURVEY, Way.SUM: _SUM}
-REST = (['others', 'all other features together'], ['average', 'what the trees say on average'])
-
-
-def reason_text(number: int) -> str:
-    """Say what a reason that is published is."""
-    texts = _SUM if number >= OF_SUM else _PATTERN
-    return texts[REASON_NAMES[number]]
+EXPLANATION = Explanation(
+    reasons={
+        number: ReasonName(name, (_SUM if number >= OF_SUM else _PATTERN)[name])
+        for number, name in REASON_NAMES.items()
+    },
+    ways={Way.PATTERN.value: _PATTERN, Way.SURVEY.value: _SURVEY, Way.SUM.value: _SUM},
+    of_score=(Way.SUM.value,),
+    choose=lambda seen, parameters: choose(seen, parameters)[0].value,
+    explain=contributions,
+)

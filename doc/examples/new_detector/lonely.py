@@ -1,20 +1,22 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A detector of one's own, and the commands with it: ``python new_detector.py clean FILE``."""
+"""A detector of one's own: its parameters, what it computes, and its declaration."""
 
-import sys
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.declaration import Detector
 from lidar_outlier_filter.core.detectors.dials import decades, plain
-from lidar_outlier_filter.core.detectors.registry import register
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.parameters.declaration import Section, declare
-from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.detectors.seen import Seen
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,3 @@ DETECTOR = Detector(
     rejects='has no other point beside it',
     source='this example',
 )
-register(DETECTOR)
-
-if __name__ == '__main__':
-    sys.exit(main())

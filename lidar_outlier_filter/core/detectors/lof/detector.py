@@ -31,22 +31,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Detector, Measured
-from lidar_outlier_filter.core.detectors.dials import NEIGHBOURS, Threshold, decades, each, plain
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
-from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
-from lidar_outlier_filter.parameters.detectors import Lof
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.core.detectors.lof.parameters import Lof
 
     Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
@@ -87,7 +83,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     Parameters
     ----------
     neighbourhood : N points
-    parameters : see :class:`~lidar_outlier_filter.parameters.detectors.Lof`
+    parameters : see :class:`~.lof.parameters.Lof`
 
     Returns
     -------
@@ -109,9 +105,9 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     Examples
     --------
     >>> import numpy as np
-    >>> from lidar_outlier_filter.core.detectors import lof
+    >>> from lidar_outlier_filter.core.detectors.lof import detector as lof
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    >>> from lidar_outlier_filter.parameters.detectors import Lof
+    >>> from lidar_outlier_filter.core.detectors.lof.parameters import Lof
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor
@@ -297,32 +293,3 @@ def _mean(values: Floats, lists: NDArray[np.int32], row: int, first: int, last: 
     for m in range(first, last):
         total += values[lists[row, m]]
     return float(total / (last - first))
-
-
-def _threshold(parameters: FilterParameters) -> Threshold:
-    if parameters.lof.statistic == 'lof2':
-        return plain('lof.threshold', decades(-3, 3))
-    # A factor of 1 is that of a good point: what counts is how much it is more.
-    return plain('lof.threshold', (round(1 + more, 6) for more in decades(-2, 3)))
-
-
-_MEASURED = Measured(
-    measure=lambda neighbourhood, parameters: measure(neighbourhood, parameters.lof),
-    score=lambda factor, _, parameters: Scores(score(factor, parameters.lof)),
-    steps=3,
-    by_place=True,
-)
-DETECTOR = Detector(
-    name='lof',
-    bit=4,
-    section=Lof,
-    detect=_MEASURED.detect,
-    threshold=_threshold,
-    dials=lambda _: [each('lof.min_pts', NEIGHBOURS)],
-    neighbours=lambda parameters: neighbours(parameters.lof),
-    tiled=_MEASURED,
-    colour='#d55e00',
-    rejects='lies in a place much less dense than its neighbours do (local outlier factor, or '
-    'LOF2)',
-    source='Breunig 2000, Sotoodeh 2006, Pirotti 2018',
-)

@@ -10,14 +10,25 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.parameters.filter import PAPER
-
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+# The smoother as in Leslar, Wang and Hu (2010): each point is tested once, in a window around it.
+SMOOTHER: Mapping[str, object] = MappingProxyType(
+    {
+        'chain': ['alpha_beta_gamma'],
+        'alpha_beta_gamma.sides': 'both',
+        'alpha_beta_gamma.order': 2,
+        'alpha_beta_gamma.before': 5,
+        'alpha_beta_gamma.after': 5,
+        'alpha_beta_gamma.min_window': 4,
+        'alpha_beta_gamma.significance': 0.001,
+        'alpha_beta_gamma.passes': 1,
+    }
+)
 A_PRIORI = 0.2  # metres: with it (a) finds about as much of cloud A as in the paper
 
-_SMOOTHER: Mapping[str, object] = {**PAPER, 'alpha_beta_gamma.sigma': A_PRIORI}
+_SMOOTHER: Mapping[str, object] = {**SMOOTHER, 'alpha_beta_gamma.sigma': A_PRIORI}
 _SURFACE: Mapping[str, object] = {
     'quadric.surfaces': 1,
     'quadric.start': 'all',

@@ -1,0 +1,42 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the elevations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lidar_outlier_filter.parameters.declaration import Section, declare
+
+
+@dataclass(frozen=True)
+class Elevation(Section):
+    """Elevation against the mean of the neighbours on the map."""
+
+    k: int = declare(30, 'Neighbours whose mean elevation counts; ties count too.', '', 1, 1000)
+    neighbours: str = declare(
+        'map',
+        'map: the nearest in x and y (the paper); space: the nearest in x, y and z.',
+        choices=('map', 'space'),
+    )
+    multiplier: float = declare(
+        3.0, 'Standard deviations of all differences that one may differ.', '', 1e-6, 1000.0
+    )
+    sides: str = declare(
+        'both',
+        'Points that are rejected: low or high ones, or both; low is the formula of the paper.',
+        choices=('both', 'low', 'high'),
+    )
+    gap: float = declare(
+        5.0,
+        'Empty stretch of elevations that sets points above or below apart; 0: none does.',
+        'm',
+        0.0,
+        1e6,
+    )
+    share: float = declare(
+        0.001, 'Most of the points that are taken off as set apart, on each side.', '', 0.0, 0.4
+    )
+    sigma_floor: float = declare(
+        0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
+    )

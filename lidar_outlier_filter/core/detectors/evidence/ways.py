@@ -1,0 +1,62 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The ways in which the default judges a cloud, and the choice between them."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.evidence.parameters import Evidence
+from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either, judge
+from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import detect as sum_up
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.neighbours.typical_scale import typical_scale
+from lidar_outlier_filter.core.points.scan_lines import has_lines, spins
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.detectors.evidence.pattern.judge import FoundPattern
+    from lidar_outlier_filter.core.detectors.seen import Seen
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+class Way(Enum):
+    """How the default judges a cloud, for people."""
+
+    PATTERN = 'trees on the scan pattern'
+    SURVEY = 'trees on the neighbours of each point'
+    SUM = 'a weighted sum of features'
+
+
+def choose(seen: Seen, parameters: FilterParameters) -> tuple[Way, FoundPattern | None]:
+    """Choose how points are judged, and find their scan pattern where that does it."""
+    points, sensor = seen.points, parameters.of(Evidence).sensor
+    is_lined = has_lines(points) or points.ring is not None
+    if sensor == 'survey' or (seen.whole and not is_lined):
+        return Way.SURVEY, None
+    found = find_either(points, sensor, seen.threads)
+    if found is not None:
+        return Way.PATTERN, found
+    if seen.whole and (points.ring is not None or (sensor == 'auto' and not spins(points))):
+        # Airborne scanners, and others whose mirrors swing.
+        return Way.SURVEY, None
+    return Way.SUM, None
+
+
+def detect(seen: Seen, parameters: FilterParameters) -> Scores:
+    """Score every point in the way that suits the cloud."""
+    points, threshold = seen.points, parameters.of(Evidence).threshold
+    way, found = choose(seen, parameters)
+    if way is Way.SURVEY:
+        typical = typical_scale(points.xyz, np.arange(len(points)), parameters.threads)
+        odds, _ = survey.measure(points.xyz, typical, parameters.threads)
+        return Scores(survey.score(odds, threshold), scaled=True, way=way.value)
+    reason = np.zeros(len(points), np.uint8) if parameters.scores else None
+    if found is None:
+        score = sum_up(seen.neighbourhood, points, parameters, reason)
+        return Scores(score, reason=reason, way=way.value)
+    score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
+    return Scores(score, reason=reason, scaled=True, way=way.value)

@@ -1,0 +1,264 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A detector that another distribution brings: it is installed, and every command has it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.cloud_files import columns
+from helpers.detectors import BITS
+from helpers.labelled import write
+from helpers.live import Program, collector, environment, publisher
+from helpers.replays import ROW
+from helpers.replays import cloud as recorded
+from helpers.strangers import install, write_installed
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2
+
+from lidar_outlier_filter.errors import FilterError
+from lidar_outlier_filter.parameters.declaration import Section
+from lidar_outlier_filter.parameters.filter import installed
+from lidar_outlier_filter.parameters.installed import GROUP, gather
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_filter.recordings.bags import Recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
+BIT = 128
+LIMIT = 0.3  # metres
+CHAIN = ('--chain', 'lonely', '--set', f'lonely.limit={LIMIT}')
+SET = ('--set', 'chain=[lonely]', '--set', f'lonely.limit={LIMIT}')
+
+
+@pytest.fixture(scope='module')
+def env(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Install the example."""
+    return install(tmp_path_factory.mktemp('stranger'))
+
+
+@pytest.fixture(scope='module')
+def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record two drives."""
+    folder = tmp_path_factory.mktemp('drives')
+    for name in ('a', 'b'):
+        write(folder / name, {'/lidar': [serialize_message(recorded(n)) for n in range(3)]})
+    return folder
+
+
+def run(env: dict[str, str], *words: str | Path) -> str:
+    """Run a command, as one who has installed the detector does; return what it says."""
+    command = [*COMMAND, *map(str, words)]
+    done = subprocess.run(
+        command, env={**os.environ, **env}, check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def naive(xyz: Floats) -> list[bool]:
+    """Return which points are farther from all others than the limit."""
+    far = []
+    for i, one in enumerate(xyz):
+        others = [float(np.linalg.norm(one - two)) for j, two in enumerate(xyz) if j != i]
+        far.append(min(others) > LIMIT)
+    return far
+
+
+def expected() -> list[int]:
+    """Count what is to be rejected of each recorded cloud."""
+    counts = []
+    for index in range(3):
+        rows = np.frombuffer(recorded(index).data, ROW)
+        xyz = np.stack([rows['x'], rows['y'], rows['z']], axis=1).astype(np.float64)
+        counts.append(sum(naive(xyz)))
+    assert min(counts) > 0
+    return counts
+
+
+def scattered() -> Floats:
+    """Make points, the last of which float far from all others."""
+    xyz = np.random.default_rng(1).random((200, 3)) * [5, 2, 0.01]
+    xyz[-3:, 2] += [2.0, 20.0, 200.0]
+    return xyz
+
+
+def widths(bag: Path) -> list[int]:
+    """Count the points of the outlier clouds."""
+    with Recording(bag) as recording:
+        data = [one for topic, _, one in recording.messages() if topic.name == '/lidar/outliers']
+    return [deserialize_message(one, PointCloud2).width for one in data]
+
+
+def test_a_file(env: dict[str, str], tmp_path: Path) -> None:
+    """`clean` has its parameters and its bit."""
+    path = tmp_path / 'cloud.csv'
+    np.savetxt(path, scattered(), '%.17g', ',', header='x,y,z', comments='')
+    run(env, 'clean', path, *CHAIN)
+    outlier, bits = columns(tmp_path / 'cloud_cleaned.csv', 'outlier', 'outlier_detectors')
+    assert outlier.tolist() == naive(scattered())
+    assert set(bits.tolist()) == {0, BIT}
+
+
+def test_a_recording(env: dict[str, str], drives: Path, tmp_path: Path) -> None:
+    """`replay` has it too."""
+    run(env, 'replay', drives / 'a', *SET, '--output', tmp_path / 'out')
+    assert widths(tmp_path / 'out') == expected()
+
+
+def test_an_archive(env: dict[str, str], drives: Path, tmp_path: Path) -> None:
+    """Workers have it: they judge, and the process that writes does not."""
+    run(env, 'replay', drives, *SET, '--jobs', '2', '--output', tmp_path / 'out')
+    lines = (tmp_path / 'out' / 'manifest.jsonl').read_text('utf-8').splitlines()
+    for entry in map(json.loads, lines):
+        assert entry['topics']['/lidar']['rejected_by'] == {'lonely': sum(expected())}
+        assert entry['worker'] != 'this process'
+    assert len(lines) == 2
+    assert widths(tmp_path / 'out' / 'b') == expected()
+
+
+def test_the_tuner(env: dict[str, str], tmp_path: Path) -> None:
+    """The tuner sweeps its threshold."""
+    xyz = scattered()
+    path = tmp_path / 'a.csv'
+    label = np.arange(len(xyz)) >= len(xyz) - 3
+    table = np.column_stack([xyz, label])
+    np.savetxt(path, table, '%.17g', ',', header='x,y,z,label', comments='')
+    said = run(env, 'tune', path, *SET, '--set', 'lonely.limit=900.0', '--folds', '3')
+    values = read_yaml(tmp_path / 'a_tuned.yaml')
+    assert values['chain'] == ['lonely']
+    assert 0.1 < float(str(values['lonely.limit'])) < 3
+    assert 'lonely.limit' in said
+
+
+def test_a_node(env: dict[str, str], drives: Path, tmp_path: Path) -> None:
+    """The node has it, with nothing but a parameter."""
+    env = environment() | env
+    words = ('-p', 'chain:=[lonely]', '-p', f'lonely.limit:={LIMIT}', '-p', 'blocks:=message')
+    node_words = ('-P', '-m', 'lidar_outlier_filter.cli.node', '--ros-args', *words)
+    with (
+        collector(tmp_path, ['/points/cleaned', '/points/outliers'], env) as collecting,
+        Program(*node_words, env=env) as node,
+        publisher(drives / 'a', '/points', env) as publishing,
+    ):
+        collecting.wait_for('matched')
+        node.wait_for('chain lonely')
+        publishing.send('go')
+        publishing.wait_for('published')
+        node.signal(signal.SIGTERM)
+        assert node.wait() == 0
+        collecting.close()
+        assert collecting.wait() == 0
+    found = sorted(tmp_path.glob('outliers_*.cdr'))
+    clouds = [deserialize_message(one.read_bytes(), PointCloud2) for one in found]
+    assert [one.width for one in clouds] == expected()
+
+
+# What is refused -----------------------------------------------------------------------------
+
+
+class Other(Section):
+    """No parameters."""
+
+
+class Declared:
+    """A declaration with what matters here."""
+
+    def __init__(self, name: str, bit: int = BIT, *more: str) -> None:
+        """Name it."""
+        self.name, self.bit, self.by_default = name, bit, False
+        self.sections = dict.fromkeys((name, *more), Other)
+
+
+def found(monkeypatch: pytest.MonkeyPatch, *declared: object) -> Any:
+    """Load what the package declares and what another module does, by their names."""
+    module = ModuleType('somebodys')
+    own = [
+        EntryPoint(
+            name, f'{GROUP.partition(".")[0]}.core.detectors.{name}.declaration:DETECTOR', GROUP
+        )
+        for name in BITS
+    ]
+    others = []
+    for number, one in enumerate(declared):
+        setattr(module, f'x{number}', one)
+        name = getattr(one, 'name', 'x')
+        others.append(EntryPoint(name, f'somebodys:x{number}', GROUP))
+    monkeypatch.setitem(sys.modules, 'somebodys', module)
+    return gather([*others, *own], ['block', 'motion'])
+
+
+def test_bits_are_one_detectors_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bit that is taken, or is none, is refused in a sentence; all others stay."""
+    wrong = [Declared(f'other{bit}', bit) for bit in (0, 3, 64, 1 << 15, -1)]
+    result = found(monkeypatch, *wrong, Declared('good'), Declared('late'))
+    assert {k: one.bit for k, one in result.detectors.items()} == {**BITS, 'good': BIT}
+    assert set(result.refused) == {*(one.name for one in wrong), 'late'}
+    assert str(result.refused['other64']) == (
+        'the bit of the detector other64 of an unknown distribution must be one of 256, 512, 1024, '
+        '2048, 4096, 8192, 16384, got 64'
+    )
+    assert 'must be one of 256, 512' in str(result.refused['late'])
+
+
+@pytest.mark.parametrize('name', ['lof', 'evidence_profile', 'block', 'motion'])
+def test_names_are_one_detectors_own(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """So is a name that is taken by a detector or a parameter, its own or of further parameters."""
+    result = found(monkeypatch, Declared(name), Declared('good', BIT, name))
+    assert {k: one.bit for k, one in result.detectors.items()} == BITS
+    for refused in (name, 'good'):
+        assert f"must be a new one, got '{name}'" in str(result.refused[refused])
+
+
+def test_what_is_no_declaration(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What cannot be imported, or is something else, is refused in a sentence too."""
+    result = found(monkeypatch, 5)
+    assert {k: one.bit for k, one in result.detectors.items()} == BITS
+    assert str(result.refused['x']) == (
+        'the detector x of an unknown distribution must be a declaration that can be imported, '
+        "got AttributeError: 'int' object has no attribute 'name'"
+    )
+
+
+def test_a_package_that_is_not_installed() -> None:
+    """Without entry points there is no detector: one sentence says what to do."""
+    with pytest.raises(FilterError, match='the detectors must be installed with the package'):
+        gather([], [])
+
+
+def test_a_refused_one_costs_nothing_else(tmp_path: Path) -> None:
+    """Its sentence names its distribution, and is said where it is asked for."""
+    stranger = write_installed(tmp_path / 'installed', 'broken', 'import nothing_of_this_name')
+    env = {**os.environ, **stranger}
+    path = tmp_path / 'cloud.csv'
+    np.savetxt(path, scattered(), '%.17g', ',', header='x,y,z', comments='')
+    run(env, 'clean', path, '--chain', 'sor')
+    for words in (('--chain', 'broken'), ('--chain', 'sor', '--set', 'broken.limit=1')):
+        command = [*COMMAND, 'clean', str(path), *words]
+        done = subprocess.run(command, env=env, check=False, capture_output=True, text=True)
+        assert done.returncode == 1
+        assert done.stderr == (
+            'the detector broken of broken must be a declaration that can be imported, '
+            "got ModuleNotFoundError: No module named 'nothing_of_this_name'\n"
+        )
+
+
+def test_only_the_packages_own_are_here() -> None:
+    """In this environment nobody else has installed one."""
+    assert set(installed().detectors) == set(BITS)
+    assert installed().refused == {}
