@@ -96,7 +96,7 @@ class CloudTopic:
         def say(text: str) -> None:
             inform(f'{name}: {text}')
 
-        self._filter = Session(parameters, say, say, motion)
+        self._filter = Session(parameters, say, say, motion, compiles=chain is None)
         if chain is not None:
             self._filter.judge_by(chain)
         self._filter.wanted = (False, False)

@@ -37,12 +37,6 @@ REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
 MEGABYTE = 1e6
 
 
-class _NodeSession(Session):
-    """Its kernels become ready while the node subscribes already."""
-
-    compiles = False
-
-
 class Channel:
     """The way of one topic: its clouds come in, cleaned and outlier clouds go out.
 
@@ -61,7 +55,10 @@ class Channel:
         self._parameters = parameters
         self._motion = make_motion(node, parameters)
         self._compiler: Compiler | None = None
-        self._filter = _NodeSession(parameters, self._log_info, self._log_warning, self._motion)
+        # Its kernels become ready while the node subscribes already.
+        self._filter = Session(
+            parameters, self._log_info, self._log_warning, self._motion, compiles=False
+        )
         self._filter.refuse = self._log_refusal
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow

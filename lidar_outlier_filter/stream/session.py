@@ -70,6 +70,8 @@ class Session:
         lack.
     motion : PoseSource, optional
         With it clouds wait for their poses, too.
+    compiles : bool, optional
+        Whether kernels are made ready here; else they are ready before the first cloud is judged.
 
     Attributes
     ----------
@@ -92,16 +94,17 @@ class Session:
 
     """
 
-    compiles = True  # its kernels when it is made; else they must be ready before the first cloud
-
     def __init__(
         self,
         parameters: FilterParameters,
         inform: Callable[[str], object] = str,
         warn: Callable[[str], object] = str,
         motion: PoseSource | None = None,
+        *,
+        compiles: bool = True,
     ) -> None:
-        """Compile the kernels."""
+        """Compile the kernels, if it does."""
+        self._compiles = compiles
         self.statistics = Statistics()
         self.refuse: Callable[[CloudError], object] = str
         self.fail: Callable[[JudgingError], object] = str
@@ -120,7 +123,7 @@ class Session:
             self._moving = MovingStream(self._stream, motion, parameters, self.refused)
             self.statistics.poses = motion.refusals
         self._entrance = self._moving or self._stream
-        if self.compiles and not is_ready(parameters):
+        if compiles and not is_ready(parameters):
             make_ready(parameters)
         self._warn = warn
         self._slow: set[str] = set()  # detectors that took too long
@@ -266,7 +269,7 @@ class Session:
         chain = Chain(parameters)
         # What the old chain did not need is compiled before the next cloud.
         try:
-            if self.compiles or is_ready(parameters):
+            if self._compiles or is_ready(parameters):
                 chain.compile()
         except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
             self._failed(JudgingError(err))
