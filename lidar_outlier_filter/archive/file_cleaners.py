@@ -73,7 +73,7 @@ class Cleaners(Protocol):
         """Return what became of a file, whose outputs have their names now."""
 
 
-def clean_job(  # noqa: PLR0913  which file, how, three who want to know, and where
+def clean_job(  # noqa: PLR0913  which file, how, three callbacks, and who makes the files
     job: Job,
     wanted: Wanted,
     look: Callable[[JudgedFile], object] = bool,
