@@ -350,7 +350,7 @@ REFUSALS: list[tuple[type[FilterError], tuple[Any, dict[str, Any]], str]] = [
     (
         ParameterError,
         (XYZ, {'parameters': ['lof']}),
-        "the parameters must be a mapping as in {'lof.threshold': 1.5}, got ['lof']",
+        "the parameters must be a mapping as in {'max_points': 1000}, got ['lof']",
     ),
     (
         ParameterError,
