@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The way of a cloud without ROS: cloud filter, waiting for poses, motion."""
+"""Messages in, answers out, without ROS: sessions, motion, poses that are waited for, counts."""

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clouds in files, judged and written again."""
+"""Files of clouds, judged and written again, each with its log."""
