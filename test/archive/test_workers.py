@@ -71,18 +71,11 @@ def expected(drives: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     return made
 
 
-@pytest.fixture(scope='module')
-def started() -> Iterator[Workers]:
-    """Start three workers."""
+@pytest.fixture
+def three() -> Iterator[Workers]:
+    """Start three workers: of those that another test has killed, not all come back."""
     with local_workers(3) as workers:
         yield workers
-
-
-@pytest.fixture
-def three(started: Workers) -> Workers:
-    """Wait until all three are there: one that was killed is started anew."""
-    started.client.wait_for_workers(3)
-    return started
 
 
 def ignore(_step: Step) -> None:
