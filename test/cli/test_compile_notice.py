@@ -36,7 +36,7 @@ SAID = f'the kernels of sor are compiled, this once: about {seconds("sor")} s\n'
 @pytest.mark.slow
 def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
     """The second run compiles nothing, and says nothing of it."""
-    env = os.environ | fresh_copy(tmp_path, 'sor.*.nb?')
+    env = os.environ | fresh_copy(tmp_path, 'detector._average-*.nb?')
     file = tmp_path / 'cloud.csv'
     rows = (f'{n % 20},{n // 20},{n % 3 / 10}\n' for n in range(400))
     file.write_text('x,y,z\n' + ''.join(rows))

@@ -160,6 +160,8 @@ def test_a_node(env: dict[str, str], drives: Path, tmp_path: Path) -> None:
         node.wait_for('chain lonely')
         publishing.send('go')
         publishing.wait_for('published')
+        for _ in 2 * expected():
+            collecting.wait_for('received')
         node.signal(signal.SIGTERM)
         assert node.wait() == 0
         collecting.close()
