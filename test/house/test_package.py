@@ -10,20 +10,20 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from catkin_pkg.package import parse_package
+from helpers import ROOT
 
 import lidar_outlier_filter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 NAME = 'lidar_outlier_filter'
 LAB = 'lidar_outlier_lab'
-ROOT = Path(__file__).resolve().parents[2]
 FASTEST = 'alpha_beta_gamma'  # the chain that compiles fastest
 
 # Where the name of a module differs from its rosdep key and from its name on PyPI.

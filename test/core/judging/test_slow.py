@@ -107,7 +107,7 @@ def test_who_is_in_time_is_not_named() -> None:
 
 
 def test_what_is_said_raises(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An error of who is told ends nothing: the next one is watched as well."""
+    """An error of what is called with it ends nothing: the next one is watched as well."""
     raised = threading.Event()
     monkeypatch.setattr(threading, 'excepthook', lambda _: raised.set())
     points = Points(np.ones((1, 3)), np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, bool))
