@@ -292,6 +292,8 @@ def _serve(node: OutlierFilterNode, stop: threading.Event) -> None:
         while node.context.ok() and not stop.is_set():
             executor.spin_once(timeout_sec=SIGNAL_PERIOD)
     node.finish()
+    # First: threads of the middleware call an executor for what it serves.
+    executor.shutdown()
     node.destroy_node()
 
 

@@ -231,6 +231,7 @@ def _ros() -> Iterator[tuple[Node, SingleThreadedExecutor]]:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     yield node, executor
+    executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
 

@@ -124,6 +124,7 @@ class Watch:
         self.process.kill()
         self.process.wait()
         self._log.close()
+        self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown()
 
