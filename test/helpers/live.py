@@ -55,7 +55,7 @@ PROFILE = Path(__file__).parents[2] / 'config' / 'fastdds_large_clouds.xml'
 # to compile beside other work. A little less than the time-out of a test: that says where it was.
 PATIENCE = 540.0
 # The same for a cloud that is on its way between two that are connected: nothing is compiled.
-ARRIVAL = 120.0
+ARRIVAL = 240.0
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 BEST_EFFORT = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.BEST_EFFORT)
