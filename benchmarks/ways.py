@@ -33,12 +33,11 @@ from lidar_outlier_lab.results.markdown import NOTHING, put, table
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from numpy.typing import NDArray
     from ways_clouds import Stretch
 
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.core.points.points import Points
 
-    Bools = NDArray[np.bool_]
     Judge = Callable[[Points], Bools | None]
 
 COMMAND = 'benchmarks/ways.py --write'

@@ -30,11 +30,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Floats
     from lidar_outlier_lab.simulation.world.drive import Drive, Returns
     from lidar_outlier_lab.simulation.world.trajectory import Path as Way
-
-    Floats = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
 
 AWAY = (300.0, -120.0, 8.0)  # m: where the simulated streets are in their frame
 TURNS = 2  # of each simulated street

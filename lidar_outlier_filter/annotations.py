@@ -7,16 +7,24 @@ Imported for types only.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Single = np.float32
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Index = NDArray[np.int32]  # of rows, where many are kept
 Bools = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+Words = NDArray[np.uint32]
+Reals = NDArray[np.floating]  # of either precision
 Rows = NDArray[np.void]  # of a structured array
+Columns = Mapping[str, NDArray[Any]]  # of a file; masked where a whole number is missing
+Triple = tuple[float, float, float]
 
+Allocate = Callable[[tuple[int, ...]], Floats]  # an array of a shape, in memory or in a file
 Progress = Callable[[int, int, str], object]  # so many of so many are done, and of what; may leave

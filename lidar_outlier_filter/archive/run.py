@@ -30,7 +30,7 @@ from lidar_outlier_filter.errors import (
     SchedulerError,
     said_by,
 )
-from lidar_outlier_filter.recordings.message_times import gaps_in
+from lidar_outlier_filter.recordings.message_times import count_times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -156,7 +156,7 @@ class _Times:
 
     def gaps(self, topic: str) -> int:
         """Count where clouds are missing; pieces of a recording come in any order."""
-        return len(gaps_in(sorted(self._times.get(topic, [])))[1])
+        return count_times(sorted(self._times.get(topic, []))).gaps
 
 
 def _counted(report: ReplayReport, times: _Times) -> dict[str, Any]:

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.archive.step import Step
 
-    Show = Callable[[Step], None]
+    ShowStep = Callable[[Step], None]
 
 MINUTE, HOUR = 60, 3600
 
 
 @contextmanager
-def progress_of_all(text: str) -> Iterator[tuple[Show, Callable[[], None]]]:
+def progress_of_all(text: str) -> Iterator[tuple[ShowStep, Callable[[], None]]]:
     """Give what shows a step, and what leaves if SIGINT or SIGTERM has come."""
     from rich.console import Console
 
@@ -39,7 +39,7 @@ def progress_of_all(text: str) -> Iterator[tuple[Show, Callable[[], None]]]:
             yield _lines(text), leave_if_asked
 
 
-def _lines(text: str) -> Show:
+def _lines(text: str) -> ShowStep:
     """Write a line at the first step of each recording, and one in ``LINE_PERIOD`` within one."""
     began, due, number = monotonic(), 0.0, 0
 
@@ -56,7 +56,7 @@ def _lines(text: str) -> Show:
 
 
 @contextmanager
-def _bars(console: Console, text: str) -> Iterator[Show]:
+def _bars(console: Console, text: str) -> Iterator[ShowStep]:
     """Show a bar for all recordings, and one for the recording that is written."""
     from rich.progress import Progress
 

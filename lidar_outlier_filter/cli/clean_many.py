@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
     from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
 
-    Look = Callable[[JudgedFile], object]
+    Watch = Callable[[JudgedFile], object]
 
 PARTS = ('reading', 'judging', 'writing')  # of the work on a file
 
@@ -36,7 +36,7 @@ def clean_many(  # noqa: PLR0913  which files, how, where to, and by whom
     wanted: Wanted,
     folder: Path | None,
     by: int | str,
-    look: Look,
+    look: Watch,
     *,
     resume: bool,
 ) -> list[Result]:
@@ -123,7 +123,7 @@ def _threads(count: int, progress: _ManyFilesProgress) -> Iterator[Cleaners]:
 
 
 @contextmanager
-def _workers(address: str, wanted: Wanted, look: Look, hidden: Path | None) -> Iterator[Cleaners]:
+def _workers(address: str, wanted: Wanted, look: Watch, hidden: Path | None) -> Iterator[Cleaners]:
     from lidar_outlier_filter.archive.file_workers import WorkersThatClean
     from lidar_outlier_filter.archive.workers import cluster_workers
 
@@ -143,7 +143,7 @@ class _ManyFilesProgress:
         jobs: Sequence[Job],
         wanted: Wanted,
         leave_if_asked: Callable[[], None],
-        look: Look,
+        look: Watch,
     ) -> None:
         self._wanted, self._look = wanted, look
         self._sizes = {job.path: _size(job.path) for job in jobs}

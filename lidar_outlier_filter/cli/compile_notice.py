@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 PACKAGE = 'lidar_outlier_filter'
-COMMANDS = f'{PACKAGE}.commands'  # of entry points: others that have kernels
+COMMAND_GROUP = f'{PACKAGE}.commands'  # the group of entry points by which others add commands
 
 
 def say_what_is_compiled() -> None:
@@ -59,4 +59,4 @@ def _sentence(module: str) -> str:
 @cache
 def _others() -> frozenset[str]:
     """Name the packages that add commands."""
-    return frozenset(one.module.partition('.')[0] for one in entry_points(group=COMMANDS))
+    return frozenset(one.module.partition('.')[0] for one in entry_points(group=COMMAND_GROUP))

@@ -16,11 +16,10 @@ from lidar_outlier_filter.errors import FilterError, RecordingError
 if TYPE_CHECKING:
     import argparse
 
+    from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.evaluation.judged import Judged
     from lidar_outlier_filter.evaluation.labels import Codes
     from lidar_outlier_filter.evaluation.report import Evaluation
-
-    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
 
 NUMBERS, ROC, PRECISION_RECALL = 'evaluation.json', 'roc', 'precision_recall'
 
@@ -178,7 +177,7 @@ def _read(options: argparse.Namespace) -> tuple[Judged, Codes]:
     if len(files) > 1:
         raise RecordingError('the labels of one file', 'one file', f'{len(files)} files')
     truth = files[0] if files else options.verdicts
-    columns = judged.Columns(options.label, options.score, options.verdict, options.threshold)
+    columns = judged.ColumnNames(options.label, options.score, options.verdict, options.threshold)
     return judged.read_files(options.verdicts, truth, codes, columns), codes
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.clean import add_clean
 from lidar_outlier_filter.cli.compile import add_compile
+from lidar_outlier_filter.cli.compile_notice import COMMAND_GROUP
 from lidar_outlier_filter.cli.evaluate import add_evaluate
 from lidar_outlier_filter.cli.info import add_info
 from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from lidar_outlier_filter.cli.terminal import Commands
-
-GROUP = 'lidar_outlier_filter.commands'  # of entry points: functions that add a command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -84,7 +83,7 @@ def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
     known = list(COMMANDS.values())
     if words and words[0] in COMMANDS:
         return known
-    found = sorted(entry_points(group=GROUP), key=lambda one: one.name)
+    found = sorted(entry_points(group=COMMAND_GROUP), key=lambda one: one.name)
     return known + [one.load() for one in found]
 
 

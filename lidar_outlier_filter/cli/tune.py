@@ -24,12 +24,11 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
+    from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.inject import Injection
     from lidar_outlier_filter.tuning.search import Tuned
     from lidar_outlier_filter.tuning.training import Training
-
-    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
 
 FOLDS = 5
 

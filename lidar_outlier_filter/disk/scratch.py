@@ -16,12 +16,12 @@ from lidar_outlier_filter.disk.hidden_folder import hidden_folder
 from lidar_outlier_filter.errors import CloudError, ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    Allocate = Callable[[tuple[int, ...]], NDArray[np.float64]]
+    from lidar_outlier_filter.annotations import Allocate
 
 
 @contextmanager

@@ -239,7 +239,7 @@ def _with_truth(points: Judged, codes: Codes) -> Judged:
 
 
 @dataclass(frozen=True)
-class Columns:
+class ColumnNames:
     """Which columns of files hold truth and verdict; empty: the usual ones that are there.
 
     Attributes
@@ -259,7 +259,7 @@ class Columns:
 
 
 def read_files(
-    verdicts: Path, truth: Path, codes: Codes = ALL_BUT_0, columns: Columns | None = None
+    verdicts: Path, truth: Path, codes: Codes = ALL_BUT_0, columns: ColumnNames | None = None
 ) -> Judged:
     """Read scores or verdicts, and labels: one for each point.
 
@@ -276,7 +276,7 @@ def read_files(
         If a file cannot be read, the two do not fit, or truth and verdict are one column.
 
     """
-    columns = columns or Columns()
+    columns = columns or ColumnNames()
     names = column_names(verdicts)
     label = columns.label or usual_column(truth, (CLASSIFICATION, LABEL))
     score = columns.score or (SCORE if SCORE in names else '')

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.core.points.points import SECOND
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 GAP = 2.0  # usual distances of two messages, from which on some are missing between them
 _BINS = 1400  # of the distances, for each factor of 2: twice a distance is so many bins on
@@ -65,9 +65,11 @@ class MessageTimes:
         longest = self._longest_bin()
         return sum(count for number, count in self._distances.items() if number > longest)
 
-    def is_gap(self, distance: int) -> bool:
-        """Return whether messages are missing where two are so many ns apart."""
-        return _bin(distance) > self._longest_bin()
+    def gaps_in(self, times: Sequence[int]) -> list[tuple[int, int]]:
+        """Return the gaps of times that were counted: that of the last before, and how long, ns."""
+        longest = self._longest_bin()
+        apart = ((before, after - before) for before, after in pairwise(times))
+        return [(before, distance) for before, distance in apart if _bin(distance) > longest]
 
     def _usual_bin(self) -> int | None:
         """Return the bin of the median distance; None of less than two messages."""
@@ -88,20 +90,9 @@ def _bin(distance: int) -> int:
     return round(_BINS * math.log2(distance)) if distance > 0 else -1
 
 
-def gaps_in(times: Sequence[int]) -> tuple[MessageTimes, list[tuple[int, int]]]:
-    """Find where messages are missing: the times of the last ones before, and how long, ns.
-
-    Parameters
-    ----------
-    times : of the messages of a topic, ns, in their order
-
-    Returns
-    -------
-    what is counted of them, and the gaps, as many as are counted
-
-    """
+def count_times(times: Iterable[int]) -> MessageTimes:
+    """Count the times of a topic's messages, ns, in their order."""
     found = MessageTimes()
     for time in times:
         found.add(time)
-    apart = ((before, after - before) for before, after in pairwise(times))
-    return found, [(before, distance) for before, distance in apart if found.is_gap(distance)]
+    return found

@@ -100,7 +100,7 @@ class RecordedClouds:
         motion = _SeeingOdometry(parameters) if self._with_eyes else None
 
         def take(cloud: StreamCloud, msg: Any, number: int) -> None:
-            eye = None if motion is None else motion.eyes.pop(id(cloud.points.t), None)
+            eye = None if motion is None else motion.taken(cloud.points)
             taken.append(RecordedCloud(cloud, msg, number, eye))
 
         with Recording(self._recording) as source:
@@ -136,7 +136,13 @@ class _SeeingOdometry(Odometry):
 
     def __init__(self, parameters: FilterParameters) -> None:
         super().__init__(parameters)
-        self.eyes: dict[int, Floats] = {}  # by the array of the times of the points
+        # By the identity of the points' array of times, which is kept, so that no other has it.
+        self._eyes: dict[int, tuple[NDArray[np.int64], Floats]] = {}
+
+    def taken(self, points: Points) -> Floats | None:
+        """Return, once, where the sensor was for points that were moved; None for others."""
+        _, eye = self._eyes.pop(id(points.t), (None, None))
+        return eye
 
     def move(self, points: Points, frame: str) -> tuple[Points, NDArray[np.bool_]]:
         moved, known = super().move(points, frame)
@@ -145,7 +151,7 @@ class _SeeingOdometry(Odometry):
             for k, position in enumerate((np.zeros(3), *np.eye(3))):
                 xyz = np.tile(position, (len(points), 1))
                 eye[:, k] = super().move(replace(points, xyz=xyz, own=None), frame)[0].xyz
-            self.eyes[id(moved.t)] = eye
+            self._eyes[id(moved.t)] = moved.t, eye
         return moved, known
 
 

@@ -36,6 +36,7 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
     """Collect all that is not in the buffers."""
     found, tally = gathered.found, gathered.tally
     sections = split(frames)
+    period, gaps = found.period_and_gaps()
     return {
         'version': __version__,
         'name': gathered.name,
@@ -49,9 +50,9 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'unmoved': found.unmoved,
         'moved': found.moved,
         'convention': found.convention,
-        'period': None if math.isnan(found.period) else found.period,
+        'period': None if math.isnan(period) else period,
         'seconds': (found.span[1] - found.span[0]) / SECOND if found.span else None,
-        'gaps': [list(gap) for gap in found.gaps],
+        'gaps': [list(gap) for gap in gaps],
         'chain': list(gathered.parameters.chain),
         'ways': list(gathered.ways),
         'hasFrames': gathered.has_frames,

@@ -25,10 +25,9 @@ from lidar_outlier_filter.report.sliders import BITS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Words
     from lidar_outlier_filter.report.frames import Frames
     from lidar_outlier_filter.report.gather import Gathered
-
-    Words = NDArray[np.uint32]
 
 WORDS = 4
 STEPS = (1 << 21) - 1  # of a box, on each axis

@@ -18,7 +18,7 @@ from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_c
 from lidar_outlier_filter.files.cleaning import points as columns
 from lidar_outlier_filter.files.cloud_file import open_cloud, read
 from lidar_outlier_filter.messages.cloud import structured
-from lidar_outlier_filter.recordings.message_times import gaps_in
+from lidar_outlier_filter.recordings.message_times import count_times
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 
 if TYPE_CHECKING:
@@ -92,19 +92,18 @@ class SourceFacts:
         if len(cloud.points):
             self.span = (self.span[0] if self.span else cloud.first, cloud.last)
 
-    @property
-    def period(self) -> float:
-        """Usual time from cloud to cloud, seconds; NaN of less than two."""
-        return gaps_in(self.times)[0].usual
+    def period_and_gaps(self) -> tuple[float, list[tuple[float, float]]]:
+        """Return the usual time from cloud to cloud, s, and when clouds are missing for how long.
 
-    @property
-    def gaps(self) -> list[tuple[float, float]]:
-        """When clouds are missing, and for how long: seconds after the first, the longest first."""
+        The time is NaN of less than two clouds. Gaps are in seconds, after the first cloud; the
+        longest come first.
+        """
+        counted = count_times(self.times)
         gaps = [
             ((time - self.times[0]) / SECOND, distance / SECOND)
-            for time, distance in gaps_in(self.times)[1]
+            for time, distance in counted.gaps_in(self.times)
         ]
-        return sorted(gaps, key=lambda gap: -gap[1])[:MOST_GAPS]
+        return counted.usual, sorted(gaps, key=lambda gap: -gap[1])[:MOST_GAPS]
 
 
 class Source(Protocol):

@@ -25,13 +25,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Bools, Floats, Ints, Progress
-    from lidar_outlier_filter.core.detectors.dials import Threshold
+    from lidar_outlier_filter.core.detectors.dials import Threshold, Values
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.dials import Search
     from lidar_outlier_filter.tuning.training import Training
-
-    Levels = NDArray[np.uint16]
-    Values = Mapping[str, object]
 
 F1, AUC = 'f1', 'auc'
 ROUNDS = 5  # over all detectors, or until nothing changes
@@ -76,7 +73,7 @@ class Choice:
     value: int
 
 
-def levels(threshold: Threshold, statistic: NDArray[np.floating]) -> Levels:
+def levels(threshold: Threshold, statistic: NDArray[np.floating]) -> NDArray[np.uint16]:
     """Count for each point the values of a threshold that reject it: those before this number.
 
     Points are rejected by the value v where their level is larger than v; untested ones never.
@@ -115,7 +112,7 @@ class Model:
         self._data, self._goal = data, goal
         self._searches = {search.detector: search for search in searches}
         self._needed = max(parameters.vote, 1)
-        self._levels: dict[tuple[str, int], Levels] = {}
+        self._levels: dict[tuple[str, int], NDArray[np.uint16]] = {}
         self._statistics: dict[tuple[str, int], NDArray[np.float32]] = {}
         usual = {item.name: item.default for item in describe()}
         total = sum(len(search.settings) for search in searches)
@@ -134,7 +131,11 @@ class Model:
                     self._statistics[search.detector, number] = statistic.astype(np.float32)
 
     def sweep(
-        self, level: Levels, most: int, points: Bools, others: NDArray[np.unsignedinteger]
+        self,
+        level: NDArray[np.uint16],
+        most: int,
+        points: Bools,
+        others: NDArray[np.unsignedinteger],
     ) -> Floats:
         """Say what each value of a threshold is worth, and last, what it is worth to be off.
 
@@ -153,7 +154,7 @@ class Model:
 
     def _sweep(
         self,
-        level: Levels,
+        level: NDArray[np.uint16],
         most: int,
         points: Bools,
         others: NDArray[np.unsignedinteger],

@@ -29,12 +29,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Bools, Ints, Progress
+    from lidar_outlier_filter.core.detectors.dials import Values
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.dials import Search
     from lidar_outlier_filter.tuning.training import Training
-
-    Values = Mapping[str, object]
 
 HELD = 8  # verdicts that are kept in memory
 FEWEST_FOLDS = 2

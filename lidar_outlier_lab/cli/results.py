@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.cli.terminal import Commands
 
-    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
     # Takes the folder for pictures; returns the text of each of its parts of the page, by its name.
-    Section = Callable[[argparse.Namespace, Path, Progress], dict[str, str]]
+    WriteSection = Callable[[argparse.Namespace, Path, Progress], dict[str, str]]
 
 PAGE = Path('doc/results.md')
 DATA = Path('../shared/data')
@@ -174,7 +174,7 @@ def _tuner(options: argparse.Namespace, _pictures: Path, progress: Progress) -> 
     return {'tuner': section(preset, (LEARNT, options.seeds[0]), progress, chains)}
 
 
-SECTIONS: dict[str, Section] = {
+SECTIONS: dict[str, WriteSection] = {
     'contest': _contest,
     'failures': _failures,
     'neighbours': _neighbours,

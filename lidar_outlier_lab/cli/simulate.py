@@ -31,10 +31,9 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
+    from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.messages.truth import Cause
     from lidar_outlier_lab.simulation.world.recording import Cloud
-
-    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
 
 STEPS = 1000  # of the bar
 

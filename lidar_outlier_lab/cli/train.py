@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
 
     _Trained = tuple[str, float, list[Table]]  # the file, its threshold, and its figures
-    Commands = argparse._SubParsersAction[argparse.ArgumentParser]  # noqa: SLF001  it has no other name
 
 DATA = Path('../shared/data')
 OUTPUT, PROFILE_OUTPUT = Path('pattern_model.json'), Path('profile_model.json')

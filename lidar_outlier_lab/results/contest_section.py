@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.results.contest import Record, Standings
     from lidar_outlier_lab.results.contestants import Contestant
 
-    Entry = tuple[str, int, Sequence[Contestant]]
+    Contest = tuple[str, int, Sequence[Contestant]]
 
 
-def entries(presets: Sequence[str], seeds: Sequence[int], full: int) -> list[Entry]:
+def entries(presets: Sequence[str], seeds: Sequence[int], full: int) -> list[Contest]:
     """Say who judges what.
 
     Parameters

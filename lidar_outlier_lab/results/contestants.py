@@ -19,10 +19,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools
+    from lidar_outlier_filter.annotations import Bools, Reals
     from lidar_outlier_lab.results.samples import Sample
 
-    Reals = NDArray[np.floating]
     Judge = Callable[[NDArray[np.float64]], 'Judgement']
 
 DEFAULT = 'default'

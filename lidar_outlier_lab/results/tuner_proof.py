@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.tuning.training import Training
 
-    Wanted = Mapping[str, Sequence[object]]
+    Asked = Mapping[str, Sequence[object]]
 
 # Windows that see nothing but what is far, thresholds that reject nearly all or nearly nothing.
 BAD_START: Mapping[str, object] = {
@@ -38,7 +38,7 @@ BAD_START: Mapping[str, object] = {
     'sor.k': 70,
     'sor.multiplier': 30.0,
 }
-WANTED: Wanted = {
+WANTED: Asked = {
     'alpha_beta_gamma.before': (3, 5),
     'alpha_beta_gamma.after': (3, 5),
     'alpha_beta_gamma.order': (1,),
@@ -73,7 +73,7 @@ def prove(  # noqa: PLR0913  all that it depends on
     learnt: Training,
     unseen: Training,
     start: FilterParameters,
-    wanted: Wanted,
+    wanted: Asked,
     every: int = EVERY,
     progress: Progress = lambda _done, _total, _what: None,
 ) -> Proof:

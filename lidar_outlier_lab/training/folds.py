@@ -14,14 +14,9 @@ from lidar_outlier_lab.training.learner import learn
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Ints, Singles
     from lidar_outlier_filter.core.detectors.evidence.trees import Trees
     from lidar_outlier_lab.training.learner import Drawn
-
-    Singles = NDArray[np.float32]
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 Result = TypeVar('Result')
 

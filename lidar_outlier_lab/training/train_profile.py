@@ -45,18 +45,14 @@ from lidar_outlier_lab.training.learner import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Ints, Progress, Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
     from lidar_outlier_filter.core.detectors.evidence.trees import Trees
     from lidar_outlier_lab.simulation.world.drive import Drive
-
-    Singles = NDArray[np.float32]
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Progress = Callable[[int, int, str], object]
 
 STREETS = 64
 FOLDS = 3  # of streets

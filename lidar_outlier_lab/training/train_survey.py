@@ -39,17 +39,13 @@ from lidar_outlier_lab.training.folds import learn_in_folds, least_limit, lost_s
 from lidar_outlier_lab.training.learner import Drawn, Trained
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats, Ints, Progress, Singles
     from lidar_outlier_filter.core.detectors.evidence.trees import Trees
     from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene
-
-    Singles = NDArray[np.float32]
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Progress = Callable[[int, int, str], object]
 
 SCENES = 90
 FOLDS = 3  # of scenes

@@ -16,17 +16,17 @@ from lidar_outlier_filter.evaluation.curves import curve
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.floating]
+    from lidar_outlier_filter.annotations import Reals
 
 KINDS = ('different', 'ties', 'untested', 'all equal', 'all untested', 'float32', 'infinite')
 
 
-def scores(kind: str, seed: int, count: int = 500) -> tuple[NDArray[np.bool_], Floats]:
+def scores(kind: str, seed: int, count: int = 500) -> tuple[NDArray[np.bool_], Reals]:
     """Make truth and scores that say something, but not all."""
     rng = np.random.default_rng(seed)
     bad = rng.random(count) < 0.1
     bad[:2] = True, False
-    score: Floats = rng.lognormal(0, 1, count) + 2 * bad * rng.random(count)
+    score: Reals = rng.lognormal(0, 1, count) + 2 * bad * rng.random(count)
     if kind == 'ties':
         score = np.round(score)
     if kind == 'untested':
@@ -41,7 +41,7 @@ def scores(kind: str, seed: int, count: int = 500) -> tuple[NDArray[np.bool_], F
     return bad, score
 
 
-def finite(score: Floats) -> Floats:
+def finite(score: Reals) -> Reals:
     """Write scores so that scikit-learn takes them: one lowest value, one highest."""
     lowered = np.where(np.isnan(score), -1.0, score)
     return np.where(np.isinf(lowered), 1e30, lowered)

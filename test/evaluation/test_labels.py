@@ -13,7 +13,7 @@ import pytest
 from pyarrow import csv, parquet
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.judged import Columns, read_files
+from lidar_outlier_filter.evaluation.judged import ColumnNames, read_files
 from lidar_outlier_filter.evaluation.labels import (
     ALL_BUT_0,
     USUAL_CODES,
@@ -163,7 +163,7 @@ def test_scores_and_labels(tmp_path: Path) -> None:
     np.testing.assert_array_equal(points.index, np.arange(6))
     np.testing.assert_array_equal(points.score, SCORE)
     assert points.detectors is None
-    points = read_files(*pair, columns=Columns(threshold=0.25))
+    points = read_files(*pair, columns=ColumnNames(threshold=0.25))
     np.testing.assert_array_equal(points.rejected, [1, 1, 1, 0, 1, 0])
 
 
@@ -191,10 +191,10 @@ def test_what_clean_wrote_in_tables(tmp_path: Path) -> None:
     np.testing.assert_array_equal(points.detectors, columns['outlier_detectors'])
     np.testing.assert_array_equal(points.score, columns['outlier_score'])
     # Asked for, the score decides.
-    for asked in (Columns(score='outlier_score'), Columns(threshold=1.0)):
+    for asked in (ColumnNames(score='outlier_score'), ColumnNames(threshold=1.0)):
         points = read_files(path, path, columns=asked)
         np.testing.assert_array_equal(points.rejected, [0, 1, 1, 0, 1, 0])
-    points = read_files(path, path, columns=Columns(verdict='outlier_detectors'))
+    points = read_files(path, path, columns=ColumnNames(verdict='outlier_detectors'))
     np.testing.assert_array_equal(points.rejected, [0, 1, 1, 0, 1, 0])
 
 
@@ -215,7 +215,7 @@ def test_refused_pairs(tmp_path: Path) -> None:
     with pytest.raises(FilterError, match='must be with classification or label, got x'):
         read_files(cloud, plain)
     with pytest.raises(FilterError, match='must be with outlier_score, got x'):
-        read_files(plain, cloud, columns=Columns(threshold=2.0))
+        read_files(plain, cloud, columns=ColumnNames(threshold=2.0))
 
 
 def test_real_labelled_cloud(recordings: Path) -> None:

@@ -13,9 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import PointCloud2, PointField
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Rows = NDArray[np.void]
+    from lidar_outlier_filter.annotations import Rows
 
 SECOND = 1_000_000_000
 STAMP = 1_700_000_000 * SECOND  # nanoseconds

@@ -7,7 +7,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.detectors.evidence.pattern.profile_groups import (
     find_groups,
@@ -17,10 +16,10 @@ from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pa
 from lidar_outlier_filter.core.points.points import Points
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
-
-
-Floats = NDArray[np.float64]
 
 PERIOD = 5_000_000  # nanoseconds of a line
 AXES = np.array([[0.6, 0.8, 0.0], [0.16, -0.12, 0.98]])  # of the scan plane: level, and nearly up

@@ -13,10 +13,9 @@ from scipy.spatial.transform import Rotation
 from helpers.clouds import SECOND, STAMP, cloud
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from sensor_msgs.msg import PointCloud2
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
 
 MAP = np.array([4e5, 5e6, 100.0])  # where the street is
 LINES, SHOTS = 100, 720  # a second; a line

@@ -11,10 +11,7 @@ import numpy as np
 from lidar_outlier_filter.core.points.points import Points
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
+    from lidar_outlier_filter.annotations import Bools, Floats
 
 
 def points_of(xyz: Floats, t: Any, line: Any) -> Points:

@@ -13,9 +13,8 @@ from lidar_outlier_filter.core.points.points import Points
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats
 
-    Floats = NDArray[np.float64]
     Rng = np.random.Generator
 
 GRID = 1024.0  # parts of a metre: coordinates that are whole in them are exact in any map

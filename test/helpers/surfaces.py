@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
     Rng = np.random.Generator
     Surface = tuple[Floats, Floats]  # points and normals, (n, 3) each
 

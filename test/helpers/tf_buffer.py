@@ -18,12 +18,10 @@ from lidar_outlier_filter.ros.tf import Tf
 
 if TYPE_CHECKING:
     import pytest
-    from numpy.typing import NDArray
     from rclpy.node import Node
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Floats = NDArray[np.float64]
 
 
 class UnknownTransformError(Exception):

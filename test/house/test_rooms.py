@@ -188,6 +188,28 @@ def test_no_class_name_twice() -> None:
     assert not {name: where for name, where in found.items() if len(where) > 1}
 
 
+def type_aliases(module: Module) -> Iterator[tuple[str, str]]:
+    """Give the names that a module has for types of its annotations, and what they stand for."""
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING':
+            aliases = [one for one in node.body if isinstance(one, ast.Assign)]
+            yield from ((ast.unparse(one.targets[0]), ast.unparse(one.value)) for one in aliases)
+
+
+def test_no_alias_of_a_type_twice() -> None:
+    """A name of a type means one thing; those of arrays are in ``annotations``."""
+    found = defaultdict(list)
+    for module in modules().values():
+        classes = (node.name for node in definitions(module) if isinstance(node, ast.ClassDef))
+        for name in classes:
+            found[name].append(module.name)
+        for name, meaning in type_aliases(module):
+            found[name].append(module.name)
+            if meaning.startswith('NDArray['):
+                found[name].append(f'{PACKAGE}.annotations')
+    assert not {name: where for name, where in found.items() if len(where) > 1}
+
+
 def test_nothing_is_left_to_others() -> None:
     """No method only raises NotImplementedError."""
     wrong = [

@@ -23,8 +23,7 @@ from lidar_outlier_filter.stream.session import Session
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from helpers.clouds import Rows
-
+    from lidar_outlier_filter.annotations import Rows
     from lidar_outlier_filter.stream.session import Answer
 
 SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002, 'chain': ['alpha_beta_gamma']}

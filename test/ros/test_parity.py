@@ -29,9 +29,7 @@ from lidar_outlier_filter.messages.cloud import structured
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
 
 
 def first_sweep(path: Path) -> Floats:

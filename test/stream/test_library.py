@@ -27,11 +27,10 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from helpers.clouds import Rows
     from numpy.typing import NDArray
     from sensor_msgs.msg import PointCloud2
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats, Rows
 
 # Recorded clouds carry them: they never change.
 BITS = {

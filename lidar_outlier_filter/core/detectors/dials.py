@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.floating]
-    ScoreOf = Callable[[Mapping[str, object]], Floats]
-    Statistic = Callable[[ScoreOf, float], Floats]
+    from lidar_outlier_filter.annotations import Reals
+
+    ScoreOf = Callable[[Mapping[str, object]], Reals]
+    Statistic = Callable[[ScoreOf, float], Reals]
 
 Values = Mapping[str, object]  # of parameters, by their names
 Dial = tuple[Values, ...]  # settings that exclude each other
@@ -66,7 +67,7 @@ def decades(low: int, high: int) -> list[float]:
 def scaled(name: str, values: Iterable[float], critical: Callable[[float], float]) -> Threshold:
     """Make a threshold whose critical value divides the score."""
 
-    def statistic(score_of: ScoreOf, near: float) -> Floats:
+    def statistic(score_of: ScoreOf, near: float) -> Reals:
         # In double precision: the critical value of a wild threshold may be beyond float32.
         return score_of({name: near}).astype(np.float64) * critical(near)
 

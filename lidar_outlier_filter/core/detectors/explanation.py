@@ -10,14 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools, Singles
     from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Bools = NDArray[np.bool_]
-    Singles = NDArray[np.float32]
 
 
 class ReasonName(NamedTuple):

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.errors import JudgingError
 
-    Indices = NDArray[np.intp]
-
 BEGINNING = -(2**62)  # before any time, nanoseconds
 END = 2**62
 
@@ -85,7 +83,9 @@ class StreamCloud:
             return slice(None)
         return between(self.points.t, begin, end, is_sorted=self.is_sorted)
 
-    def in_frames(self, index: slice | NDArray[np.intp]) -> list[tuple[str, Points, Indices]]:
+    def in_frames(
+        self, index: slice | NDArray[np.intp]
+    ) -> list[tuple[str, Points, NDArray[np.intp]]]:
         """Choose valid points; return them by frame, and which of those chosen they are."""
         points = self.points.take(index)
         indices = np.arange(len(points))

@@ -43,16 +43,10 @@ from lidar_outlier_filter.errors import CloudError, ParameterError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Allocate, Bools, Floats, Ints
     from lidar_outlier_filter.core.detectors.declaration import Detector
     from lidar_outlier_filter.core.judging.slow import SaySlow
-    from lidar_outlier_filter.core.judging.tiles import Allocate
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Bools = NDArray[np.bool_]
 
 HALO = 0.1  # of the side of a tile; of what is measured only the time depends on it
 WIDEST = 4  # halo, in sides of a tile

@@ -14,14 +14,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Bools = NDArray[np.bool_]
-    Allocate = Callable[[tuple[int, ...]], Floats]
+    from lidar_outlier_filter.annotations import Allocate, Bools, Floats, Ints
 
 CHUNK = 500_000  # points in memory at once
 PAIRS = 20_000_000  # of a query and a tile, at once

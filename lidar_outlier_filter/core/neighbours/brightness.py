@@ -15,10 +15,7 @@ import numpy as np
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Ints = NDArray[np.int64]
-    Singles = NDArray[np.float32]
+    from lidar_outlier_filter.annotations import Ints, Singles
 
 # Metres. Two to an octave, which single precision holds exactly.
 EDGES = np.array([s * 2.0**k for k in range(-1, 8) for s in (1.0, 1.5)], np.float32)

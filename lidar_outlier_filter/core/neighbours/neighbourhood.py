@@ -16,12 +16,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Bools = NDArray[np.bool_]
-    Index = NDArray[np.int32]
+    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints
 
 __all__ = ['Nearest', 'Neighbourhood', 'Tree']
 

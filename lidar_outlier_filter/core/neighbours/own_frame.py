@@ -26,12 +26,8 @@ from lidar_outlier_filter.core.points.scan_lines import (
 )
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 SAMPLES = 64  # points of a ring that show where the sensor was
 FEWEST, RINGS = 32, 4  # points of a ring, and rings, fewer show nothing

@@ -15,11 +15,8 @@ from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats, Ints, Singles
     from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Singles = NDArray[np.float32]
 
 STRETCH = 24  # cells on either side of a point: nothing looks farther along a line
 PAD = LANES + STRETCH  # cells: as many as are looked at side by side, and what these look at

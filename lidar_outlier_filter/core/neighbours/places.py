@@ -12,12 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 
 class Places(NamedTuple):

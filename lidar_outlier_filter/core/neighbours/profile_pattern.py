@@ -38,13 +38,8 @@ from lidar_outlier_filter.core.points.scan_lines import (
 )
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Ints, Singles
     from lidar_outlier_filter.core.points.points import Points
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Singles = NDArray[np.float32]
 
 FEWEST_LINES = 2
 SAMPLES = 64  # returns of a line that show where the scanner is

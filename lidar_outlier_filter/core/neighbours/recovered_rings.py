@@ -22,10 +22,8 @@ from lidar_outlier_filter.core.points.scan_lines import line_starts
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 LEAST_RINGS, MOST_RINGS = 8, 160  # of a sensor: there are some with 8, and none above 128
 MOST_POINTS = 2_000_000  # of a turn: two returns of 128 rings, a shot each 0.1°, are half of that

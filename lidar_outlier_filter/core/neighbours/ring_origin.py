@@ -17,9 +17,7 @@ from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.scan_pattern import arctangent
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
 
 FARTHEST = 6  # steps of the first search, each way
 STEP = 0.02  # metres

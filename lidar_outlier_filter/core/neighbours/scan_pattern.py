@@ -32,13 +32,8 @@ from lidar_outlier_filter.core.neighbours.sorted_lines import (
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Ints, Singles
     from lidar_outlier_filter.core.points.points import Points
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Singles = NDArray[np.float32]
 
 TURN = 2.0 * np.pi
 BESIDE_EACH = 2  # rings beside each, below and above

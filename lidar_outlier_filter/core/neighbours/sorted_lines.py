@@ -11,11 +11,7 @@ import numpy as np
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Singles = NDArray[np.float32]
+    from lidar_outlier_filter.annotations import Floats, Ints, Singles
 
 MOST_MOVES = 16  # for each return of a line, one by one; beyond, the line is merged
 SAME_SHOT = 2e-5  # rad: nearer than that, two returns of a ring are of one beam

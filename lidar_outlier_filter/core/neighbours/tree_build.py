@@ -19,9 +19,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, medi
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Index = NDArray[np.int32]
+    from lidar_outlier_filter.annotations import Floats, Index, Ints
 
 LEAF = 24  # points
 SUBTREE = 1 << 15  # points that are sorted at one go, by one thread in its own cache

@@ -31,15 +31,9 @@ from lidar_outlier_filter.core.neighbours.tree_build import LEAF
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, make_buffers, push, seen
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
-    from lidar_outlier_filter.core.neighbours.tree_steps import Box, Buffers
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Bools = NDArray[np.bool_]
-    Index = NDArray[np.int32]
+    from lidar_outlier_filter.core.neighbours.tree_steps import Bounds, Buffers
 
 # What to expect of the next leaf: the mean distance of the k-th neighbours in the last one, times
 # this; and of the next point: the last one's, times that.
@@ -245,7 +239,7 @@ def _round(
 
 
 @inner_kernel
-def _around(xyz: Floats, queries: Ints, count: int) -> Box:
+def _around(xyz: Floats, queries: Ints, count: int) -> Bounds:
     """Return the box around some points."""
     x0 = y0 = z0 = np.inf
     x1 = y1 = z1 = -np.inf
@@ -258,7 +252,7 @@ def _around(xyz: Floats, queries: Ints, count: int) -> Box:
 
 @inner_kernel
 def _collect(
-    xyz: Floats, tree: Tree, home: int, box: Box, reach: float, k: int, buffers: Buffers
+    xyz: Floats, tree: Tree, home: int, box: Bounds, reach: float, k: int, buffers: Buffers
 ) -> tuple[int, int]:
     """Copy the points of all leaves within reach of the box side by side.
 
@@ -294,7 +288,7 @@ def _collect(
 
 
 @inner_kernel
-def _beside(x: float, y: float, z: float, box: Box) -> float:
+def _beside(x: float, y: float, z: float, box: Bounds) -> float:
     """Return the squared distance of a point and a box, computed as :func:`gap` does."""
     dx = max(x - box[3], box[0] - x, 0.0)
     dy = max(y - box[4], box[1] - y, 0.0)

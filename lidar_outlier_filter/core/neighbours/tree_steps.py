@@ -17,13 +17,10 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_build import LEAF
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
 
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Box = tuple[float, float, float, float, float, float]  # low corner, high corner
+    Bounds = tuple[float, float, float, float, float, float]  # low corner, high corner
 
 HELD, HELD_EACH = 512, 16  # candidates that are held: so many, and so many more for each neighbour
 
@@ -103,7 +100,7 @@ def leaves(tree: Tree) -> Ints:
 
 
 @inner_kernel
-def gap(tree: Tree, node: int, box: Box) -> float:
+def gap(tree: Tree, node: int, box: Bounds) -> float:
     """Return the squared distance between a box, which may be a point, and that of a node."""
     dx = max(tree.low[node, 0] - box[3], box[0] - tree.high[node, 0], 0.0)
     dy = max(tree.low[node, 1] - box[4], box[1] - tree.high[node, 1], 0.0)
@@ -123,7 +120,7 @@ def seen(tree: Tree, leaf: int, k: int) -> int:
 
 
 @inner_kernel
-def push(tree: Tree, node: int, box: Box, nodes: Ints, gaps: Floats, waiting: int) -> int:
+def push(tree: Tree, node: int, box: Bounds, nodes: Ints, gaps: Floats, waiting: int) -> int:
     """Put the children of a node on the stack, the nearer one on top."""
     near = tree.child[node]
     far = near + 1

@@ -12,14 +12,8 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, push
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Bools = NDArray[np.bool_]
-    Index = NDArray[np.int32]
 
 
 @inner_kernel

@@ -18,10 +18,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.places import find_places
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
+    from lidar_outlier_filter.annotations import Floats, Ints
 
 K = 8  # neighbours
 LEAST = 1e-6  # metres that are added to scales, which may be 0

@@ -14,12 +14,8 @@ from lidar_outlier_filter.errors import CloudError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.annotations import Bools
+    from lidar_outlier_filter.annotations import Bools, Bytes
     from lidar_outlier_filter.files.cloud_file import CloudFile
-
-    Codes = NDArray[np.uint8]
 
 CLASSIFICATION = 'classification'
 MOST = 255  # the highest class
@@ -41,7 +37,7 @@ def check(file: CloudFile, only: Sequence[int], keep: Sequence[int]) -> None:
             raise CloudError('a class', f'from 0 to {MOST}', one)
 
 
-def untouched(classes: Codes, only: Sequence[int], keep: Sequence[int]) -> Bools:
+def untouched(classes: Bytes, only: Sequence[int], keep: Sequence[int]) -> Bools:
     """Return which points stay as they are: of other classes than ``only``, or of ``keep``."""
     kept = np.isin(classes, keep)
     if only:
@@ -58,7 +54,7 @@ def spare(verdict: Verdict, kept: Bools) -> Verdict:
     return spared
 
 
-def by_class(classes: Codes, rejected: Bools) -> dict[int, tuple[int, int]]:
+def by_class(classes: Bytes, rejected: Bools) -> dict[int, tuple[int, int]]:
     """Count the points of each class, and those of them that are rejected."""
     points = np.bincount(classes, minlength=MOST + 1)
     gone = np.bincount(classes[rejected], minlength=MOST + 1)

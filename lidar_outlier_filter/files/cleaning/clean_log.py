@@ -69,10 +69,10 @@ class CleanReport:
     both are kept. ``metres`` says of coordinates in other units how many metres one is, ``lines``
     what the scan lines were found by; ``coarse``, that coordinates are too far away for float32;
     ``lack`` what the file lacks to have some, ``rings`` how many were recovered from elevations;
-    ``extra`` of how many
-    rejected points detectors say more, by what they say; ``spared`` how many would be rejected, but
-    are of classes that stay as they are; ``by_class`` the points and the rejected ones of each
-    class; ``low`` and ``high`` how many rejected ones are below and above what is kept around them.
+    ``extra`` of how many rejected points detectors say more, by what they say; ``spared`` how many
+    would be rejected, but are of classes that stay as they are; ``by_class`` the points and the
+    rejected ones of each class; ``low`` and ``high`` how many rejected ones are below and above
+    what is kept around them.
     """
 
     input: str

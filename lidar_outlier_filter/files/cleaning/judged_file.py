@@ -26,14 +26,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.annotations import Allocate, Progress
     from lidar_outlier_filter.core.judging.slow import SaySlow
-    from lidar_outlier_filter.core.judging.tiles import Allocate
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
 
 STRIP = 'point_source_id'
 

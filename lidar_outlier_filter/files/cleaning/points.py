@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Columns
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Columns = Mapping[str, NDArray[Any]]  # masked where a whole number is missing
 
 GPS_TIME = 'gps_time'
 INTENSITIES = (*INTENSITY_NAMES, 'scalar_intensity', 'i')  # the third name is CloudCompare's

@@ -10,13 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Ints
-
-    Columns = Mapping[str, NDArray[Any]]
+    from lidar_outlier_filter.annotations import Columns, Ints
 
 EDGE, DIRECTION, RETURN = 'edge_of_flight_line', 'scan_direction_flag', 'return_number'
 ANGLES = ('scan_angle', 'scan_angle_rank')

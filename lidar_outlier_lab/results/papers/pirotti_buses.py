@@ -20,11 +20,7 @@ from lidar_outlier_lab.simulation.papers import bus_tracks
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.annotations import Floats
-
-    Codes = NDArray[np.uint8]
+    from lidar_outlier_filter.annotations import Bytes, Floats
 
 OFF = 'off the line'
 
@@ -90,7 +86,7 @@ def section(seed: int, folder: Path) -> str:
     )
 
 
-def _views(xyz: Floats, code: Codes, found: Found) -> list[View]:
+def _views(xyz: Floats, code: Bytes, found: Found) -> list[View]:
     """Show a track before and after SOR2 with three neighbours, at its best threshold."""
     values = statistics(Neighbourhood(xyz, NEIGHBOURS[0]), NEIGHBOURS[0])['SOR2']
     kept = values < found.limit['SOR2'][0]

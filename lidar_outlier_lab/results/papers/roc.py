@@ -17,11 +17,8 @@ from lidar_outlier_lab.results.neighbour_curves import CLOSE, statistics
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Bytes, Floats
 
-    from lidar_outlier_filter.annotations import Floats
-
-    Codes = NDArray[np.uint8]
     Measure = Callable[[Neighbourhood, int], Mapping[str, Floats]]
 
 NEIGHBOURS = (3, 5, 10, 20, 40, 60, 70, 100, 150, 200)
@@ -57,7 +54,7 @@ class Found:
 
 def explore(
     xyz: Floats,
-    code: Codes,
+    code: Bytes,
     clustered: Cause,
     neighbours: Sequence[int] = NEIGHBOURS,
     measure: Measure = statistics,

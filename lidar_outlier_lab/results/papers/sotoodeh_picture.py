@@ -24,11 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
     from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import LabelledClusters
-
-    Ends = NDArray[np.int64]
 
 WIDTH, HEIGHT, DPI = 14.0, 9.0, 100  # inches, dots per inch
 COLOURS = 64  # of the palette: keeps the file small
@@ -50,10 +48,10 @@ class Course(NamedTuple):
 
     """
 
-    tree: Ends
-    pruned_tree: Ends
-    graph: Ends
-    pruned_graph: Ends
+    tree: Ints
+    pruned_tree: Ints
+    graph: Ints
+    pruned_graph: Ints
     phase: NDArray[np.uint8]
 
 
@@ -118,7 +116,7 @@ def _project(xyz: Floats) -> Floats:
     return flat
 
 
-def _panel(axes: Axes, flat: Floats, outlier: Bools, shown: Bools, edges: Ends) -> None:
+def _panel(axes: Axes, flat: Floats, outlier: Bools, shown: Bools, edges: Ints) -> None:
     axes.add_collection(LineCollection(list(flat[edges]), colors=EDGE, linewidths=0.7))
     for some, colour, size in ((shown & ~outlier, POINT, 6), (shown & outlier, LEFT, 14)):
         axes.scatter(flat[some, 0], flat[some, 1], s=size, c=colour, linewidths=0, zorder=2)

@@ -16,11 +16,7 @@ from scipy.spatial import cKDTree
 from lidar_outlier_filter.messages.truth import Cause
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.annotations import Floats
-
-    Codes = NDArray[np.uint8]
+    from lidar_outlier_filter.annotations import Bytes, Floats
 
 NEIGHBOUR = 8  # whose distance is the spacing
 OFF = (2.5, 1000.0)  # spacings that a point is moved off
@@ -36,7 +32,7 @@ CLOUDED = 0.35  # share of the clouds with points at all heights
 HIGHEST = (30.0, 1500.0)  # spacings that these are moved up, or up and down, at most
 
 
-def add_errors(xyz: Floats, share: float, rng: np.random.Generator) -> tuple[Floats, Codes]:
+def add_errors(xyz: Floats, share: float, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Return a cloud with errors behind its points, and the cause of each point, 0 for good ones.
 
     Parameters

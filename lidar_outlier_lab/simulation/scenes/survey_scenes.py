@@ -22,11 +22,7 @@ from lidar_outlier_lab.simulation.world.landscape import Plants, build, hills
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
-    from lidar_outlier_filter.annotations import Floats
-
-    Codes = NDArray[np.uint8]
+    from lidar_outlier_filter.annotations import Bytes, Floats
 
 STREAM = 2309  # of random numbers, which no preset uses
 MOST = 80_000  # good points of a scene, about
@@ -52,7 +48,7 @@ class SurveyScene(NamedTuple):
 
     name: str
     xyz: Floats
-    cause: Codes
+    cause: Bytes
 
 
 def training_scene(seed: int) -> SurveyScene:
@@ -75,11 +71,11 @@ def training_scene(seed: int) -> SurveyScene:
     return SurveyScene(f'{name} {seed}', xyz[order], cause[order])
 
 
-def _good(xyz: Floats) -> tuple[Floats, Codes]:
+def _good(xyz: Floats) -> tuple[Floats, Bytes]:
     return xyz, np.zeros(len(xyz), np.uint8)
 
 
-def _window(xyz: Floats, cause: Codes, rng: np.random.Generator) -> tuple[Floats, Codes]:
+def _window(xyz: Floats, cause: Bytes, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Cut a stretch out of a large cloud, along its longer side on the map."""
     axis = int(np.argmax(np.ptp(xyz[:, :2], axis=0)))
     rank = np.argsort(xyz[:, axis], kind='stable')
@@ -95,7 +91,7 @@ def _thin(xyz: Floats, rng: np.random.Generator) -> Floats:
     return kept
 
 
-def _flight(houses: bool, rng: np.random.Generator) -> tuple[Floats, Codes]:  # noqa: FBT001  a kind
+def _flight(houses: bool, rng: np.random.Generator) -> tuple[Floats, Bytes]:  # noqa: FBT001  a kind
     """Scan a town or mountains from the air."""
     lines = int(rng.integers(120, 300))
     how = Flight(
@@ -120,15 +116,15 @@ def _flight(houses: bool, rng: np.random.Generator) -> tuple[Floats, Codes]:  # 
     return _good(_thin(np.ascontiguousarray(xyz), rng))
 
 
-def _town(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+def _town(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     return _flight(True, rng)  # noqa: FBT003  a kind
 
 
-def _mountains(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+def _mountains(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     return _flight(False, rng)  # noqa: FBT003  a kind
 
 
-def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Match images of a country: a grid that is not quite even, rough where plants are."""
     density = np.exp(rng.uniform(*np.log((4.0, 200.0))))
     step, rows = 1.0 / np.sqrt(density), int(np.sqrt(MOST))
@@ -151,7 +147,7 @@ def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
     return _good(np.stack([x, y, look.height + noise * rng.standard_normal(len(x))], axis=1))
 
 
-def _walls(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+def _walls(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Scan one to four bent surfaces one behind the other, in steps of their own."""
     parts = []
     for _ in range(int(rng.integers(1, 5))):
@@ -168,7 +164,7 @@ def _walls(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
     return _good(np.concatenate(parts))
 
 
-def _track(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+def _track(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Note the positions of a bus, one a second, or the speed as well."""
     count = int(rng.integers(4000, 20_000))
     line = Line(
@@ -186,14 +182,14 @@ def _track(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
     return xyz, points['label'].astype(np.uint8)
 
 
-def _inside(seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+def _inside(seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Scan a room or a street from a tripod."""
     shape = (int(rng.integers(90, 200)), int(rng.integers(400, 900)))
     scan = tripod.room(seed, *shape) if rng.random() < 0.5 else tripod.facades(seed, *shape)[0]  # noqa: PLR2004  half of them
     return scan.xyz, scan.points['label'].astype(np.uint8)
 
 
-def _pieces(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
+def _pieces(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     """Measure plain things: planes, balls and tubes, evenly, in lines, or denser on one side."""
     count = int(np.exp(rng.uniform(*np.log((2000, MOST)))))
     u, v = rng.random((2, count))
@@ -217,7 +213,7 @@ def _pieces(_seed: int, rng: np.random.Generator) -> tuple[Floats, Codes]:
     return _good(size * xyz + noise * rng.standard_normal(xyz.shape))
 
 
-KINDS: tuple[tuple[str, Callable[[int, np.random.Generator], tuple[Floats, Codes]]], ...] = (
+KINDS: tuple[tuple[str, Callable[[int, np.random.Generator], tuple[Floats, Bytes]]], ...] = (
     ('town', _town),
     ('mountains', _mountains),
     ('images', _images),

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_lab.simulation.weather.beams import Beams
 
-    Weather = Callable[['_Sweep'], BothEchoes]
+    MakeWeather = Callable[['_Sweep'], BothEchoes]
     Position = tuple[float, float]  # level, metres
     Trail = Callable[[Position, float], Sequence[plumes.PlumePuff]]
 
@@ -305,7 +305,7 @@ def _vehicles(
     return found
 
 
-WEATHERS: dict[str, Weather] = {
+WEATHERS: dict[str, MakeWeather] = {
     'light_snow': _light_snow,
     'heavy_snow': _heavy_snow,
     'rain': _rain,

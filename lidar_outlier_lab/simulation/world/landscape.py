@@ -15,10 +15,9 @@ from lidar_outlier_filter.messages.truth import Kind
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.annotations import Bytes, Floats
 
-    Codes = NDArray[np.uint8]
-    Fields = tuple[Floats, Floats, NDArray[np.int64], Floats]  # ground, top, owner, highest
+    Grids = tuple[Floats, Floats, NDArray[np.int64], Floats]  # ground, top, owner, highest
 
 MARCH = 0.4  # metres that a ray is followed at a time before it is below something
 BLOCK = 16  # corners to a side, of the squares that a ray is led over at once
@@ -31,7 +30,7 @@ class Look(NamedTuple):
     """What is seen at N positions from above: height of the top (metres), and kind."""
 
     height: Floats
-    kind: Codes
+    kind: Bytes
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ class Landscape:
         height = _look(self.top, self.owner, self.cell, x, y, owner)
         return Look(height, _kinds(owner))
 
-    def cast(self, origin: Floats, direction: Floats, depth: Floats) -> tuple[Floats, Codes]:
+    def cast(self, origin: Floats, direction: Floats, depth: Floats) -> tuple[Floats, Bytes]:
         """Follow rays down: the distance (N,) at which each meets something, and its kind.
 
         Parameters
@@ -83,7 +82,7 @@ class Landscape:
         return distance, _kinds(owner)
 
 
-def _kinds(owner: NDArray[np.int64]) -> Codes:
+def _kinds(owner: NDArray[np.int64]) -> Bytes:
     kinds = np.where(owner > 0, Kind.ROOF, np.where(owner < 0, Kind.FOLIAGE, Kind.TERRAIN))
     return kinds.astype(np.uint8)
 
@@ -155,7 +154,7 @@ def _free(highest: Floats, side: float, o: Floats, d: Floats, far: float) -> flo
 
 @kernel
 def _descend(  # noqa: PLR0913  a kernel takes arrays
-    fields: Fields,
+    fields: Grids,
     cell: float,
     origin: Floats,
     direction: Floats,
@@ -191,7 +190,7 @@ def _descend(  # noqa: PLR0913  a kernel takes arrays
 
 @inner_kernel
 def _halve(  # noqa: PLR0913  a kernel takes arrays
-    fields: Fields,
+    fields: Grids,
     cell: float,
     o: Floats,
     d: Floats,

@@ -16,9 +16,8 @@ from lidar_outlier_lab.simulation.world import caster
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.annotations import Floats, Triple
 
-    Triple = tuple[float, float, float]
     Point = Triple | Floats
 
 STILL = (0.0, 0.0, 0.0)

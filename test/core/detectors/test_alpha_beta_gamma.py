@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fast α-β-γ smoother is its naive twin, and does what is promised of it."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from naive import alpha_beta_gamma as naive
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.detector import Outcome, detect
@@ -19,7 +20,10 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import Alph
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.points.scan_lines import find_lines, order_by_line
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Floats
 
 GAP = 1.5
 SHOT = 10_000  # nanoseconds

@@ -20,9 +20,7 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
 
 SIDES = ('both', 'low', 'high')
 

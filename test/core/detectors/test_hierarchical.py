@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
 
 LINE = np.stack([np.arange(60.0), np.zeros(60), np.zeros(60)], axis=1)
 

@@ -35,9 +35,7 @@ from lidar_outlier_filter.recordings.bags import Recording
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
 
 COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
 BIT = 128

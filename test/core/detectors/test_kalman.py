@@ -2,19 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Kalman filter and RTS smoother of filterpy are the smoother of the paper, to 1e-6."""
 
+from __future__ import annotations
+
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from naive import alpha_beta_gamma as naive
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filterpy_engine
 from lidar_outlier_filter.errors import FilterError, ParameterError
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from lidar_outlier_filter.annotations import Floats
 
 SHOT = 1e-5  # seconds
 

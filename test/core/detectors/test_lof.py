@@ -26,9 +26,8 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats
 
-    Floats = NDArray[np.float64]
     Cloud = Callable[[np.random.Generator], Floats]
 
 

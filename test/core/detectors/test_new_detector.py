@@ -31,11 +31,8 @@ from lidar_outlier_filter.tuning.dials import searches
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-    Floats = NDArray[np.float64]
 
 ROOT = Path(__file__).parents[3]
 BIT = 128

@@ -28,11 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats, Ints
 
-    Floats = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
-    Ints = NDArray[np.int64]
     Shape = Callable[[np.random.Generator, int], tuple[Floats, Floats]]
 
 pytestmark = pytest.mark.slow  # the kernels compile for a minute

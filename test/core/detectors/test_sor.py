@@ -20,9 +20,8 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats
 
-    Floats = NDArray[np.float64]
     Cloud = Callable[[np.random.Generator], Floats]
 
 STATISTICS = ('sor', 'sor2', 'radius')

@@ -22,11 +22,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from lidar_outlier_filter.core.points.points import Points
-
-    Floats = NDArray[np.float64]
 
 COUNT, MANY = LINE, 30_000  # points, for what is found and for how long it takes
 LONGEST = 5.0  # times as long as on the street

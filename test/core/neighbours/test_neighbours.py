@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+
 Rng = np.random.Generator
 Lists = tuple[NDArray[np.int64], NDArray[np.bool_]]
 

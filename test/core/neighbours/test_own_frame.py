@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.detectors.evidence.ways import Way, choose
 from lidar_outlier_filter.core.detectors.seen import Seen
@@ -17,8 +16,6 @@ from lidar_outlier_filter.core.neighbours.own_frame import find_own_frame
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.simulation.world.trajectory import Route
-
-Floats = NDArray[np.float64]
 
 RINGS, COLUMNS = 16, 900
 WALLS = np.array([[25.0, -15.0], [12.0, -8.0], [8.0, -1.9]])  # m: of a hall, in each direction

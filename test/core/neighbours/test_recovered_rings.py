@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rings recovered from elevation: those that were measured, and none where there are none."""
 
+from __future__ import annotations
+
 import csv
 import json
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 import yaml
 from naive import recovered_rings as naive
-from numpy.typing import NDArray
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.neighbours import ring_origin
@@ -24,8 +25,12 @@ from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Floats, Ints
 
 HELIOS = 'helios_1691141763462381376.pcd'
 TABLES = ('Pandar40P.csv', 'Pandar64.csv', 'PandarQT128.csv', 'Pandar128E4X.csv', 'VLP32.yaml')

@@ -29,11 +29,8 @@ from lidar_outlier_lab.simulation.world.surfaces import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from lidar_outlier_lab.simulation.world.scene import Hits, Surface
 
-    Floats = NDArray[np.float64]
     Vector = tuple[float, float, float]
     Naive = Callable[[Vector, Vector], naive.Hit]
 

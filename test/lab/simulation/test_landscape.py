@@ -13,9 +13,7 @@ from lidar_outlier_filter.messages.truth import Kind
 from lidar_outlier_lab.simulation.world.landscape import Landscape, Plants, build, hills
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
 
 STEP = 0.002  # metres that the slow twin goes at a time
 

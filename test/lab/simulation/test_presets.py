@@ -30,9 +30,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Rows
     from lidar_outlier_lab.simulation.world.recording import Cloud
-
-    Rows = NDArray[np.void]
 
 SMALL = 'sotoodeh-hod'
 SLOW = pytest.mark.slow  # the first test of a large preset simulates it

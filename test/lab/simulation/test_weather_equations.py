@@ -9,16 +9,18 @@ Beer and Lambert: e^(-2αr) comes back. Fog is that of Hahner et al. (2021): α 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.weather import drops, kinds, plumes
 from lidar_outlier_lab.simulation.weather.beams import Beams, Optics, find_beams
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from lidar_outlier_filter.annotations import Floats
+
 # The receiver sees all of a beam, which is 1 cm wide everywhere, and almost no light suffices.
 NARROW = Optics(divergence=0.0, aperture=0.01, nearest=1.0, farthest=1e6, blind=1e-6)
 

@@ -29,11 +29,8 @@ from lidar_outlier_lab.simulation.weather.names import RETURN_NAMES, WEATHER_NAM
 from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Rows
     from lidar_outlier_filter.core.points.points import Points
-
-    Rows = NDArray[np.void]
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CLOUD = 'sensor_msgs/msg/PointCloud2'

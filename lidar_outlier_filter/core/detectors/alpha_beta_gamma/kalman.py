@@ -22,7 +22,6 @@ from math import factorial, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
     AFTER,
@@ -37,10 +36,11 @@ from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import FilterError, ParameterError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import Series
     from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
-
-Floats = NDArray[np.float64]
 
 COORDINATES = 3
 

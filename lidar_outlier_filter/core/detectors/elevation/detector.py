@@ -35,13 +35,8 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbou
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Index, Ints
     from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Index = NDArray[np.int32]
 
 CHUNK = 1 << 14  # points that a thread takes at once
 

@@ -18,16 +18,10 @@ from lidar_outlier_filter.core.detectors.evidence.parameters import (
 from lidar_outlier_filter.core.detectors.scores import Scores
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.detectors.explanation import Explanation
     from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Bools = NDArray[np.bool_]
 
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:

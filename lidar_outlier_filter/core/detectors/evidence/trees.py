@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Singles = NDArray[np.float32]
+    from lidar_outlier_filter.annotations import Singles
 
 QUESTIONS, VALUES = 7, 8
 

@@ -55,10 +55,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 LEAST_SPREAD = 1e-3  # of the median
 

@@ -26,13 +26,8 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Index, Ints
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood, Tree
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Index = NDArray[np.int32]
 
 CHUNK = 2048  # points that a thread takes at once
 PLANES = 64  # most that are kept for a point: those of the nearest candidates

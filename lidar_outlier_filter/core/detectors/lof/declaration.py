@@ -16,13 +16,9 @@ from lidar_outlier_filter.core.detectors.scores import Scores
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Floats = NDArray[np.float64]
 
 
 def _measure(neighbourhood: Neighbourhood, parameters: FilterParameters) -> Floats:

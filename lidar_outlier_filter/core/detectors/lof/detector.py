@@ -42,10 +42,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.detectors.lof.parameters import Lof
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 LISTED = -1  # the row of points that have none of their own
 SHORT = 64  # neighbours that are sorted by insertion

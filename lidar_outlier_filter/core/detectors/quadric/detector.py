@@ -20,10 +20,9 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-    Floats = NDArray[np.float64]
 
 SECTIONS = 64  # that a thread judges at once
 PATCHES = 1024

@@ -33,9 +33,7 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
 
 ROOT2 = 2**0.5
 ADJUSTMENTS = 10

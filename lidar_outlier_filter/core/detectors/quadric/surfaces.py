@@ -13,8 +13,6 @@ What no surface explains is tested against all of them, and the least counts.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric.fits import (
@@ -47,12 +45,6 @@ from lidar_outlier_filter.core.detectors.quadric.statistics import (
     measure_tests,
 )
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, select
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
 
 RUN = 16  # points that follow each other in the window, and suggest a plane
 SHARE = 0.3  # of the points that are to lie near a plane that begins a surface

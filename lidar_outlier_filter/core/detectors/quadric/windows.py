@@ -21,13 +21,11 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.detectors.quadric.kernels import Window
     from lidar_outlier_filter.core.detectors.quadric.statistics import Rules
     from lidar_outlier_filter.core.neighbours.tree_build import Tree
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Box = tuple[float, float, float, float, float, float]  # low corner, high corner
+    from lidar_outlier_filter.core.neighbours.tree_steps import Bounds
 
 MARGIN = 0.25  # of the largest extent of a core's box: how far the rim reaches
 ENOUGH = 1.5  # times the points of the core: what a window has at least
@@ -152,7 +150,7 @@ def _visit(
 
 
 @inner_kernel
-def _is_apart(tree: Tree, node: int, box: Box) -> bool:
+def _is_apart(tree: Tree, node: int, box: Bounds) -> bool:
     low, high = tree.low, tree.high
     return bool(
         high[node, 0] < box[0]
@@ -165,7 +163,7 @@ def _is_apart(tree: Tree, node: int, box: Box) -> bool:
 
 
 @inner_kernel
-def _is_in(xyz: Floats, i: int, box: Box) -> bool:
+def _is_in(xyz: Floats, i: int, box: Bounds) -> bool:
     x, y, z = xyz[i]
     return bool(box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5])
 

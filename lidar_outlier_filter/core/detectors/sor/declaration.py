@@ -26,13 +26,10 @@ from lidar_outlier_filter.parameters.declaration import walk
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.detectors.dials import ScoreOf
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Floats = NDArray[np.float64]
 
 
 def _measure(neighbourhood: Neighbourhood, parameters: FilterParameters) -> Floats:

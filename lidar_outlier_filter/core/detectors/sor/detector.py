@@ -51,10 +51,9 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.detectors.sor.parameters import Sor
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-    Floats = NDArray[np.float64]
 
 
 def neighbours(parameters: Sor) -> int:

@@ -25,12 +25,8 @@ from lidar_outlier_filter.core.points.scan_lines import find_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.points.points import Points
-
-    Floats = NDArray[np.float64]
-    Bools = NDArray[np.bool_]
 
 
 def detect(points: Points, threads: int = 0, **changed: Any) -> Floats:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from naive import survey as naive
-from numpy.typing import NDArray
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
@@ -27,9 +26,10 @@ from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.detectors.evidence.trees import Trees
+    from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.detectors.evidence.trees import Trees
 
 
 def surface(count: int = 400, seed: int = 1, strays: int = 12) -> Floats:

@@ -30,14 +30,9 @@ from lidar_outlier_filter.core.neighbours.places import find_places
 from lidar_outlier_filter.core.neighbours.typical_scale import K, typical_scale
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools, Floats, Singles
     from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
 
 
 def contributions(seen: Seen, parameters: FilterParameters, wanted: Bools) -> Contributions:

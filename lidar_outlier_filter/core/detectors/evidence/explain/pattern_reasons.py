@@ -44,11 +44,10 @@ from lidar_outlier_filter.errors import FilterError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.scores import FirstPass
     from lidar_outlier_filter.core.detectors.evidence.trees import Trees
     from lidar_outlier_filter.core.points.points import Points
-
-    Singles = NDArray[np.float32]
 
 REASONS = (*FEATURES, *AGAIN)
 

@@ -34,15 +34,9 @@ from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bools, Bytes, Floats, Singles
     from lidar_outlier_filter.core.detectors.evidence.models import PatternModel
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
-
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
-    Bools = NDArray[np.bool_]
-    Numbers = NDArray[np.uint8]
 
 # A number never changes its meaning, so each group has room for more: of the window, of the second
 # pass, of profile scanners, and of the weighted sum. 0 is none.
@@ -62,13 +56,13 @@ REASON_NAMES = {
 }
 
 
-def number_rows(names: Sequence[str]) -> Numbers:
+def number_rows(names: Sequence[str]) -> Bytes:
     """Return the numbers of the features of trees; 0 for those that are no reason."""
     known = {name: number for number, name in REASON_NAMES.items() if number < OF_SUM}
     return np.array([known.get(name, 0) for name in names], np.uint8)
 
 
-def strongest_of_sum(contributions: Floats, weights: Floats) -> Numbers:
+def strongest_of_sum(contributions: Floats, weights: Floats) -> Bytes:
     """Return the numbers (N,) of the features of a weighted sum that add most."""
     return np.asarray(OF_SUM + (contributions * weights).argmax(axis=1), np.uint8)
 
@@ -79,7 +73,7 @@ def strongest_of_trees(
     model: PatternModel,
     wanted: Bools,
     threads: int = 0,
-) -> Numbers:
+) -> Bytes:
     """Return the numbers (M,) of the features that add most to the log-odds of wanted places.
 
     Parameters
@@ -110,11 +104,11 @@ def _explain(
     first: FirstPass,
     both: tuple[Trees, Trees],
     doubtful: np.float32,
-    rows: Numbers,
+    rows: Bytes,
     wanted: Bools,
     begin: int,
     end: int,
-    reason: Numbers,
+    reason: Bytes,
 ) -> None:
     pattern, room, added = prepared.pattern, make_pattern_room(), np.empty(len(rows), np.float32)
     means, values = (find_means(both[0]), find_means(both[1])), room.values
@@ -138,7 +132,7 @@ def _explain(
 
 @inner_kernel
 def _find_strongest(
-    trees: Trees, means: Singles, rows: Numbers, features: Singles, added: Singles
+    trees: Trees, means: Singles, rows: Bytes, features: Singles, added: Singles
 ) -> int:
     """Return the row of the feature that adds most, of those that can be a reason; -1: none can.
 

@@ -39,14 +39,9 @@ from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, inner_kern
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Single, Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import PatternWindow, Prepared
     from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
-
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
-    Number = np.float32
 
 FEATURES = (
     'step',  # distance to the nearer return of the ring, beside it
@@ -120,7 +115,7 @@ def write_features(
 
 
 @inlined_kernel
-def level_within(unit: Number, level: Number) -> Number:
+def level_within(unit: Single, level: Single) -> Single:
     """Return how far apart ranges are that still are the same, of what beams are apart, m."""
     return SAME * unit + level
 
@@ -189,7 +184,7 @@ def _along(pattern: Pattern, line: int, k: int, origin: Floats, values: Singles)
 
 
 @inner_kernel
-def _off(r: Number, ra: Number, pa: Number, rb: Number, pb: Number, most: Number) -> Number:
+def _off(r: Single, ra: Single, pa: Single, rb: Single, pb: Single, most: Single) -> Single:
     """Return how far a range is from the straight line through two others, as a part of it.
 
     ``pa`` and ``pb`` are their phases, less that of the range.

@@ -45,13 +45,8 @@ from lidar_outlier_filter.core.neighbours.recovered_rings import as_turn
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Bytes, Floats, Singles
     from lidar_outlier_filter.core.points.points import Points
-
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
-    Numbers = NDArray[np.uint8]
 
 LEAST = -8.0  # log-odds that make a score of 0
 
@@ -100,7 +95,7 @@ def judge(
     threads: int = 0,
     *,
     profile: bool = False,
-    reason: Numbers | None = None,
+    reason: Bytes | None = None,
 ) -> Floats:
     """Score the N points of a pattern, in the order given.
 

@@ -33,12 +33,8 @@ from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, inner_kern
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, rows_of_singles, sort
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import PatternWindow, Prepared
-
-    Singles = NDArray[np.float32]
 
 PROFILE = (
     'middle',  # median difference of the pairs' predictions from the range, standard deviations

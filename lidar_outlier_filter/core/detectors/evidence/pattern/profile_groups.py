@@ -25,12 +25,8 @@ from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Floats, Index, Singles
     from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
-
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
-    Places = NDArray[np.int32]
-    Bools = NDArray[np.bool_]
 
 GROUPS = (
     'group',  # returns of the free group; -1, as all of them, where a point is in none
@@ -60,11 +56,11 @@ class Segments(NamedTuple):
 
     """
 
-    of: Places
-    size: Places
+    of: Index
+    size: Index
 
 
-def find_groups(pattern: Pattern, near: Places, threads: int = 0) -> Singles:
+def find_groups(pattern: Pattern, near: Index, threads: int = 0) -> Singles:
     """Describe the free group that each point is in.
 
     Parameters
@@ -91,7 +87,7 @@ def find_groups(pattern: Pattern, near: Places, threads: int = 0) -> Singles:
     return out
 
 
-def _find(pattern: Pattern, near: Places, reach: float) -> tuple[Segments, Places, Singles]:
+def _find(pattern: Pattern, near: Index, reach: float) -> tuple[Segments, Index, Singles]:
     """Return all segments, the free group of each, and what is said of each group."""
     segments = find_segments(pattern, reach)
     group = join(pattern, near, reach, segments)
@@ -124,7 +120,7 @@ def _is_close(pattern: Pattern, line: int, k: int, j: int, reach: float) -> bool
 
 
 @kernel
-def join(pattern: Pattern, near: Places, reach: float, segments: Segments) -> Places:
+def join(pattern: Pattern, near: Index, reach: float, segments: Segments) -> Index:
     """Return the number of the free group that each segment is in, from 0; -1 for none."""
     of, size = segments.of, segments.size
     root, tied = np.arange(len(size)), np.zeros(len(size), np.bool_)
@@ -158,7 +154,7 @@ def _root(root: NDArray[np.int64], i: int) -> int:
 
 
 @inner_kernel
-def _number(root: NDArray[np.int64], tied: Bools, segments: Segments) -> Places:
+def _number(root: NDArray[np.int64], tied: Bools, segments: Segments) -> Index:
     """Give a number to each free group that is large enough."""
     count, size = np.zeros(len(root), np.int64), segments.size
     for s in range(len(root)):
@@ -181,7 +177,7 @@ def _number(root: NDArray[np.int64], tied: Bools, segments: Segments) -> Places:
 
 
 @kernel
-def _sum_up(pattern: Pattern, segments: Segments, group: Places, count: int) -> Floats:
+def _sum_up(pattern: Pattern, segments: Segments, group: Index, count: int) -> Floats:
     """Sum up the coordinates of groups: of all returns, and of the means of lines, (16, G)."""
     sums, line_sums = np.zeros((MOMENTS, count)), np.zeros((4, count))
     last = np.full(count, -1)
@@ -242,7 +238,7 @@ def _describe(sums: Floats) -> Singles:
 def _write(
     pattern: Pattern,
     segments: Segments,
-    group: Places,
+    group: Index,
     of_groups: Singles,
     begin: int,
     end: int,

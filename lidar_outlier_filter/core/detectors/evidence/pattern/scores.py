@@ -35,14 +35,9 @@ from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.neighbours.placed_pattern import STRETCH
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Index, Single, Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import PatternWindow, Prepared
     from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
-
-    Singles = NDArray[np.float32]
-    Places = NDArray[np.int32]
-    Number = np.float32
 
 AGAIN = (
     'first',  # score of the first pass, -4 to 4
@@ -84,7 +79,7 @@ class FirstPass(NamedTuple):
     """
 
     score: Singles
-    before: Places
+    before: Index
     share: Singles
     whole: float
 
@@ -185,7 +180,7 @@ def _sum_scores(
 
 
 @inner_kernel
-def _copy_scores(near: Places, score: Singles, k: int, slot: int, scores: Singles) -> None:
+def _copy_scores(near: Index, score: Singles, k: int, slot: int, scores: Singles) -> None:
     """Write the scores of one slot of the windows."""
     if slot < 2 * OWN:
         some = score[place_of(k, slot) :]
@@ -199,12 +194,12 @@ def _copy_scores(near: Places, score: Singles, k: int, slot: int, scores: Single
 
 
 @inlined_kernel
-def _mean(total: Number, count: Number) -> Number:
+def _mean(total: Single, count: Single) -> Single:
     return total / count if count > ZERO else UNKNOWN
 
 
 @inner_kernel
-def _write_shares(near: Places, first: FirstPass, k: int, values: Singles) -> None:
+def _write_shares(near: Index, first: FirstPass, k: int, values: Singles) -> None:
     """Write the shares of points with a score above 0."""
     low, high = first.before[k - STRETCH :], first.before[k + STRETCH + 1 :]
     share, row = first.share[k : k + LANES], COUNT + 7

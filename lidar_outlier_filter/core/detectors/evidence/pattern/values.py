@@ -23,13 +23,9 @@ from lidar_outlier_filter.core.kernels.kernels import inlined_kernel
 from lidar_outlier_filter.core.kernels.lanes import rows_of_singles
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.scores import FirstPass
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
-
-    Singles = NDArray[np.float32]
 
 
 class PatternRoom(NamedTuple):

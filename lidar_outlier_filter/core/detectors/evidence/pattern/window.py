@@ -18,12 +18,7 @@ from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE, Pattern
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
-    Places = NDArray[np.int32]
-    Number = np.float32
+    from lidar_outlier_filter.annotations import Floats, Index, Single, Singles
 
 OWN, OTHER = 5, 3  # returns on either side: in the point's ring, and in those beside it
 RINGS = 2  # rings above, and below
@@ -62,7 +57,7 @@ class Prepared(NamedTuple):
 
     pattern: Pattern
     rough: Singles
-    near: Places
+    near: Index
     groups: Singles
 
 
@@ -145,7 +140,7 @@ def write_roughness(pattern: Pattern, begin: int, end: int, rough: Singles) -> N
 
 
 @kernel
-def find_beside(pattern: Pattern, begin: int, end: int, near: Places) -> None:
+def find_beside(pattern: Pattern, begin: int, end: int, near: Index) -> None:
     """Write the place of the return nearest in azimuth on each ring beside, of lines begin to end.
 
     ``near`` (4, M): on the second below, the one below, the one above, the second above; a place of
@@ -201,7 +196,7 @@ def _gather_own(
     phase: Floats,
     rough: Singles,
     k: int,
-    step: Number,
+    step: Single,
     window: PatternWindow,
 ) -> None:
     """Look at the returns before and after, which lie side by side in memory."""
@@ -247,9 +242,9 @@ def _gather_other(
     rows: tuple[Singles, ...],
     phase: Floats,
     rough: Singles,
-    others: Places,
+    others: Index,
     ring: int,
-    unit: Number,
+    unit: Single,
     window: PatternWindow,
 ) -> None:
     """Look at the returns around the azimuth in another ring: first put them side by side."""
@@ -270,7 +265,7 @@ def _gather_other(
 
 
 @inner_kernel
-def _compare(window: PatternWindow, most: Number, begin: int, rows: int, there: Singles) -> None:
+def _compare(window: PatternWindow, most: Single, begin: int, rows: int, there: Singles) -> None:
     """Compare points with the returns beside them: slots of the window from ``begin`` on.
 
     ``side`` has so many rows of x, then of y, z, range and phase.
@@ -291,7 +286,7 @@ def _compare(window: PatternWindow, most: Number, begin: int, rows: int, there: 
 
 
 @inner_kernel
-def _is_in_step(others: Places) -> bool:
+def _is_in_step(others: Index) -> bool:
     """Return whether returns of another ring follow each other as those of the ring itself do."""
     same = True
     for lane in range(len(others)):
@@ -300,7 +295,7 @@ def _is_in_step(others: Places) -> bool:
 
 
 @inner_kernel
-def _line_up(values: Singles, others: Places, in_step: bool, side: Singles) -> None:
+def _line_up(values: Singles, others: Index, in_step: bool, side: Singles) -> None:
     """Put what is around the places ``others`` beside each other, row by row."""
     for m in range(len(side)):
         row, off = side[m], np.int32(m - OTHER)
@@ -313,7 +308,7 @@ def _line_up(values: Singles, others: Places, in_step: bool, side: Singles) -> N
 
 @inner_kernel
 def _line_up_phases(
-    phase: Floats, others: Places, in_step: bool, origin: Floats, side: Singles
+    phase: Floats, others: Index, in_step: bool, origin: Floats, side: Singles
 ) -> None:
     """Do so with phases."""
     for m in range(AROUND):

@@ -61,14 +61,8 @@ from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
 from lidar_outlier_filter.core.neighbours.typical_scale import LEAST, K
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
     from lidar_outlier_filter.core.detectors.evidence.survey.near import Near
-
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
-    Ints = NDArray[np.int64]
-    Index = NDArray[np.int32]
 
 MOST, SOME = 60, 20  # neighbours
 STEPS = 3  # to any of them, and from there to any of theirs, lead to all that counts

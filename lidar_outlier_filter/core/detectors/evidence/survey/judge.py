@@ -30,12 +30,7 @@ from lidar_outlier_filter.core.neighbours.places import find_places, shares_plac
 from lidar_outlier_filter.core.neighbours.typical_scale import K
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
-    Ints = NDArray[np.int64]
-    Bools = NDArray[np.bool_]
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints, Singles
 
 AT_ONCE = 128 * LANES  # points that a thread takes at once
 LEAST = -8.0  # log-odds that make a score of 0

@@ -16,12 +16,7 @@ from lidar_outlier_filter.core.kernels.lanes import sort_signed
 from lidar_outlier_filter.core.neighbours.typical_scale import LEAST
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
-    Ints = NDArray[np.int64]
-    Index = NDArray[np.int32]
+    from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
 
 NARROW = 1e-6  # ratio of variances across and along, below which neighbours lie on a line
 EVEN = 0.02  # of s: heights differ so much on any surface

@@ -60,12 +60,7 @@ from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
 from lidar_outlier_filter.core.neighbours.typical_scale import LEAST, K
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Singles = NDArray[np.float32]
-    Ints = NDArray[np.int64]
-    Index = NDArray[np.int32]
+    from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
 
 FEW = 3  # of them
 SMOOTH = 0.01  # of s: less is not expected of any surface

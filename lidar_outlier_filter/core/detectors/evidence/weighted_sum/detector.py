@@ -67,14 +67,11 @@ from lidar_outlier_filter.core.points.scan_lines import is_interleaved
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bytes, Floats
     from lidar_outlier_filter.core.detectors.evidence.weighted_sum.features import Features, Scan
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
-
-    Floats = NDArray[np.float64]
-    Numbers = NDArray[np.uint8]
-
 
 PARTS = (*FEATURES, 'slanted')  # of a score
 
@@ -88,7 +85,7 @@ def detect(
     neighbourhood: Neighbourhood,
     points: Points,
     parameters: FilterParameters,
-    reason: Numbers | None = None,
+    reason: Bytes | None = None,
     parts: Floats | None = None,
 ) -> Floats:
     """Score every point by the weighted sum of its features.
@@ -179,7 +176,7 @@ def _note_parts(
 
 
 def _note(
-    reason: Numbers | None, where: NDArray[np.intp], statistic: Floats, number: Numbers | None
+    reason: Bytes | None, where: NDArray[np.intp], statistic: Floats, number: Bytes | None
 ) -> None:
     """Note why points are rejected, if anyone asks."""
     if reason is not None and number is not None:

@@ -14,9 +14,8 @@ import numpy as np
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from lidar_outlier_filter.annotations import Floats
 
-    Floats = NDArray[np.float64]
     Vector = tuple[float, float, float, float]  # and its squared length
 
 

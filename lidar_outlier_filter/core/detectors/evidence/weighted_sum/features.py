@@ -26,13 +26,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.points.scan_lines import Lines
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Bools = NDArray[np.bool_]
 
 CHUNK = 2048  # wanted points that a thread takes at once
 FEATURES = ('spacing', 'step', 'lonely', 'amid', 'along', 'surface', 'alone', 'company')

@@ -21,10 +21,8 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.detectors.evidence.weighted_sum.features import Scan
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 JOINED = 12  # nearest neighbours of which a point may be joined to any
 REACHES = (4.0, 1.5)  # expected spacings up to which points are joined

@@ -12,11 +12,7 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, fill, network, sort
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Bools = NDArray[np.bool_]
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints
 
 WINDOW = 8  # points of the line on either side that show what is usual
 ALL = network(2 * WINDOW, range(2 * WINDOW))

@@ -25,9 +25,7 @@ from lidar_outlier_filter.core.kernels.lanes import LANES, fill, network, sort
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Index = NDArray[np.int32]
+    from lidar_outlier_filter.annotations import Floats, Index, Ints
 
 K = 20  # neighbours
 FEW, SOME, NEAR = 3, 5, 8  # of them
