@@ -68,8 +68,9 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     threads : at most so many at once; 0 for as many as there are cores
 
     """
-    # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of the
-    # three fits. The frame of points that others may have moved is sought last: it takes longest.
+    # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
+    # the three fits. The frame of points that others may have moved is sought last, as it takes
+    # longest.
     recovered = points.ring is not None
     if sensor != 'profile':
         # Azimuths are known in the sensor's own frame only.
