@@ -29,6 +29,7 @@ FASTEST = 'alpha_beta_gamma'  # the chain that compiles fastest
 # Where the name of a module differs from its rosdep key and from its name on PyPI.
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
+    'argcomplete': 'python3-argcomplete',
     'catkin_pkg': 'python3-catkin-pkg',
     'hypothesis': 'python3-hypothesis',
     'matplotlib': 'python3-matplotlib',
@@ -56,6 +57,7 @@ PYPI_NAMES = {
 }
 # Imported only where a user asks for them, and installed by an extra
 EXTRAS = {
+    'argcomplete': 'completion',
     'filterpy': 'audit',
     'dask': 'archive',
     'distributed': 'archive',
