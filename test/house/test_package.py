@@ -110,7 +110,7 @@ SINCE_NUMPY_2 = {
     'vecdot',
 }
 # All of the package that the core may know.
-BELOW_CORE = ('errors', 'parameters', 'detector_parameters', 'core')
+BELOW_CORE = ('errors', 'annotations', 'parameters', 'core')
 BUILD = 'import sys; from colcon_core.command import main; sys.exit(main())'
 
 
