@@ -18,6 +18,7 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.errors import FilterError, ParameterError
+from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.compiler import Compiler
@@ -105,6 +106,8 @@ class OutlierFilterNode(TunableNode):
             options['cli_args'] = [*options.get('cli_args', []), '--ros-args', *remap]
             parameters = {**(parameters or {}), 'inputs': (POINTS,)}
         super().__init__(parameters or {}, **options)
+        for refused in installed().refused.values():
+            self.get_logger().warning(str(refused))
         self._compiler = Compiler(
             self._take_over, self.get_logger().info, self.get_logger().warning
         )
