@@ -48,6 +48,7 @@ class TopicReport:
     rejected: int
     untested: int
     invalid: int
+    dropped: int
     refused: int
     refusals: Mapping[str, int]
     rejected_by: Mapping[str, int]
@@ -261,6 +262,7 @@ class CloudTopic:
             counts.outliers,
             counts.untested,
             counts.invalid,
+            counts.dropped,
             self._clouds - counts.messages,
             dict(counts.refusals),
             {name: counts.rejected[name] for name in chain},

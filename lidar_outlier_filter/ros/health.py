@@ -275,6 +275,7 @@ class _Look:
             'outliers',
             'untested',
             'invalid',
+            'dropped',
             'refused',
             'shed',
             'unmoved',

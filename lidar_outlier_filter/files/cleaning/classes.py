@@ -21,7 +21,7 @@ CLASSIFICATION = 'classification'
 MOST = 255  # the highest class
 
 
-def check(file: CloudFile, only: Sequence[int], keep: Sequence[int]) -> None:
+def check(file: CloudFile, named: Sequence[int]) -> None:
     """Refuse classes that no file, or this one, can have.
 
     Raises
@@ -30,9 +30,9 @@ def check(file: CloudFile, only: Sequence[int], keep: Sequence[int]) -> None:
         If its format has none, or there is no class of such a number.
 
     """
-    if (only or keep) and not file.classes:
+    if named and not file.classes:
         raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')
-    for one in (*only, *keep):
+    for one in named:
         if not 0 <= one <= MOST:
             raise CloudError('a class', f'from 0 to {MOST}', one)
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -45,7 +45,8 @@ class JudgedFile:
     file, wanted, parameters : what was judged, and how
     coordinates : the columns that were judged
     metres : of those in other units, the metres that one of them is
-    loaded : what was read
+    loaded : what was read; points of classes that are ignored are not valid
+    ignored : how many these are
     everything : the verdict on all points
     verdict : the same, without points of classes that stay as they are
     by_class : the points and the rejected ones of each class
@@ -60,6 +61,7 @@ class JudgedFile:
     coordinates: tuple[str, ...]
     metres: Mapping[str, float]
     loaded: points.Loaded
+    ignored: int
     everything: Verdict
     verdict: Verdict
     by_class: Mapping[int, tuple[int, int]]
@@ -97,6 +99,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         metres = _metres(file, coordinates, wanted.unit)
         loaded = _load(file, coordinates, metres, wanted, parameters, allocate, progress)
     with timed(seconds, 'judge'):
+        loaded, ignored = _without(loaded, wanted.ignore)
         loaded = points.recovered(file, loaded, parameters)
         judged = partial(
             judge,
@@ -122,6 +125,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         coordinates,
         metres,
         loaded,
+        ignored,
         everything,
         verdict,
         counted,
@@ -168,7 +172,7 @@ def _load(  # noqa: PLR0913  of what, which points, and where to
     progress: Progress,
 ) -> points.Loaded:
     """Read the points; refuse a chain that needs scan lines where there are none."""
-    classes.check(file, wanted.only, wanted.keep)
+    classes.check(file, (*wanted.only, *wanted.keep, *wanted.ignore))
     # In tiles, those that can do without scan lines do.
     timed = bool(along_lines(parameters.chain)) if wanted.tile else uses_lines(parameters.chain)
     loaded = points.load(
@@ -184,6 +188,16 @@ def _load(  # noqa: PLR0913  of what, which points, and where to
     if loaded.lack:
         check_chain(parameters.chain, str(file.path), loaded.lack)
     return loaded
+
+
+def _without(loaded: points.Loaded, ignore: Sequence[int]) -> tuple[points.Loaded, int]:
+    """Make points of some classes invalid, so that nobody sees them; count those that were not."""
+    if not ignore:
+        return loaded, 0
+    valid = loaded.points.valid
+    ignored = valid & np.isin(cloud_file.filled(loaded.more[classes.CLASSIFICATION]), ignore)
+    rest = replace(loaded.points, valid=valid & ~ignored)
+    return replace(loaded, points=rest), int(np.count_nonzero(ignored))
 
 
 def _judge_strips(

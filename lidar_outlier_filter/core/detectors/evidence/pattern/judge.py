@@ -68,21 +68,25 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     threads : at most so many at once; 0 for as many as there are cores
 
     """
+    # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
+    # the three fits. The frame of points that others may have moved is sought last, as it takes
+    # longest.
+    recovered = points.ring is not None
     if sensor != 'profile':
         # Azimuths are known in the sensor's own frame only.
-        turned, recovered = as_turn(points).in_own_frame, points.ring is not None
-        spins = recovered or sensor == 'spinning'
+        turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
         pattern = find_pattern(turned, threads, spins=spins)
-        if pattern is None and points.own is None and not recovered:
-            # Others may have moved the points.
-            moved = find_own_frame(points)
-            pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
         if pattern is not None:
             return FoundPattern(pattern, profile=False)
     if sensor != 'spinning':
         pattern = find_profile_pattern(points, threads)
         if pattern is not None:
             return FoundPattern(pattern, profile=True)
+    if sensor != 'profile' and points.own is None and not recovered:
+        moved = find_own_frame(points)
+        pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
+        if pattern is not None:
+            return FoundPattern(pattern, profile=False)
     return None
 
 

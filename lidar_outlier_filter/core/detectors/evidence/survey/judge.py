@@ -122,15 +122,15 @@ def second_odds(
 
 @kernel
 def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles, extent: Floats) -> None:
-    room, points = survey_near.make_room(), np.empty(LANES, np.int64)
+    buffers, points = survey_near.make_buffers(), np.empty(LANES, np.int64)
     values, total = np.empty((survey_near.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     farthest = np.empty(LANES)
     for start in range(begin, end, LANES):
         for lane in range(LANES):
             points[lane] = min(start + lane, end - 1)
-        write_near(near, points, room, values)
+        write_near(near, points, buffers, values)
         add_up(trees, values, total)
-        add_farthest(room.distance, room.radii, K, farthest)
+        add_farthest(buffers.distance, buffers.radii, K, farthest)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
             extent[start + lane] = max(near.radius[start + lane], farthest[lane])
@@ -147,7 +147,7 @@ def _again(
     odds: Singles,
     wide: Floats,
 ) -> None:
-    room = survey_far.make_room()
+    buffers = survey_far.make_buffers()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     values, total = np.empty((survey_far.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     farthest, count = np.empty(LANES), far.index.shape[1]
@@ -155,13 +155,13 @@ def _again(
         for lane in range(LANES):
             rows[lane] = min(start + lane, end - 1)
             points[lane] = which[rows[lane]]
-        write_far(far, points, rows, room, values)
+        write_far(far, points, rows, buffers, values)
         add_up(trees, values, total)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
             for m in range(count):
-                room.radii[m, lane] = extent[far.index[start + lane, m]]
-        add_farthest(room.distance, room.radii, count, farthest)
+                buffers.radii[m, lane] = extent[far.index[start + lane, m]]
+        add_farthest(buffers.distance, buffers.radii, count, farthest)
         for lane in range(min(LANES, end - start)):
             wide[start + lane] = max(extent[points[lane]], farthest[lane])
 
@@ -169,12 +169,12 @@ def _again(
 @kernel
 def measure_near(near: Near, which: Ints, result: Singles) -> None:
     """Write the features (COUNT, M) of some points that the first trees see."""
-    room, points = survey_near.make_room(), np.empty(LANES, np.int64)
+    buffers, points = survey_near.make_buffers(), np.empty(LANES, np.int64)
     values = np.empty((survey_near.COUNT, LANES), np.float32)
     for start in range(0, len(which), LANES):
         for lane in range(LANES):
             points[lane] = which[min(start + lane, len(which) - 1)]
-        write_near(near, points, room, values)
+        write_near(near, points, buffers, values)
         count = min(LANES, len(which) - start)
         result[:, start : start + count] = values[:, :count]
 
@@ -182,13 +182,13 @@ def measure_near(near: Near, which: Ints, result: Singles) -> None:
 @kernel
 def measure_far(far: Far, which: Ints, result: Singles) -> None:
     """Write the features (COUNT, M) of some points that the second trees see."""
-    room = survey_far.make_room()
+    buffers = survey_far.make_buffers()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     values = np.empty((survey_far.COUNT, LANES), np.float32)
     for start in range(0, len(which), LANES):
         for lane in range(LANES):
             rows[lane] = min(start + lane, len(which) - 1)
             points[lane] = which[rows[lane]]
-        write_far(far, points, rows, room, values)
+        write_far(far, points, rows, buffers, values)
         count = min(LANES, len(which) - start)
         result[:, start : start + count] = values[:, :count]
