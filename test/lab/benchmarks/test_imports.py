@@ -7,11 +7,15 @@ from __future__ import annotations
 import ast
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+from helpers import ROOT
 
-BENCHMARKS = Path(__file__).resolve().parents[3] / 'benchmarks'
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BENCHMARKS = ROOT / 'benchmarks'
 PACKAGES = ('lidar_outlier_filter', 'lidar_outlier_lab', 'helpers')
 
 
