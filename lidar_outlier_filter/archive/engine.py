@@ -3,16 +3,17 @@
 """Recordings replayed one after the other, their pieces judged by workers ahead of the writer.
 
 The bytes of an output are those of a replay in one process: the same code writes it, and takes a
-verdict from a piece only where the piece has judged the same points.
+verdict from a piece only where the piece has judged the same points. While one recording is
+written, pieces of those that follow are under way.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections import deque
+from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.known_chain import KnowingChain
 from lidar_outlier_filter.archive.locations import staged
-from lidar_outlier_filter.archive.piece_queue import PieceQueue
 from lidar_outlier_filter.archive.pieces import Piece, cut, starts
 from lidar_outlier_filter.archive.whole_recordings import WholeRecordings
 from lidar_outlier_filter.errors import FilterError
@@ -20,11 +21,12 @@ from lidar_outlier_filter.recordings.replay import ReplayReport, replay
 from lidar_outlier_filter.stream.compiling import make_ready
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.archive.order import Order
+    from lidar_outlier_filter.archive.pieces import JudgedPiece
     from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.bags import Topic
@@ -175,3 +177,50 @@ class Engine:
             return judged.verdicts
 
         return KnowingChain(self._parameters, starts(pieces), verdicts_of), names
+
+
+class PieceQueue:
+    """Keeps the workers busy, and no more: pieces are sent as those before are taken."""
+
+    def __init__(
+        self,
+        recordings: Iterator[Sequence[Piece]],
+        workers: Workers,
+        tick: Callable[[], object],
+    ) -> None:
+        """Take recordings, each as its pieces, in the order in which they will be asked for.
+
+        ``tick`` is called while a piece is waited for, and may leave by an exception.
+        """
+        self._recordings, self._workers, self._tick = recordings, workers, tick
+        self._unsent: deque[Piece] = deque()
+        self._sent: dict[Piece, Any] = {}
+
+    def take(self, piece: Piece) -> JudgedPiece:
+        """Wait for a piece; those behind it are sent meanwhile."""
+        self.send()
+        future = self._sent[piece]
+        judged = self._workers.wait(future, piece, self._tick)
+        del self._sent[piece]
+        self.send()
+        return judged
+
+    def give_up(self, pieces: Sequence[Piece]) -> None:
+        """Forget what is left of a recording."""
+        for piece in pieces:
+            if piece in self._sent:
+                self._workers.give_up(self._sent.pop(piece))
+        left = set(map(id, pieces))
+        self._unsent = deque(piece for piece in self._unsent if id(piece) not in left)
+
+    def send(self) -> None:
+        """Send pieces, as many as the workers shall have."""
+        ahead = self._workers.ahead
+        while len(self._sent) < ahead:
+            while not self._unsent:
+                following = next(self._recordings, None)
+                if following is None:
+                    return
+                self._unsent.extend(following)
+            piece = self._unsent.popleft()
+            self._sent[piece] = self._workers.submit(piece)

@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from lidar_outlier_filter.disk.publication import FOLDER, taken
+from lidar_outlier_filter.disk.new_files import FOLDER, taken
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.remote_path import RemotePath, reached, written
 

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The manifest of an archive: what became of each recording, a line of JSON each."""
+"""The manifest of an archive: what became of each recording, a line of JSON each.
+
+An output that it proves to be made of the same source in the same way is not made again.
+"""
 
 from __future__ import annotations
 
@@ -8,30 +11,30 @@ import json
 import os
 import sys
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
+from lidar_outlier_filter.archive.fingerprints import content_hash
 from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.task import last_parts
 from lidar_outlier_filter.disk.new_files import replaced
-from lidar_outlier_filter.errors import RecordingError, said_by
+from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath
 
+
 if sys.platform != 'win32':
     import fcntl
-
 NAME = 'manifest.jsonl'
 DONE, FAILED, NO_CLOUDS = STATES = ('done', 'failed', 'no clouds')
 BROKEN_OFF = 'the run that wrote it must be ended, got broken off'  # until a run writes more
-
-
 # Of the fields of an entry in JSON, and of what is counted for a topic.
 KINDS: Mapping[str, tuple[type, ...]] = {
     'str': (str,),
@@ -325,3 +328,35 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(number)
     finally:
         os.close(number)
+
+
+def is_proved(task: Task, how: How, manifest: Manifest) -> bool:
+    """Return whether the manifest says that this output was made so of this source.
+
+    Or that there is nothing to be made of it, as it has no clouds.
+    """
+    entry, source = manifest.entries.get(task.source), task.location
+    if entry is None or entry.state == FAILED or entry.output != task.made:
+        return False
+    if any(getattr(entry, name) != value for name, value in how._asdict().items()):
+        return False
+    state = entry.output_state
+    try:
+        if not _is_same(source, entry.size, entry.source_state, entry.hash):
+            return False
+        if entry.state == DONE:
+            made = location_of(task.output)
+            state = made.state
+            if not _is_same(made, made.size, entry.output_state, entry.output_hash):
+                return False
+    except (FilterError, OSError):
+        return False
+    if (source.state, state) != (entry.source_state, entry.output_state):
+        # Hashed anew: the times of the files have changed, as by a copy. Not next time.
+        manifest.add(replace(entry, source_state=source.state, output_state=state))
+    return True
+
+
+def _is_same(location: Location, size: int, state: str, known: str) -> bool:
+    """Return whether the content is known: by size and times, or, where those differ, by hash."""
+    return location.size == size and (location.state == state or content_hash(location) == known)

@@ -21,10 +21,9 @@ from lidar_outlier_filter.archive.fingerprints import (
     version,
 )
 from lidar_outlier_filter.archive.locations import location_of
-from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How, begun
-from lidar_outlier_filter.archive.proof import is_proved
+from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How, begun, is_proved
 from lidar_outlier_filter.archive.task import Task
-from lidar_outlier_filter.disk.publication import FILE, taken
+from lidar_outlier_filter.disk.new_files import FILE, taken
 from lidar_outlier_filter.errors import CloudError, FilterError, SchedulerError, said_by
 from lidar_outlier_filter.files.cleaning.clean import list_logs
 from lidar_outlier_filter.parameters.filter import FilterParameters

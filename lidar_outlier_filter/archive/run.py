@@ -18,11 +18,9 @@ from lidar_outlier_filter.archive.fingerprints import (
     version,
 )
 from lidar_outlier_filter.archive.locations import location_of, published
-from lidar_outlier_filter.archive.manifest import DONE, FAILED, NO_CLOUDS, How, begun
-from lidar_outlier_filter.archive.proof import is_proved
-from lidar_outlier_filter.archive.step import Step
-from lidar_outlier_filter.disk.new_files import replaced
-from lidar_outlier_filter.disk.publication import FOLDER, taken
+from lidar_outlier_filter.archive.manifest import DONE, FAILED, NO_CLOUDS, How, begun, is_proved
+from lidar_outlier_filter.archive.task import Step
+from lidar_outlier_filter.disk.new_files import FOLDER, replaced, taken
 from lidar_outlier_filter.errors import (
     FilterError,
     NoCloudsError,

@@ -23,7 +23,7 @@ from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.locations import staged
 from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.archive.workers import check_code
-from lidar_outlier_filter.disk.publication import publish
+from lidar_outlier_filter.disk.new_files import publish
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.recordings.bags import writable
 from lidar_outlier_filter.recordings.replay import replay

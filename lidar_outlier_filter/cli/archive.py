@@ -211,7 +211,7 @@ def _scratch(
     options: argparse.Namespace, folder: RecordingPath
 ) -> AbstractContextManager[Path | None]:
     """Give a hidden folder for what workers of this machine write; None: they write nothing."""
-    from lidar_outlier_filter.disk.hidden_folder import hidden_folder
+    from lidar_outlier_filter.disk.new_files import hidden_folder
 
     if options.scheduler is not None or not isinstance(folder, Path):
         return nullcontext()

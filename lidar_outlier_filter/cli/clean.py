@@ -269,7 +269,7 @@ def _folder(options: argparse.Namespace) -> Path | None:
 
 def _check(options: argparse.Namespace, folder: Path | None) -> None:
     """Refuse options that do not go together."""
-    from lidar_outlier_filter.disk.publication import FILE, check_new
+    from lidar_outlier_filter.disk.new_files import FILE, check_new
 
     for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
         if value and len(options.files) > 1:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Cleaners, Job
     from lidar_outlier_filter.archive.manifest import Manifest
     from lidar_outlier_filter.archive.many_files import ManyFiles, Result
-    from lidar_outlier_filter.archive.step import Step
+    from lidar_outlier_filter.archive.task import Step
     from lidar_outlier_filter.core.judging.slow import SlowDetector
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
     from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
@@ -105,7 +105,7 @@ def _opened(folder: Path | None) -> Iterator[tuple[Manifest | None, Path | None]
         yield None, None
         return
     from lidar_outlier_filter.archive.manifest import opened_manifest
-    from lidar_outlier_filter.disk.hidden_folder import hidden_folder
+    from lidar_outlier_filter.disk.new_files import hidden_folder
 
     with opened_manifest(folder, say) as manifest, hidden_folder(folder / 'files') as hidden:
         yield manifest, hidden
@@ -178,7 +178,7 @@ class _ManyFilesProgress:
     @property
     def step(self) -> Step:
         """All of it together; the file that is named is the one furthest, or the last one done."""
-        from lidar_outlier_filter.archive.step import Step
+        from lidar_outlier_filter.archive.task import Step
 
         running = {path: at for path, at in self._shares.copy().items() if path not in self._done}
         begun = sum(at[0] * self._sizes[path] for path, at in running.items())

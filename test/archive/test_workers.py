@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from lidar_outlier_filter.archive.manifest import Entry
-    from lidar_outlier_filter.archive.step import Step
+    from lidar_outlier_filter.archive.task import Step
     from lidar_outlier_filter.archive.workers import Workers
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings('ignore:.*:ResourceWarning')]

@@ -14,7 +14,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.files.cleaning import classes
+from lidar_outlier_filter.files.cleaning.judged_file import spare
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -195,7 +195,7 @@ def test_spared_points() -> None:
     verdict.add(1, np.arange(4), Scores(np.array([0.5, 3.0, 0.25, 2.0])))
     verdict.settle(1)
     kept = np.array([True, True, False, False])
-    spared = classes.spare(verdict, kept)
+    spared = spare(verdict, kept)
     assert verdict.rejected.tolist() == [False, True, False, True]
     assert spared.rejected.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(spared.score, np.array([0.5, np.nan, 0.25, 2.0], np.float32))

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from lidar_outlier_filter.core.detectors.evidence.models import SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.evidence.survey.far import NAMES
-from lidar_outlier_filter.core.detectors.evidence.survey.model import load
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_errors import NEIGHBOUR, add_errors
@@ -99,7 +99,7 @@ def test_what_cannot_be_trained_on(walls: list[SurveyScene]) -> None:
 
 def test_model_of_the_package() -> None:
     """The model of the package is complete."""
-    model = load()
+    model = load(SURVEY_MODEL)
     assert model.doubtful < model.threshold
     assert len(model.first.feature) == 80
     assert len(model.again.feature) == 220

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lidar_outlier_filter.annotations import Bools, Bytes, Floats, Singles
-    from lidar_outlier_filter.core.detectors.evidence.models import PatternModel
+    from lidar_outlier_filter.core.detectors.evidence.models import TreeModel
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
 
 # A number never changes its meaning, so each group has numbers to spare: of the window, of the
@@ -70,7 +70,7 @@ def strongest_of_sum(contributions: Floats, weights: Floats) -> Bytes:
 def strongest_of_trees(
     prepared: Prepared,
     first: FirstPass,
-    model: PatternModel,
+    model: TreeModel,
     wanted: Bools,
     threads: int = 0,
 ) -> Bytes:

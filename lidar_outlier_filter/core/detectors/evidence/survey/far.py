@@ -58,7 +58,7 @@ from lidar_outlier_filter.core.detectors.evidence.weighted_sum.eigen import (
 )
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
-from lidar_outlier_filter.core.neighbours.typical_scale import LEAST, K
+from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles

@@ -15,19 +15,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
+from lidar_outlier_filter.core.detectors.evidence.models import SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.evidence.survey import far as survey_far
 from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far, write_far
 from lidar_outlier_filter.core.detectors.evidence.survey.lanes import add_farthest
-from lidar_outlier_filter.core.detectors.evidence.survey.model import load
 from lidar_outlier_filter.core.detectors.evidence.survey.near import Near, write_near
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import find_places, shares_places
-from lidar_outlier_filter.core.neighbours.typical_scale import K
+from lidar_outlier_filter.core.neighbours.places import K, find_places, shares_places
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Ints, Singles
@@ -63,7 +62,7 @@ def measure(
     odds, reach = np.full(len(xyz), np.nan), np.full(len(xyz), np.inf)
     if len(xyz) <= K:
         return odds, reach
-    model = load()
+    model = load(SURVEY_MODEL)
     hood = Neighbourhood(xyz, K, threads)
     if shares_places(hood, K):
         places = find_places(xyz)
@@ -88,7 +87,9 @@ def measure(
 
 def score(odds: Floats, threshold: float) -> Floats:
     """Return scores from 0, more than 1 where rejected; ``threshold`` is the user's, 1 usually."""
-    scores: Floats = np.maximum(odds - LEAST, 0.0) / (threshold * (load().threshold - LEAST))
+    scores: Floats = np.maximum(odds - LEAST, 0.0) / (
+        threshold * (load(SURVEY_MODEL).threshold - LEAST)
+    )
     return scores
 
 

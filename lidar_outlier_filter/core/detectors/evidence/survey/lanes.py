@@ -13,7 +13,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import sort_signed
-from lidar_outlier_filter.core.neighbours.typical_scale import LEAST
+from lidar_outlier_filter.core.neighbours.places import LEAST
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
