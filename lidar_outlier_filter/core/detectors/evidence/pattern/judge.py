@@ -29,7 +29,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.values import (
     write_values,
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared, prepare
-from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
+from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_lanes
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
@@ -186,7 +186,7 @@ def _judge(
             if not asked:
                 continue
             write_values(prepared, first, second, line, k, room)
-            add_up(trees, room.values, total)
+            add_lanes(trees, room.values, total)
             for lane in range(count):
                 if score[k + lane] > doubtful:
                     result[k + lane] = total[lane]
