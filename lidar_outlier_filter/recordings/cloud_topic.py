@@ -97,7 +97,8 @@ class CloudTopic:
         def say(text: str) -> None:
             inform(f'{name}: {text}')
 
-        self._filter = Session(parameters, say, say, motion, compiles=chain is None)
+        # A kernel is compiled when the first cloud needs it: another sensor's never are.
+        self._filter = Session(parameters, say, say, motion, compiles=False)
         if chain is not None:
             self._filter.judge_by(chain)
         self._filter.wanted = (False, False)

@@ -72,7 +72,7 @@ class Session:
     motion : PoseSource, optional
         With it clouds wait for their poses, too.
     compiles : bool, optional
-        Whether kernels are made ready here; else they are ready before the first cloud is judged.
+        Whether all kernels are made ready here; else each is ready, or compiled, when it is needed.
 
     Attributes
     ----------
