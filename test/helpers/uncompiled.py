@@ -43,7 +43,7 @@ def not_compiling(**_options: object) -> Callable[[Any], Any]:
     return take
 
 
-numba.njit = not_compiling
+numba.njit = not_compiling  # type: ignore[assignment]
 
 import numpy as np  # noqa: E402  nothing may have asked for a kernel before
 

@@ -297,7 +297,8 @@ def test_no_executor_serves_a_node_that_is_destroyed(
     node.start()
     executor = node_module._executor(ros.context)
     monkeypatch.setattr(node_module, '_executor', lambda _: executor)
-    destroy, served = node.destroy_node, []
+    destroy = node.destroy_node
+    served: list[object] = []
 
     def note_and_destroy() -> None:
         served.append(list(executor.get_nodes()))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 CORE = TESTS / 'core'
 # What reads beside points, on clouds of many sizes: the kernels of the default, and of neighbours.
 # Every kernel is compiled for it, which is what takes the time.
-TESTS = [
+CHECKED = [
     *(
         f'neighbours/test_neighbours.py::test_{name}'
         for name in ('small_clouds', 'all_equally_far', 'some_lists_are_those_of_all')
@@ -39,7 +39,7 @@ def run(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.timeout(1800)
 def test_no_kernel_leaves_its_arrays(tmp_path: Path) -> None:
     """The tests of the default and of neighbours pass where an index out of bounds raises."""
-    tests = [str(CORE / name) for name in TESTS]
+    tests = [str(CORE / name) for name in CHECKED]
     checked = {'NUMBA_BOUNDSCHECK': '1', 'NUMBA_CACHE_DIR': str(tmp_path)}
     done = run('-m', 'pytest', '-q', '-x', '-p', 'no:cacheprovider', *tests, **checked)
     assert done.returncode == 0, done.stdout[-5000:]

@@ -19,8 +19,16 @@ from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_n
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far
 from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
 from lidar_outlier_filter.core.judging.whole_cloud import judge_whole
+from lidar_outlier_filter.core.neighbours import places
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import K, find_places, shares_places, typical_scale
+from lidar_outlier_filter.core.neighbours.places import (
+    LEAST,
+    SAMPLE,
+    K,
+    find_places,
+    shares_places,
+    typical_scale,
+)
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -276,3 +284,18 @@ def test_typical_scale() -> None:
     assert scale_of(np.repeat(xyz[:5000], 9, axis=0)) == pytest.approx(
         scale_of(xyz[:5000]), rel=0.05
     )
+    # Where points nearly coincide the micrometre is left that is added.
+    assert scale_of(1e-15 * xyz[:5000]) == pytest.approx(LEAST)
+
+
+def test_typical_scale_is_that_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of many points about as many are looked at as are asked for."""
+    looked_at: list[int] = []
+
+    def note(xyz: Floats, *more: int) -> Neighbourhood:
+        looked_at.append(len(xyz))
+        return Neighbourhood(xyz, *more)
+
+    monkeypatch.setattr(places, 'Neighbourhood', note)
+    scale_of(np.random.default_rng(7).uniform(0.0, 50.0, (60_000, 3)))
+    assert looked_at == [pytest.approx(SAMPLE, rel=0.05)]
