@@ -136,6 +136,12 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--keep-classes', metavar='C[,C…]', help='classes of LAS whose points stay as they are'
     )
+    parser.add_argument(
+        '--ignore-classes',
+        metavar='C[,C…]',
+        help='classes of LAS, as 7,18 for known noise, whose points stay as they are, and are not '
+        'seen when others are judged',
+    )
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
@@ -321,6 +327,7 @@ def _wanted(options: argparse.Namespace) -> Wanted:
         options.strips,
         _classes(options.only_classes, '--only-classes'),
         _classes(options.keep_classes, '--keep-classes'),
+        _classes(options.ignore_classes, '--ignore-classes'),
         options.dry_run,
         options.unit,
         values,

@@ -21,6 +21,7 @@ from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.clean import add_clean
 from lidar_outlier_filter.cli.compile import add_compile
 from lidar_outlier_filter.cli.compile_notice import COMMAND_GROUP
+from lidar_outlier_filter.cli.completion import complete
 from lidar_outlier_filter.cli.evaluate import add_evaluate
 from lidar_outlier_filter.cli.info import add_info
 from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
@@ -60,6 +61,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     for add in commands_for(words):
         add(commands)
+    complete(parser)
     options = parser.parse_args(words)
     try:
         status: int = options.run(options)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.annotations import Bools, Rows
     from lidar_outlier_filter.core.verdict import Verdict
 
 
@@ -111,6 +111,18 @@ def is_empty(msg: Any) -> bool:
     return bool(msg.width * msg.height == 0)
 
 
+def is_organised(msg: Any) -> bool:
+    """Return whether a cloud has points, and more than one row of them."""
+    return bool(msg.height > 1 and msg.width)
+
+
+def leave_out(msg: Any, missing: Bools) -> Any:
+    """Copy an unorganised cloud without its N missing returns, (N,) bool; the copy is dense."""
+    result = with_rows(msg, plain_rows(msg)[~missing], msg.fields, msg.point_step)
+    result.is_dense = True
+    return result
+
+
 def split(
     msg: Any,
     verdict: Verdict,
@@ -146,7 +158,7 @@ def split(
     outliers = with_rows(msg, rows[rejected], fields, step) if wanted[1] else None
     if not wanted[0]:
         return None, outliers
-    if keep_organized and msg.height > 1 and len(rows):
+    if keep_organized and is_organised(msg):
         holes = _with_holes(rows, structured(msg).dtype, rejected)
         organised = with_rows(msg, holes, fields, step, msg.height)
         organised.is_dense = bool(msg.is_dense) and not rejected.any()

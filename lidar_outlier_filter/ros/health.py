@@ -323,6 +323,7 @@ class _Look:
             'outliers',
             'untested',
             'invalid',
+            'dropped',
             'refused',
             'shed',
             'unmoved',

@@ -20,6 +20,7 @@ from std_srvs.srv import SetBool
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import FilterError, ParameterError
+from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.compiler import Compiler
@@ -106,6 +107,8 @@ class OutlierFilterNode(TunableNode):
             options['cli_args'] = [*options.get('cli_args', []), '--ros-args', *remap]
             parameters = {**(parameters or {}), 'inputs': (POINTS,)}
         super().__init__(parameters or {}, **options)
+        for refused in installed().refused.values():
+            self.get_logger().warning(str(refused))
         self._compiler = Compiler(
             self._take_over, self.get_logger().info, self.get_logger().warning
         )
@@ -290,6 +293,8 @@ def _serve(node: OutlierFilterNode, stop: threading.Event) -> None:
         while node.context.ok() and not stop.is_set():
             executor.spin_once(timeout_sec=SIGNAL_PERIOD)
     node.finish()
+    # First: threads of the middleware call an executor for what it serves.
+    executor.shutdown()
     node.destroy_node()
 
 

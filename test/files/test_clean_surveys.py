@@ -72,6 +72,41 @@ def test_marks_and_classes(
     assert (np.delete(classes, [LOW, BIRD]) == 2).all()
 
 
+def test_known_noise_is_not_seen(cloud: Path, capsys: Capture) -> None:
+    """It keeps its class, and hides no outlier beside it: others are judged as if it were away."""
+    data = laspy.read(cloud)
+    beside = np.tile([[10.0, 10.0, 30.0]], (60, 1)) + np.random.default_rng(2).random((60, 3)) / 5
+    more = laspy.ScaleAwarePointRecord.zeros(len(data.points) + 60, header=data.header)
+    more.array[:1500] = data.points.array
+    data.points = more
+    classes = np.array(data.classification)
+    x, y, z = (np.array(data[name]) for name in 'xyz')
+    x[1500:], y[1500:], z[1500:] = beside.T
+    x[BIRD], y[BIRD], z[BIRD] = 10.1, 10.1, 30.1
+    classes[1500:] = 18
+    data.x, data.y, data.z, data.classification = x, y, z, classes
+    data.write(cloud)
+    chain = ['--chain', 'sor']
+    for name, options in (('plain', []), ('known', ['--ignore-classes', '7,18'])):
+        output = cloud.with_name(f'{name}.las')
+        assert main(['clean', str(cloud), '--output', str(output), *chain, *options]) == 0
+    after = np.array(laspy.read(cloud.with_name('known.las')).classification)
+    assert after[BIRD] == 7
+    assert (after[1500:] == 18).all()
+    assert np.array(laspy.read(cloud.with_name('plain.las')).classification)[BIRD] == 1
+    capsys.readouterr()
+    assert main(['clean', str(cloud), '--dry-run', *chain, '--ignore-classes', '7,18']) == 0
+    lines = [line.replace('│', ' ').split() for line in capsys.readouterr().out.splitlines()]
+    assert 'ignored' in next(line for line in lines if 'points' in line)
+    assert any('60' in line and 'a.las' in line for line in lines)
+    away = data.points[np.arange(len(data.points)) < 1500]
+    data.points = away
+    data.write(cloud.with_name('away.las'))
+    assert main(['clean', str(cloud.with_name('away.las')), *chain]) == 0
+    alone = np.array(laspy.read(cloud.with_name('away_cleaned.las')).classification)
+    assert (alone == after[:1500]).all()
+
+
 @pytest.mark.parametrize('point_format', range(11))
 def test_marks_of_every_point_format(tmp_path: Path, point_format: int) -> None:
     """Class 7 and 18, and the flag, are where ASPRS has them; all else is as it was."""

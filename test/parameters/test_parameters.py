@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from helpers import ROOT
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
 from lidar_outlier_filter.errors import FilterError, ParameterError
@@ -20,10 +20,11 @@ from lidar_outlier_lab.results.papers.methods import METHODS, SMOOTHER
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from lidar_outlier_filter.parameters.declaration import Parameter
 
-CONFIG = Path(__file__).parents[2] / 'config'
+CONFIG = ROOT / 'config'
 FILES = sorted(CONFIG.rglob('*.yaml'))
 DEFAULT = FilterParameters()
 EACH = pytest.mark.parametrize('parameter', describe(), ids=lambda parameter: parameter.name)

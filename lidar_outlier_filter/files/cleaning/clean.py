@@ -224,7 +224,7 @@ def report_of(
         rings=loaded.rings,
         coarse=say_coarse(file, judged.coordinates, loaded.points, judged.metres),
         chain=judged.parameters.chain,
-        **_counts(judged.verdict, loaded.points.valid, judged.parameters.chain),
+        **_counts(judged.verdict, loaded.points.valid, judged.ignored, judged.parameters.chain),
         spared=int(np.count_nonzero(judged.everything.rejected & ~judged.verdict.rejected)),
         by_class=judged.by_class,
         low=int(np.count_nonzero(~judged.high)),
@@ -235,7 +235,9 @@ def report_of(
     )
 
 
-def _counts(verdict: Verdict, valid: NDArray[np.bool_], chain: Sequence[str]) -> dict[str, Any]:
+def _counts(
+    verdict: Verdict, valid: NDArray[np.bool_], ignored: int, chain: Sequence[str]
+) -> dict[str, Any]:
     """Count the points, all and by detector."""
 
     def by_detector(bits: NDArray[np.uint16]) -> dict[str, int]:
@@ -243,7 +245,8 @@ def _counts(verdict: Verdict, valid: NDArray[np.bool_], chain: Sequence[str]) ->
 
     return {
         'points': len(valid),
-        'invalid': int(np.count_nonzero(~valid)),
+        'invalid': int(np.count_nonzero(~valid)) - ignored,
+        'ignored': ignored,
         'untested': int(np.count_nonzero(np.isnan(verdict.score[valid]))),
         'rejected': int(np.count_nonzero(verdict.rejected)),
         'rejected_by': by_detector(verdict.detectors),

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -48,7 +48,8 @@ class JudgedFile:
     file, wanted, parameters : what was judged, and how
     coordinates : the columns that were judged
     metres : of those in other units, the metres that one of them is
-    loaded : what was read
+    loaded : what was read; points of classes that are ignored are not valid
+    ignored : how many these are
     everything : the verdict on all points
     verdict : the same, without points of classes that stay as they are
     by_class : the points and the rejected ones of each class
@@ -63,6 +64,7 @@ class JudgedFile:
     coordinates: tuple[str, ...]
     metres: Mapping[str, float]
     loaded: points.Loaded
+    ignored: int
     everything: Verdict
     verdict: Verdict
     by_class: Mapping[int, tuple[int, int]]
@@ -100,6 +102,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         metres = _metres(file, coordinates, wanted.unit)
         loaded = _load(file, coordinates, metres, wanted, parameters, allocate, progress)
     with timed(seconds, 'judge'):
+        loaded, ignored = _without(loaded, wanted.ignore)
         loaded = points.recovered(file, loaded, parameters)
         judged = partial(
             judge,
@@ -125,6 +128,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         coordinates,
         metres,
         loaded,
+        ignored,
         everything,
         verdict,
         counted,
@@ -171,7 +175,7 @@ def _load(  # noqa: PLR0913  of what, which points, and where to
     progress: Progress,
 ) -> points.Loaded:
     """Read the points; refuse a chain that needs scan lines where there are none."""
-    check(file, wanted.only, wanted.keep)
+    check(file, (*wanted.only, *wanted.keep, *wanted.ignore))
     # In tiles, those that can do without scan lines do.
     timed = bool(along_lines(parameters.chain)) if wanted.tile else uses_lines(parameters.chain)
     loaded = points.load(
@@ -187,6 +191,16 @@ def _load(  # noqa: PLR0913  of what, which points, and where to
     if loaded.lack:
         check_chain(parameters.chain, str(file.path), loaded.lack)
     return loaded
+
+
+def _without(loaded: points.Loaded, ignore: Sequence[int]) -> tuple[points.Loaded, int]:
+    """Make points of some classes invalid, so that nobody sees them; count those that were not."""
+    if not ignore:
+        return loaded, 0
+    valid = loaded.points.valid
+    ignored = valid & np.isin(cloud_file.filled(loaded.more[CLASSIFICATION]), ignore)
+    rest = replace(loaded.points, valid=valid & ~ignored)
+    return replace(loaded, points=rest), int(np.count_nonzero(ignored))
 
 
 def _judge_strips(
@@ -212,7 +226,7 @@ def timed(seconds: dict[str, float], name: str) -> Iterator[None]:
     seconds[name] = round(perf_counter() - begin, 3)
 
 
-def check(file: CloudFile, only: Sequence[int], keep: Sequence[int]) -> None:
+def check(file: CloudFile, named: Sequence[int]) -> None:
     """Refuse classes that no file, or this one, can have.
 
     Raises
@@ -221,9 +235,9 @@ def check(file: CloudFile, only: Sequence[int], keep: Sequence[int]) -> None:
         If its format has none, or there is no class of such a number.
 
     """
-    if (only or keep) and not file.classes:
+    if named and not file.classes:
         raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')
-    for one in (*only, *keep):
+    for one in named:
         if not 0 <= one <= MOST:
             raise CloudError('a class', f'from 0 to {MOST}', one)
 

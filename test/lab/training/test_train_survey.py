@@ -78,10 +78,10 @@ def test_rare_causes_count_more_than_their_share(
         raise Drawn(drawn)
 
     monkeypatch.setattr(train_module, 'learn_in_folds', stop)
-    with pytest.raises(Drawn) as told:
+    with pytest.raises(Drawn) as raised:
         train_survey(walls, {})
     neither = [Cause.MIXED, Cause.NEAR_SURFACE, Cause.SNOW]
-    for scene, drawn in zip(walls, told.value.args[0], strict=True):
+    for scene, drawn in zip(walls, raised.value.args[0], strict=True):
         share = np.bincount(scene.cause.astype(np.int64)) / len(scene.cause)
         rare = sum(np.sqrt(s) for cause, s in enumerate(share) if cause and cause not in neither)
         assert drawn.weight[drawn.outlier].sum() == pytest.approx(rare)

@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from helpers.profile_drives import Drive, prepared
 from helpers.profile_drives import pattern_of as profile_of
 from helpers.roads import arm, road
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
 
-PAGE = Path(__file__).parents[4] / 'doc/detectors/evidence.md'
+PAGE = ROOT / 'doc/detectors/evidence.md'
 
 
 def judged(points: Points, **changed: object) -> Verdict:

@@ -21,7 +21,7 @@ from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_n
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far, write_far
 from lidar_outlier_filter.core.detectors.evidence.survey.lanes import add_farthest
 from lidar_outlier_filter.core.detectors.evidence.survey.near import Near, write_near
-from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
+from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_lanes
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
@@ -130,7 +130,7 @@ def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles, extent
         for lane in range(LANES):
             points[lane] = min(start + lane, end - 1)
         write_near(near, points, buffers, values)
-        add_up(trees, values, total)
+        add_lanes(trees, values, total)
         add_farthest(buffers.distance, buffers.radii, K, farthest)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
@@ -157,7 +157,7 @@ def _again(
             rows[lane] = min(start + lane, end - 1)
             points[lane] = which[rows[lane]]
         write_far(far, points, rows, buffers, values)
-        add_up(trees, values, total)
+        add_lanes(trees, values, total)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
             for m in range(count):
