@@ -26,7 +26,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_eith
 from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import detect, neighbours
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.typical_scale import typical_scale
+from lidar_outlier_filter.core.neighbours.places import typical_scale
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import NOTHING, put, table
 
