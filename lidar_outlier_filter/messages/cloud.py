@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 
 # Index is PointField.datatype; 9 to 11 are PCL's, and ROS's after Jazzy: int64, uint64, bool.
-_FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
+FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
 # PointField.datatype by numpy's name without byte order
-DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(_FORMATS[:11]) if name}}
+DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(FORMATS[:11]) if name}}
 AXES = ('x', 'y', 'z')
 MOST_LAYOUTS = 64  # that are remembered: a topic has one or two
 REMEMBERED_NAMES = 10_000  # characters of all fields of one
@@ -79,7 +79,7 @@ def _layout(
     names, formats, offsets = [], [], []
     known: set[str] = set()  # names may be many
     for name, datatype, offset, count in fields:
-        if not 1 <= datatype < len(_FORMATS):
+        if not 1 <= datatype < len(FORMATS):
             raise CloudError('the datatype of a field', 'from 1 to 11', f'{datatype} for {name!r}')
         if count < 1:
             raise CloudError('the count of a field', 'at least 1', f'{count} for {name!r}')
@@ -87,7 +87,7 @@ def _layout(
             raise CloudError('the names of the fields', 'given and different', repr(name))
         if name in AXES and count > 1:
             raise CloudError(f'field {name!r}', 'a single number', count)
-        kind = np.dtype(('>' if is_bigendian else '<') + _FORMATS[datatype])
+        kind = np.dtype(('>' if is_bigendian else '<') + FORMATS[datatype])
         end = offset + kind.itemsize * count
         if end > point_step:
             must_be = f'at least {end}, the end of field {name!r}'

@@ -267,8 +267,8 @@ def test_nobody_names_a_detector() -> None:
 
 
 def test_declarations_are_light() -> None:
-    """To know all parameters costs no numba, no SciPy and no ROS."""
-    heavy = ('numba', 'scipy', 'rclpy')
+    """To know all parameters costs no NumPy, no numba, no SciPy and no ROS."""
+    heavy = ('numpy', 'numba', 'scipy', 'rclpy')
     code = f"""
 import sys
 from {PACKAGE}.parameters.filter import FilterParameters

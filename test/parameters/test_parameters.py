@@ -171,6 +171,14 @@ def test_refusals(values: Mapping[str, object], sentence: str) -> None:
     assert FilterParameters() == DEFAULT
 
 
+@pytest.mark.parametrize('name', [one.name for one in describe() if one.name.endswith('_warn')])
+def test_no_warning_after_its_error(name: str) -> None:
+    """Each limit of a warning is at most that of its error."""
+    error = name.removesuffix('warn') + 'error'
+    with pytest.raises(ParameterError, match=f'^{name} must be at most {error} = 0.1, got 0.2'):
+        DEFAULT.changed({name: 0.2, error: 0.1})
+
+
 def test_refused_when_made() -> None:
     """There are no parameters that make no sense, however they are made."""
     with pytest.raises(ParameterError, match=r'^block must be from'):
