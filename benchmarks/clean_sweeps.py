@@ -96,11 +96,10 @@ def draw(points: Points, rejected: NDArray[np.bool_], title: str, path: Path) ->
 def lay_out(rows: Sequence[Row]) -> str:
     """Lay out the rows in Markdown."""
     return table(
-        ['sensor', 'sweeps', 'points', 'rejected', 'million points/s of processor time'],
+        ['sensor', 'points', 'rejected', 'million points/s of processor time'],
         [
             [
-                row.sensor,
-                str(row.sweeps),
+                f'{row.sensor}, {row.sweeps} sweep{"s"[: row.sweeps - 1]}',
                 f'{row.points:,}',
                 f'{100 * row.lost / row.points:.2g} %',
                 f'{row.rate / 1e6:.2f}',
