@@ -28,7 +28,7 @@ from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum import features as weighted
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES
+from lidar_outlier_filter.core.kernels.lanes import fill
 from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE
 
 if TYPE_CHECKING:
@@ -113,21 +113,21 @@ def _explain(
     pattern, buffers, added = prepared.pattern, make_pattern_room(), np.empty(len(rows), np.float32)
     means, values = (find_means(both[0]), find_means(both[1])), buffers.values
     more = COUNT_PROFILE if len(prepared.groups) > 0 else 0
+    places = buffers.window.places
     own = COUNT + more  # the row of the point's own result of the first pass
     for line in range(begin, end):
-        for k in range(pattern.first[line], pattern.last[line], LANES):
-            count = min(pattern.last[line] - k, LANES)
-            if not wanted[k : k + count].any():
-                continue
-            write_values(prepared, first, True, line, k, buffers)  # noqa: FBT003
+        k = pattern.first[line]
+        while k < pattern.last[line]:
+            count, k = fill(places, wanted, k, pattern.last[line])
+            if count > 0:
+                write_values(prepared, first, True, line, buffers)  # noqa: FBT003
             for lane in range(count):
-                if wanted[k + lane]:
-                    strongest = own
-                    if first.score[k + lane] > doubtful:
-                        strongest = _find_strongest(both[1], means[1], rows, values[:, lane], added)
-                    if strongest == own:
-                        strongest = _find_strongest(both[0], means[0], rows, values[:, lane], added)
-                    reason[k + lane] = rows[strongest] if strongest >= 0 else 0
+                strongest = own
+                if first.score[places[lane]] > doubtful:
+                    strongest = _find_strongest(both[1], means[1], rows, values[:, lane], added)
+                if strongest == own:
+                    strongest = _find_strongest(both[0], means[0], rows, values[:, lane], added)
+                reason[places[lane]] = rows[strongest] if strongest >= 0 else 0
 
 
 @inner_kernel

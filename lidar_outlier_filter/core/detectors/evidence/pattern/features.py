@@ -24,6 +24,9 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.window import (
     NEAREST_OTHER,
     ONE,
     OWN,
+    OWN_PHASES,
+    OWN_RANGES,
+    RANGE,
     REACH_OWN,
     ROUGH,
     ROUGH_COUNT,
@@ -33,13 +36,14 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.window import (
     ZERO,
     F,
     gather,
+    look_from,
     make_window,
 )
 from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Single, Singles
+    from lidar_outlier_filter.annotations import Single, Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import PatternWindow, Prepared
     from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
 
@@ -86,8 +90,9 @@ def measure(prepared: Prepared, begin: int, end: int, out: Singles) -> None:
     values = rows_of_singles(COUNT)
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
-            gather(prepared, line, k, window)
-            write_features(pattern, line, k, window, values)
+            look_from(k, window.places)
+            gather(prepared, line, window)
+            write_features(pattern, line, window, values)
             copy_points(values, pattern.last[line] - k, out[:, k:])
 
 
@@ -100,18 +105,13 @@ def copy_points(values: Singles, count: int, out: Singles) -> None:
 
 
 @inlined_kernel
-def write_features(
-    pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles
-) -> None:
-    """Write the features of the points from place k on, of gathered windows.
-
-    Lanes behind the line's end mean nothing.
-    """
-    _count(pattern, line, k, window)
-    _along(pattern, line, k, window.origin, values)
-    _distances(pattern, line, k, window, values)
+def write_features(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
+    """Write the features of the points of gathered windows."""
+    _count(pattern, line, window)
+    _along(pattern, line, window, values)
+    _distances(pattern, line, window, values)
     _shares(window, values)
-    _ranges(pattern, line, k, window, values)
+    _ranges(pattern, line, window, values)
 
 
 @inlined_kernel
@@ -127,9 +127,9 @@ def width(array: Singles) -> int:
 
 
 @apart_kernel
-def _count(pattern: Pattern, line: int, k: int, window: PatternWindow) -> None:
+def _count(pattern: Pattern, line: int, window: PatternWindow) -> None:
     """Count returns before, behind and at the same range, and find the nearest of all."""
-    reach, gap = pattern.range[k : k + LANES], pattern.gap[line]
+    reach, gap = window.mine[RANGE], pattern.gap[line]
     apart, most = pattern.apart[line], pattern.level[line]
     square, away, sums, best = window.square, window.away, window.sums, window.best
     best[:] = FAR
@@ -161,21 +161,18 @@ def _count(pattern: Pattern, line: int, k: int, window: PatternWindow) -> None:
 
 
 @apart_kernel
-def _along(pattern: Pattern, line: int, k: int, origin: Floats, values: Singles) -> None:
+def _along(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
     """Write what three predictions along the ring say of the range."""
     step, noise = pattern.step[line], pattern.noise[line]
-    r0 = pattern.range[k : k + LANES]
-    ra, pa = pattern.range[k - 1 : k - 1 + LANES], pattern.phase[k - 1 : k - 1 + LANES]
-    rb, pb = pattern.range[k + 1 : k + 1 + LANES], pattern.phase[k + 1 : k + 1 + LANES]
-    rc, pc = pattern.range[k - 2 : k - 2 + LANES], pattern.phase[k - 2 : k - 2 + LANES]
-    rd, pd = pattern.range[k + 2 : k + 2 + LANES], pattern.phase[k + 2 : k + 2 + LANES]
+    r0, reach, phase = window.mine[RANGE], window.own[OWN_RANGES:], window.own[OWN_PHASES:]
+    ra, pa, rc, pc = reach[OWN - 1], phase[OWN - 1], reach[OWN - 2], phase[OWN - 2]
+    rb, pb, rd, pd = reach[OWN], phase[OWN], reach[OWN + 1], phase[OWN + 1]
     most = REACH_OWN * step * pattern.turn[line]
     for lane in range(width(values)):
-        r, o = r0[lane], origin[lane]
-        a, b = F(pa[lane] - o), F(pb[lane] - o)
+        r, a, b = r0[lane], pa[lane], pb[lane]
         middle = _off(r, ra[lane], a, rb[lane], b, most)
-        before = _off(r, ra[lane], a, rc[lane], F(pc[lane] - o), most)
-        after = _off(r, rb[lane], b, rd[lane], F(pd[lane] - o), most)
+        before = _off(r, ra[lane], a, rc[lane], pc[lane], most)
+        after = _off(r, rb[lane], b, rd[lane], pd[lane], most)
         least = min(middle, before, after)
         unit = step + noise / r
         values[2, lane] = min(least / unit, MOST)
@@ -200,9 +197,9 @@ def _off(r: Single, ra: Single, pa: Single, rb: Single, pb: Single, most: Single
 
 
 @apart_kernel
-def _distances(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
+def _distances(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
     """Write how far the nearest returns are: in the ring, in other rings, and of all."""
-    reach, step, gap = pattern.range[k : k + LANES], pattern.step[line], pattern.gap[line]
+    reach, step, gap = window.mine[RANGE], pattern.step[line], pattern.gap[line]
     noise, apart = pattern.noise[line], pattern.apart[line]
     square, sums, best = window.square, window.sums, window.best
     for lane in range(width(values)):
@@ -240,10 +237,10 @@ def _shares(window: PatternWindow, values: Singles) -> None:
 
 
 @apart_kernel
-def _ranges(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
+def _ranges(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
     """Write range and brightness, the background's range, and predictions across the rings."""
-    reach, gap, noise = pattern.range[k : k + LANES], pattern.gap[line], pattern.noise[line]
-    bright, uneven = pattern.bright[k : k + LANES], pattern.uneven[line]
+    reach, gap, noise = window.mine[RANGE], pattern.gap[line], pattern.noise[line]
+    bright, uneven = window.bright, pattern.uneven[line]
     sums, inverse, beside = window.sums, window.inverse, pattern.beside[:, line]
     part = beside[1] / (beside[1] + beside[2])
     low, high = beside[1] / (beside[0] - beside[1]), beside[2] / (beside[3] - beside[2])

@@ -32,7 +32,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_lanes
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES
+from lidar_outlier_filter.core.kernels.lanes import LANES, fill
 from lidar_outlier_filter.core.neighbours.own_frame import find_own_frame
 from lidar_outlier_filter.core.neighbours.placed_pattern import (
     LINES_AT_ONCE,
@@ -45,7 +45,7 @@ from lidar_outlier_filter.core.neighbours.recovered_rings import as_turn
 from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Bytes, Floats, Singles
+    from lidar_outlier_filter.annotations import Bools, Bytes, Floats, Singles
     from lidar_outlier_filter.core.points.points import Points
 
 LEAST = -8.0  # log-odds that make a score of 0
@@ -137,11 +137,11 @@ def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
     """Give each place its log-odds; those of places without a point are 0."""
     pattern = prepared.pattern
     places, unknown = len(pattern.order), np.empty(0, np.float32)
-    score = np.zeros(places, np.float32)
-    # All are doubtful, and there are no scores that anybody looks at.
-    nothing = FirstPass(np.zeros(places, np.float32), np.empty(0, np.int32), unknown, 0.0)
+    score, all_of_them = np.zeros(places, np.float32), np.ones(places, np.bool_)
+    # There are no scores that anybody looks at.
+    nothing = FirstPass(unknown, np.empty(0, np.int32), unknown, 0.0)
     pool.run(
-        lambda i, j: _judge(prepared, nothing, False, -np.float32(np.inf), trees, i, j, score),  # noqa: FBT003
+        lambda i, j: _judge(prepared, nothing, False, all_of_them, trees, i, j, score),  # noqa: FBT003
         len(pattern.first),
         LINES_AT_ONCE,
         threads,
@@ -153,9 +153,9 @@ def second_pass(
     prepared: Prepared, first: FirstPass, trees: Trees, doubtful: float, threads: int = 0
 ) -> Singles:
     """Return the log-odds (M,) of each place: of these trees, where the first are ``doubtful``."""
-    result, low = first.score.copy(), np.float32(doubtful)
+    result, asked = first.score.copy(), first.score > np.float32(doubtful)
     pool.run(
-        lambda i, j: _judge(prepared, first, True, low, trees, i, j, result),  # noqa: FBT003
+        lambda i, j: _judge(prepared, first, True, asked, trees, i, j, result),  # noqa: FBT003
         len(prepared.pattern.first),
         LINES_AT_ONCE,
         threads,
@@ -168,25 +168,21 @@ def _judge(
     prepared: Prepared,
     first: FirstPass,
     second: bool,
-    doubtful: np.float32,
+    asked: Bools,
     trees: Trees,
     begin: int,
     end: int,
     result: Singles,
 ) -> None:
-    """Write what trees say of the points of lines begin to end whose score is doubtful."""
+    """Write what trees say of the points of lines begin to end that are asked about."""
     pattern, room, total = prepared.pattern, make_pattern_room(), np.empty(LANES, np.float32)
-    score = first.score
+    places = room.window.places
     for line in range(begin, end):
-        for k in range(pattern.first[line], pattern.last[line], LANES):
-            count = min(pattern.last[line] - k, LANES)
-            asked = False
+        k = pattern.first[line]
+        while k < pattern.last[line]:
+            count, k = fill(places, asked, k, pattern.last[line])
+            if count > 0:
+                write_values(prepared, first, second, line, room)
+                add_lanes(trees, room.values, total)
             for lane in range(count):
-                asked |= score[k + lane] > doubtful
-            if not asked:
-                continue
-            write_values(prepared, first, second, line, k, room)
-            add_lanes(trees, room.values, total)
-            for lane in range(count):
-                if score[k + lane] > doubtful:
-                    result[k + lane] = total[lane]
+                result[places[lane]] = total[lane]

@@ -22,19 +22,24 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.window import (
     ONE,
     OTHER,
     OWN,
+    OWN_PHASES,
+    OWN_RANGES,
+    RANGE,
     RINGS,
     TWO,
     ZERO,
     F,
     gather,
+    look_from,
     make_window,
 )
 from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, rows_of_singles, sort
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Singles
+    from lidar_outlier_filter.annotations import Ints, Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import PatternWindow, Prepared
+    from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
 
 PROFILE = (
     'middle',  # median difference of the pairs' predictions from the range, standard deviations
@@ -57,59 +62,57 @@ def measure_profile(prepared: Prepared, begin: int, end: int, out: Singles) -> N
     values = rows_of_singles(COUNT_ALL)
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
-            gather(prepared, line, k, window)
-            write_profile(prepared, line, k, window, pairs, values)
+            look_from(k, window.places)
+            gather(prepared, line, window)
+            write_profile(prepared, line, window, pairs, values)
             copy_points(values[FIRST : FIRST + COUNT_PROFILE], pattern.last[line] - k, out[:, k:])
 
 
 @inlined_kernel
 def write_profile(
-    prepared: Prepared, line: int, k: int, window: PatternWindow, pairs: Singles, values: Singles
+    prepared: Prepared, line: int, window: PatternWindow, pairs: Singles, values: Singles
 ) -> None:
-    """Write the features of the points from place k on, behind those that all sensors have.
-
-    Of gathered windows. Lanes behind the line's end mean nothing.
-    """
-    _predict_own(prepared, line, k, window, pairs)
-    _predict_other(prepared, line, k, window, pairs)
+    """Write the features of the points of gathered windows, behind those that all sensors have."""
+    _predict_own(prepared.pattern, line, window, pairs)
+    _predict_other(prepared.pattern, line, window, pairs)
     _write_right(pairs, values[FIRST + 1])
     sort(pairs, ALL)
     _write_median(pairs, values[FIRST])
-    for row in range(len(GROUPS)):
-        some = prepared.groups[row, k : k + LANES]
-        for lane in range(len(some)):
-            values[FIRST + 2 + row, lane] = some[lane]
+    _write_groups(prepared.groups, window.places, values)
 
 
 @apart_kernel
-def _predict_own(
-    prepared: Prepared, line: int, k: int, window: PatternWindow, pairs: Singles
-) -> None:
+def _write_groups(groups: Singles, places: Ints, values: Singles) -> None:
+    """Write what is said of the groups of points."""
+    for row in range(len(GROUPS)):
+        for lane in range(len(places)):
+            values[FIRST + 2 + row, lane] = groups[row, places[lane]]
+
+
+@apart_kernel
+def _predict_own(pattern: Pattern, line: int, window: PatternWindow, pairs: Singles) -> None:
     """Write what pairs of the line predict more than the range, standard deviations, plus MOST."""
-    pattern, square = prepared.pattern, window.square
-    reach, phase = pattern.range, pattern.phase
-    sigma, origin = HALF * pattern.noise[line], window.origin
+    square, mine, own = window.square, window.mine, window.own
+    sigma = HALF * pattern.noise[line]
     for m in range(OWN):
         a, b, row = OWN - 1 - m, OWN + m, pairs[m]
-        before, after = k - 1 - m, k + 1 + m
+        before, after = own[OWN_RANGES + a], own[OWN_RANGES + b]
         for lane in range(len(row)):
-            r, o = reach[k + lane], origin[lane]
-            pa, pb = F(phase[before + lane] - o), F(phase[after + lane] - o)
+            r = mine[RANGE, lane]
+            pa, pb = own[OWN_PHASES + a, lane], own[OWN_PHASES + b, lane]
             good = (square[a, lane] < FAR) & (square[b, lane] < FAR) & (pb > pa)
             part = -pa / (pb - pa if good else ONE)
-            value = (ONE - part) / reach[before + lane] + part / reach[after + lane]
+            value = (ONE - part) / before[lane] + part / after[lane]
             # Of a plane, the inverse range is a sine: between two others it is more than a line.
             off = (r * value - ONE - HALF * pa * pb) * r / sigma
             row[lane] = min(max(off, -MOST), MOST) + MOST if good else MISSING
 
 
 @apart_kernel
-def _predict_other(
-    prepared: Prepared, line: int, k: int, window: PatternWindow, pairs: Singles
-) -> None:
+def _predict_other(pattern: Pattern, line: int, window: PatternWindow, pairs: Singles) -> None:
     """Write the same of pairs of lines before and after."""
-    pattern, square, away = prepared.pattern, window.square, window.away
-    reach, sigma = pattern.range, HALF * pattern.noise[line]
+    square, away = window.square, window.away
+    reach, sigma = window.mine[RANGE], HALF * pattern.noise[line]
     for ring in range(RINGS):
         for m in range(AROUND):
             a = 2 * OWN + ring * AROUND + m
@@ -117,7 +120,7 @@ def _predict_other(
             row, aside = pairs[OWN + ring * AROUND + m], F(m - OTHER) * pattern.step[line]
             curved = HALF * aside * aside
             for lane in range(len(row)):
-                r = reach[k + lane]
+                r = reach[lane]
                 good = (square[a, lane] < FAR) & (square[b, lane] < FAR)
                 value = HALF / (r + away[a, lane]) + HALF / (r + away[b, lane])
                 off = (r * value - ONE + curved) * r / sigma

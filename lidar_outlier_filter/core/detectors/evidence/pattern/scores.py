@@ -21,21 +21,23 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.window import (
     ONE,
     OTHER,
     OWN,
+    RANGE,
     RINGS,
     SIZE,
     TWO,
     ZERO,
     F,
     gather,
+    look_from,
     make_window,
-    place_of,
+    offset_of,
 )
 from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.neighbours.placed_pattern import STRETCH
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Index, Single, Singles
+    from lidar_outlier_filter.annotations import Index, Ints, Single, Singles
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import PatternWindow, Prepared
     from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
 
@@ -116,24 +118,25 @@ def measure_again(prepared: Prepared, first: FirstPass, begin: int, end: int, ou
     values = rows_of_singles(COUNT_AGAIN)
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line], LANES):
-            gather(prepared, line, k, window)
-            write_features(pattern, line, k, window, values)
-            write_scores(prepared, first, line, k, window, values)
+            look_from(k, window.places)
+            gather(prepared, line, window)
+            write_features(pattern, line, window, values)
+            write_scores(prepared.pattern, first, line, window, values)
             copy_points(values, pattern.last[line] - k, out[:, k:])
 
 
 @inlined_kernel
 def write_scores(
-    prepared: Prepared, first: FirstPass, line: int, k: int, window: PatternWindow, values: Singles
+    pattern: Pattern, first: FirstPass, line: int, window: PatternWindow, values: Singles
 ) -> None:
     """Write the features of the first pass, behind the others, of gathered windows.
 
-    The window's ``side`` is used up. Lanes behind the line's end mean nothing.
+    The window's ``side`` is used up.
     """
-    total = window.side[:ROWS]
-    _sum_scores(prepared, first.score, line, k, window, total)
+    total, places = window.side[:ROWS], window.places
+    _sum_scores(pattern, first.score, line, window, total)
     for lane in range(width(values)):
-        score = first.score[k + lane]
+        score = first.score[places[lane]]
         values[COUNT, lane] = min(max(score, -CLIP), CLIP)
         values[COUNT + 1, lane] = _mean(total[OWN_SCORE, lane], total[OWN_WEIGHT, lane])
         values[COUNT + 2, lane] = _mean(total[OWN_SCORE + 1, lane], total[OWN_WEIGHT + 1, lane])
@@ -141,22 +144,21 @@ def write_scores(
         values[COUNT + 4, lane] = _mean(total[LEVEL, lane], total[LEVEL + 1, lane])
         values[COUNT + 5, lane] = _mean(total[BEHIND, lane], total[BEHIND + 1, lane])
         values[COUNT + 6, lane] = _mean(total[BEFORE, lane], total[BEFORE + 1, lane])
-    _write_shares(prepared.near, first, k, values)
+    _write_shares(window.others, first, places, values)
 
 
 @apart_kernel
 def _sum_scores(
-    prepared: Prepared, score: Singles, line: int, k: int, window: PatternWindow, total: Singles
+    pattern: Pattern, score: Singles, line: int, window: PatternWindow, total: Singles
 ) -> None:
     """Sum up the scores of each window: of the ring, of other rings, and by where they are."""
-    pattern = prepared.pattern
-    reach, gap = pattern.range[k : k + LANES], pattern.gap[line]
+    reach, gap = window.mine[RANGE], pattern.gap[line]
     apart, most = pattern.apart[line], pattern.level[line]
     square, away, scores = window.square, window.away, window.side[ROWS]
     total[:] = ZERO
     for slot in range(SIZE):
         part = 0 if slot < 2 * OWN else 1
-        _copy_scores(prepared.near, score, k, slot, scores)
+        _copy_scores(score, window, slot, scores)
         for lane in range(width(square)):
             value, off = square[slot, lane], away[slot, lane]
             unit = reach[lane] * gap + apart
@@ -180,17 +182,14 @@ def _sum_scores(
 
 
 @apart_kernel
-def _copy_scores(near: Index, score: Singles, k: int, slot: int, scores: Singles) -> None:
+def _copy_scores(score: Singles, window: PatternWindow, slot: int, scores: Singles) -> None:
     """Write the scores of one slot of the windows."""
-    if slot < 2 * OWN:
-        some = score[place_of(k, slot) :]
-        for lane in range(len(scores)):
-            scores[lane] = some[lane]
-    else:
-        ring, m = (slot - 2 * OWN) // AROUND, (slot - 2 * OWN) % AROUND - OTHER
-        others = near[ring, k : k + LANES]
-        for lane in range(len(scores)):
-            scores[lane] = score[others[lane] + m]
+    places, off = window.places, offset_of(slot)
+    if slot >= 2 * OWN:
+        ring, m = (slot - 2 * OWN) // AROUND, (slot - 2 * OWN) % AROUND
+        places, off = window.others[ring], m - OTHER
+    for lane in range(len(scores)):
+        scores[lane] = score[places[lane] + off]
 
 
 @inlined_kernel
@@ -199,18 +198,18 @@ def _mean(total: Single, count: Single) -> Single:
 
 
 @apart_kernel
-def _write_shares(near: Index, first: FirstPass, k: int, values: Singles) -> None:
+def _write_shares(others: Ints, first: FirstPass, places: Ints, values: Singles) -> None:
     """Write the shares of points with a score above 0."""
-    low, high = first.before[k - STRETCH :], first.before[k + STRETCH + 1 :]
-    share, row = first.share[k : k + LANES], COUNT + 7
+    before, share, row = first.before, first.share, COUNT + 7
     for lane in range(width(values)):
-        values[row, lane] = np.float32(high[lane] - low[lane]) / PLACES_WIDE
+        k = places[lane]
+        some = before[k + STRETCH + 1] - before[k - STRETCH]
+        values[row, lane] = np.float32(some) / PLACES_WIDE
         values[row + 1, lane] = ZERO
         values[row + 2, lane] = first.whole
-        values[row + 3, lane] = share[lane]
-    for ring in range(2 * RINGS):
-        others = near[ring, k : k + LANES]
-        for lane in range(len(others)):
-            j = max(others[lane], STRETCH)
-            some = first.before[j + STRETCH + 1] - first.before[j - STRETCH]
+        values[row + 3, lane] = share[k]
+    for ring in range(len(others)):
+        for lane in range(len(places)):
+            j = max(others[ring, lane], STRETCH)
+            some = before[j + STRETCH + 1] - before[j - STRETCH]
             values[row + 1, lane] += np.float32(some) / (PLACES_WIDE * np.float32(2 * RINGS))

@@ -58,16 +58,18 @@ def write_values(
     first: FirstPass,
     second: bool,
     line: int,
-    k: int,
     room: PatternRoom,
 ) -> None:
-    """Write the features of the points of a line from place k on; of the second pass if asked."""
+    """Write the features of points of a line, at the window's places; of the second pass if asked.
+
+    They need not follow each other: each lane gets what it would get alone.
+    """
     window, values = room.window, room.values
-    gather(prepared, line, k, window)
-    write_features(prepared.pattern, line, k, window, values)
+    gather(prepared, line, window)
+    write_features(prepared.pattern, line, window, values)
     more = 0
     if len(prepared.groups) > 0:
-        write_profile(prepared, line, k, window, room.pairs, values)
+        write_profile(prepared, line, window, room.pairs, values)
         more = COUNT_PROFILE
     if second:
-        write_scores(prepared, first, line, k, window, values[more:])
+        write_scores(prepared.pattern, first, line, window, values[more:])

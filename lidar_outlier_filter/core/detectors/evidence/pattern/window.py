@@ -18,7 +18,7 @@ from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE, Pattern
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Index, Single, Singles
+    from lidar_outlier_filter.annotations import Floats, Index, Ints, Single, Singles
 
 OWN, OTHER = 5, 3  # returns on either side: in the point's ring, and in those beside it
 RINGS = 2  # rings above, and below
@@ -26,6 +26,7 @@ AROUND = 2 * OTHER + 1
 SIZE = 2 * OWN + 2 * RINGS * AROUND  # returns of a window
 QUANTITIES = 5  # of a return: x, y, z, range, phase
 RANGE, PHASE = 3, 4  # the rows of ranges and phases among them
+OWN_RANGES, OWN_PHASES = 2 * OWN * RANGE, 2 * OWN * PHASE  # the same of the own ring's returns
 NEAR = 5  # nearest distances that are kept in order
 # Rows of the sums; of the first five, the next row is that of the other rings.
 THERE, BEFORE, BEHIND, LEVEL, ROUGH, ROUGH_COUNT = 0, 2, 4, 6, 8, 10
@@ -70,8 +71,11 @@ class PatternWindow(NamedTuple):
         Squared distances to the returns, m²; and their ranges, less the point's own, m.
     mine : (PHASE, LANES) float32
         x, y, z and range of the points.
-    side : (10 * OWN, LANES) float32
-        The same of returns of one ring, and their phases less those of the points.
+    bright : (LANES,) float32
+        How bright the points are.
+    own, side : (10 * OWN, LANES), (5 * AROUND, LANES) float32
+        x, y, z and range of the returns of the points' own ring, and of those of one other ring,
+        and their phases less those of the points.
     best : (NEAR, LANES) float32
         The least squared distances, ascending, m².
     sums : (SUMS, LANES) float32
@@ -79,17 +83,25 @@ class PatternWindow(NamedTuple):
         1 ÷ range of the nearest return on each ring beside, 1/m; below 0 for none.
     origin : (LANES,) float64
         The phase of each point, which is taken off those of its window, rad.
+    places : (LANES,) int64
+        Where the points are in the pattern: all in one line, in any order.
+    others : (2 * RINGS, LANES) int64
+        The place nearest to each in azimuth on each ring beside.
 
     """
 
     square: Singles
     away: Singles
     mine: Singles
+    bright: Singles
+    own: Singles
     side: Singles
     best: Singles
     sums: Singles
     inverse: Singles
     origin: Floats
+    places: Ints
+    others: Ints
 
 
 @inlined_kernel
@@ -99,11 +111,15 @@ def make_window() -> PatternWindow:
         rows_of_singles(SIZE),
         rows_of_singles(SIZE),
         rows_of_singles(PHASE),
+        np.empty(LANES, np.float32),
         rows_of_singles(2 * OWN * QUANTITIES),
+        rows_of_singles(AROUND * QUANTITIES),
         rows_of_singles(NEAR),
         rows_of_singles(SUMS),
         rows_of_singles(2 * RINGS),
         np.empty(LANES),
+        np.empty(LANES, np.int64),
+        np.empty((2 * RINGS, LANES), np.int64),
     )
 
 
@@ -166,75 +182,80 @@ def find_beside(pattern: Pattern, begin: int, end: int, near: Index) -> None:
                 near[m, k] = j + 1 if phase[j + 1] - mine < mine - phase[j] else j
 
 
-@inlined_kernel
-def gather(prepared: Prepared, line: int, k: int, window: PatternWindow) -> None:
-    """Write the windows of the points of a line from place k on.
+@apart_kernel
+def look_from(k: int, places: Ints) -> None:
+    """Look at the points from place k on. Lanes behind the end of their line mean nothing."""
+    for lane in range(len(places)):
+        places[lane] = k + lane
 
-    Distances, ranges, inverse ranges and the sums of what is there, and how rough it is. Lanes
-    behind the line's end mean nothing.
+
+@inlined_kernel
+def gather(prepared: Prepared, line: int, window: PatternWindow) -> None:
+    """Write the windows of the points of a line that are at the window's places.
+
+    Distances, ranges, inverse ranges and the sums of what is there, and how rough it is.
     """
     # Once, because every time that an array is taken from a tuple its references are counted.
     pattern, rough, near, _ = prepared
     rows, phase = (pattern.x, pattern.y, pattern.z, pattern.range), pattern.phase
     step, turn = pattern.step[line], pattern.turn[line]
     unit = max(step, pattern.gap[line]) * turn
-    _gather_own(rows, phase, rough, k, step * turn, window)
+    _pick(near, window)
+    _gather_own(rows, phase, pattern.bright, rough, step * turn, window)
     for ring in range(2 * RINGS):
-        others = near[ring, k : k + LANES]
-        _gather_other(rows, phase, rough, others, ring, unit, window)
+        _gather_other(rows, phase, rough, ring, unit, window)
 
 
 @inlined_kernel
-def place_of(k: int, slot: int) -> int:
-    """Return the place of a slot of a window in the point's own ring: before it, then after."""
-    return k + (slot - OWN if slot < OWN else slot - OWN + 1)
+def offset_of(slot: int) -> int:
+    """Return how many places behind the point a slot of its own ring is: before it, then after."""
+    return slot - OWN if slot < OWN else slot - OWN + 1
+
+
+@apart_kernel
+def _pick(near: Index, window: PatternWindow) -> None:
+    """Look up the places on the rings beside."""
+    places, others = window.places, window.others
+    for ring in range(len(others)):
+        for lane in range(len(places)):
+            others[ring, lane] = near[ring, places[lane]]
 
 
 @apart_kernel
 def _gather_own(
     rows: tuple[Singles, ...],
     phase: Floats,
+    bright: Singles,
     rough: Singles,
-    k: int,
     step: Single,
     window: PatternWindow,
 ) -> None:
-    """Look at the returns before and after, which lie side by side in memory."""
-    square, mine, side, sums = window.square, window.mine, window.side, window.sums
-    origin = window.origin
+    """Look at the points, and at the returns before and after them."""
+    square, mine, own, sums = window.square, window.mine, window.own, window.sums
+    origin, places = window.origin, window.places
+    in_step = _is_in_step(places)
     sums[:] = ZERO
     for lane in range(len(origin)):
-        origin[lane] = phase[k + lane]
-    for slot in range(2 * OWN):
-        _copy_phases(phase[place_of(k, slot) :], origin, side[2 * OWN * PHASE + slot])
+        origin[lane] = phase[places[lane]]
+    _copy(bright, places, in_step, 0, window.bright)
     for q in range(PHASE):
         values = rows[q]
-        _copy(values[k : k + LANES], mine[q])
+        _copy(values, places, in_step, 0, mine[q])
         for slot in range(2 * OWN):
-            _copy(values[place_of(k, slot) :], side[2 * OWN * q + slot])
-    _compare(window, REACH_OWN * step, 0, 2 * OWN, sums[THERE])
-    total, count = sums[ROUGH], sums[ROUGH_COUNT]
+            _copy(values, places, in_step, offset_of(slot), own[2 * OWN * q + slot])
+    for slot in range(2 * OWN):
+        row = own[OWN_PHASES + slot]
+        _copy_phases(phase, places, in_step, offset_of(slot), origin, row)
+    _compare(window, own, REACH_OWN * step, 0, 2 * OWN, sums[THERE])
+    total, count, us = sums[ROUGH], sums[ROUGH_COUNT], window.side[0]
     for slot in range(2 * OWN):
         # The roughness of those beside it is its own.
         if slot != OWN - 1 and slot != OWN:
-            i = place_of(k, slot)
-            us, row = rough[i : i + LANES], square[slot]
+            _copy(rough, places, in_step, offset_of(slot), us)
+            row = square[slot]
             for lane in range(len(row)):
                 total[lane] += us[lane] if row[lane] < FAR else ZERO
                 count[lane] += ONE if row[lane] < FAR else ZERO
-
-
-@apart_kernel
-def _copy(values: Singles, row: Singles) -> None:
-    for lane in range(len(row)):
-        row[lane] = values[lane]
-
-
-@apart_kernel
-def _copy_phases(phase: Floats, origin: Floats, row: Singles) -> None:
-    """Write phases less that of each lane's point."""
-    for lane in range(len(row)):
-        row[lane] = phase[lane] - origin[lane]
 
 
 @apart_kernel
@@ -242,18 +263,20 @@ def _gather_other(
     rows: tuple[Singles, ...],
     phase: Floats,
     rough: Singles,
-    others: Index,
     ring: int,
     unit: Single,
     window: PatternWindow,
 ) -> None:
-    """Look at the returns around the azimuth in another ring: first put them side by side."""
-    side, in_step = window.side, _is_in_step(others)
-    for q in range(PHASE):
-        _line_up(rows[q], others, in_step, side[q * AROUND : (q + 1) * AROUND])
-    _line_up_phases(phase, others, in_step, window.origin, side[PHASE * AROUND :])
+    """Look at the returns around the azimuth in another ring."""
+    side, others = window.side, window.others[ring]
+    in_step = _is_in_step(others)
+    for m in range(AROUND):
+        for q in range(PHASE):
+            _copy(rows[q], others, in_step, m - OTHER, side[q * AROUND + m])
+        row = side[PHASE * AROUND + m]
+        _copy_phases(phase, others, in_step, m - OTHER, window.origin, row)
     begin = 2 * OWN + ring * AROUND
-    _compare(window, REACH_OTHER * unit, begin, AROUND, window.sums[THERE + 1])
+    _compare(window, side, REACH_OTHER * unit, begin, AROUND, window.sums[THERE + 1])
     middle, inverse = window.square[begin + OTHER], window.inverse[ring]
     nearest = side[RANGE * AROUND + OTHER]
     total, count = window.sums[ROUGH + 1], window.sums[ROUGH_COUNT + 1]
@@ -265,12 +288,49 @@ def _gather_other(
 
 
 @apart_kernel
-def _compare(window: PatternWindow, most: Single, begin: int, rows: int, there: Singles) -> None:
+def _is_in_step(places: Ints) -> bool:
+    """Return whether places follow each other."""
+    same = True
+    for lane in range(len(places)):
+        same &= places[lane] - places[0] == lane
+    return same
+
+
+@apart_kernel
+def _copy(values: Singles, places: Ints, in_step: bool, off: int, row: Singles) -> None:
+    """Write the values so many places behind some."""
+    if in_step:
+        some = values[places[0] + off :]
+        for lane in range(len(row)):
+            row[lane] = some[lane]
+    else:
+        for lane in range(len(row)):
+            row[lane] = values[places[lane] + off]
+
+
+@apart_kernel
+def _copy_phases(
+    phase: Floats, places: Ints, in_step: bool, off: int, origin: Floats, row: Singles
+) -> None:
+    """Do so with phases, less that of each lane's point."""
+    if in_step:
+        some = phase[places[0] + off :]
+        for lane in range(len(row)):
+            row[lane] = some[lane] - origin[lane]
+    else:
+        for lane in range(len(row)):
+            row[lane] = phase[places[lane] + off] - origin[lane]
+
+
+@apart_kernel
+def _compare(
+    window: PatternWindow, side: Singles, most: Single, begin: int, rows: int, there: Singles
+) -> None:
     """Compare points with the returns beside them: slots of the window from ``begin`` on.
 
     ``side`` has so many rows of x, then of y, z, range and phase.
     """
-    side, mine, squares, ranges = window.side, window.mine, window.square, window.away
+    mine, squares, ranges = window.mine, window.square, window.away
     x, y, z, r = mine[0], mine[1], mine[2], mine[3]
     for m in range(rows):
         xs, ys, zs = side[m], side[rows + m], side[2 * rows + m]
@@ -283,38 +343,3 @@ def _compare(window: PatternWindow, most: Single, begin: int, rows: int, there: 
             square[lane] = d if good else FAR
             away[lane] = rs[lane] - r[lane] if good else ZERO
             there[lane] += ONE if good else ZERO
-
-
-@apart_kernel
-def _is_in_step(others: Index) -> bool:
-    """Return whether returns of another ring follow each other as those of the ring itself do."""
-    same = True
-    for lane in range(len(others)):
-        same &= others[lane] - others[0] == lane
-    return same
-
-
-@apart_kernel
-def _line_up(values: Singles, others: Index, in_step: bool, side: Singles) -> None:
-    """Put what is around the places ``others`` beside each other, row by row."""
-    for m in range(len(side)):
-        row, off = side[m], np.int32(m - OTHER)
-        if in_step:
-            _copy(values[others[0] + off :], row)
-        else:
-            for lane in range(len(row)):
-                row[lane] = values[others[lane] + off]
-
-
-@apart_kernel
-def _line_up_phases(
-    phase: Floats, others: Index, in_step: bool, origin: Floats, side: Singles
-) -> None:
-    """Do so with phases."""
-    for m in range(AROUND):
-        row, off = side[m], np.int32(m - OTHER)
-        if in_step:
-            _copy_phases(phase[others[0] + off :], origin, row)
-        else:
-            for lane in range(len(row)):
-                row[lane] = phase[others[lane] + off] - origin[lane]
