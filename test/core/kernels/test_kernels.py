@@ -6,8 +6,10 @@ from time import process_time
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from lidar_outlier_filter.core.kernels.kernels import (
+    apart_kernel,
     inlined_kernel,
     inner_kernel,
     kernel,
@@ -72,6 +74,31 @@ def test_python_cannot_call_an_inner_kernel() -> None:
     assert _quadruple(3.0) == 12.0
     with pytest.raises(TypeError, match='_double is an inner kernel'):
         _double(1.0)
+
+
+@apart_kernel
+def _add_rows(rows: NDArray[np.float32], total: NDArray[np.float32]) -> None:
+    for lane in range(len(total)):
+        for row in range(len(rows)):
+            total[lane] += rows[row, lane]
+
+
+@kernel
+def _sums(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    total = np.zeros(rows.shape[1], np.float32)
+    _add_rows(rows[1:], total)
+    return total
+
+
+def test_an_apart_kernel() -> None:
+    """It writes what any other would; Python cannot call it."""
+    rows = np.random.default_rng(1).normal(size=(5, 32)).astype(np.float32)
+    expected = np.zeros(32, np.float32)
+    for row in rows[1:]:
+        expected += row
+    np.testing.assert_array_equal(_sums(rows), expected)
+    with pytest.raises(TypeError, match='_add_rows is an inner kernel'):
+        _add_rows(rows, expected)
 
 
 def test_python_can_call_an_inlined_kernel() -> None:
