@@ -43,7 +43,8 @@ def not_compiling(**_options: object) -> Callable[[Any], Any]:
     return take
 
 
-numba.njit = not_compiling  # type: ignore[assignment]
+if __name__ == '__main__':  # who collects tests imports this file, too
+    numba.njit = not_compiling  # type: ignore[assignment]
 
 import numpy as np  # noqa: E402  nothing may have asked for a kernel before
 
