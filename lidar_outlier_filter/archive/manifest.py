@@ -142,6 +142,7 @@ class Manifest:
         sentence each in ``unread``; a file without any entry is refused, as it is none of ours.
         """
         self._path, self._stream, self._sync = path, stream, sync
+        self.folder = folder
         self.entries: dict[str, Entry] = {}
         self._done: dict[str, Entry] = {}
         self.unread: list[RecordingError] = []

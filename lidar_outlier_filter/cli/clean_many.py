@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Cleaners, Job
+    from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Job
     from lidar_outlier_filter.archive.manifest import Manifest
     from lidar_outlier_filter.archive.many_files import ManyFiles, Result
     from lidar_outlier_filter.archive.step import Step
+    from lidar_outlier_filter.archive.work import Hands
     from lidar_outlier_filter.core.judging.slow import SlowDetector
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
     from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
@@ -112,27 +113,21 @@ def _opened(folder: Path | None) -> Iterator[tuple[Manifest | None, Path | None]
 
 
 @contextmanager
-def _threads(count: int, progress: _ManyFilesProgress) -> Iterator[Cleaners]:
+def _threads(count: int, progress: _ManyFilesProgress) -> Iterator[Hands[Job]]:
     from lidar_outlier_filter.archive.file_cleaners import ThreadsThatClean
 
-    cleaners = ThreadsThatClean(count, progress.clean)
-    try:
-        yield cleaners
-    finally:
-        cleaners.end()
+    yield ThreadsThatClean(count, progress.clean)
 
 
 @contextmanager
-def _workers(address: str, wanted: Wanted, look: Watch, hidden: Path | None) -> Iterator[Cleaners]:
+def _workers(
+    address: str, wanted: Wanted, look: Watch, hidden: Path | None
+) -> Iterator[Hands[Job]]:
     from lidar_outlier_filter.archive.file_workers import WorkersThatClean
     from lidar_outlier_filter.archive.workers import cluster_workers
 
     with cluster_workers(address, say) as workers:
-        cleaners = WorkersThatClean(workers, wanted, look, hidden)
-        try:
-            yield cleaners
-        finally:
-            cleaners.end()
+        yield WorkersThatClean(workers, wanted, look, hidden)
 
 
 class _ManyFilesProgress:

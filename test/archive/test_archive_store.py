@@ -12,9 +12,9 @@ import fsspec
 import pytest
 from helpers.stores import Store, running_store
 
-from lidar_outlier_filter.archive import locations, run
+from lidar_outlier_filter.archive import one_recording, run, uploads
 from lidar_outlier_filter.archive.fingerprints import content_hash
-from lidar_outlier_filter.archive.manifest import BROKEN_OFF
+from lidar_outlier_filter.archive.manifest import BROKEN_OFF, Entry, How, begun
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.replay import replay
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from lidar_outlier_filter.archive.locations import Location
+    from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
     Capture = pytest.CaptureFixture[str]
@@ -86,17 +87,16 @@ def test_from_store_to_store(  # noqa: PLR0913  fixtures
     capsys: Capture,
 ) -> None:
     """Two processes give the bytes of a replay here; what changes meanwhile fails alone."""
-    monkeypatch.setattr(locations, 'PART', 5 * 2**20)
 
-    def change(location: Location) -> str:
-        if location.path.name == 'two.bag':
+    def change(task: Task, how: How) -> Entry:
+        if task.location.path.name == 'two.bag':
             data = (recordings / 'bags' / BAG).read_bytes()
             store.put('s3://drives/two.bag', data + data[-1:])
-        return content_hash(location)
+        return begun(task, how)
 
     before = len(store.requests.lines)
     with monkeypatch.context() as patch:
-        patch.setattr(run, 'content_hash', change)
+        patch.setattr(run, 'begun', change)
         assert main([*archive, '--jobs', '2']) == 3
     for source, name in ((MCAP, 'one'), (LARGE, 'large')):
         replay(recordings / 'bags' / source, tmp_path / name, parameters={'chain': [CHAIN]})
@@ -110,7 +110,7 @@ def test_from_store_to_store(  # noqa: PLR0913  fixtures
     }
     assert 'two.bag must be unchanged while it is read' in found['two']['error']
     assert ':' in found['large']['worker']
-    check_uploads(store.requests.lines[before:], 'all/large/large.mcap', 2)
+    check_uploads(store.requests.lines[before:], 'all/large/large.mcap', 1)
     assert store.uploads('cleaned') == []
     assert not any(key.startswith('all/two/') for key in store.keys('cleaned'))
     store.put('s3://drives/two.bag', (recordings / 'bags' / BAG).read_bytes())
@@ -156,9 +156,12 @@ def test_ctrl_c_leaves_its_manifest(
             raise KeyboardInterrupt
         return content_hash(location)
 
+    monkeypatch.setattr(uploads, 'PART', 5 * 2**20)
+    before = len(store.requests.lines)
     with monkeypatch.context() as patch:
-        patch.setattr(run, 'content_hash', interrupt)
+        patch.setattr(one_recording, 'content_hash', interrupt)
         assert main(archive) == 130
+    check_uploads(store.requests.lines[before:], 'all/large/large.mcap', 2)
     assert {name: (entry['state'], entry['error']) for name, entry in entries(store).items()} == {
         'large': ('done', None),
         'one': ('failed', BROKEN_OFF),
@@ -178,7 +181,7 @@ def test_two_runs_that_write(
         store.put('s3://cleaned/all/manifest.jsonl', b'')
         return content_hash(location)
 
-    monkeypatch.setattr(run, 'content_hash', other)
+    monkeypatch.setattr(one_recording, 'content_hash', other)
     assert main(archive) == 1
     said = capsys.readouterr().err.splitlines()[-1]
     assert 'manifest.jsonl must be written by one run at a time, got two that write' in said
