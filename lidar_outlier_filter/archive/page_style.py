@@ -35,14 +35,19 @@ table { border-collapse: collapse; width: 100%; }
 th, td { padding: .35rem .6rem; text-align: right; vertical-align: top;
   font-variant-numeric: tabular-nums; white-space: nowrap; font-weight: normal; }
 th:first-child { text-align: left; position: sticky; left: 0; background: inherit;
-  min-width: 20rem; white-space: normal; overflow-wrap: anywhere; }
+  min-width: 20rem; max-width: 34rem; white-space: normal; overflow-wrap: anywhere; }
 thead tr { background: var(--ground); }
 thead th { border-bottom: 2px solid var(--line); font-weight: 600; }
 tbody tr { background: var(--ground); }
 tbody tr:nth-child(even) { background: var(--stripe); }
 tbody tr:target { outline: 2px solid var(--odd); outline-offset: -2px; }
 th b { font-weight: 600; }
-th small { display: block; margin-top: .15rem; line-height: 1.25; }
+th small { display: block; margin-top: .15rem; line-height: 1.25; white-space: nowrap;
+  overflow: hidden; text-overflow: ellipsis; }
+th small:hover, th small:focus { white-space: normal; overflow: visible; }
+a { color: inherit; }
+th a { color: var(--soft); font-size: .9em; }
+label.note { display: block; margin: .6rem 0; }
 th small.odd { color: var(--odd); }
 th small.failed { color: var(--failed); }
 td.odd { color: var(--odd); font-weight: 600; }
@@ -58,6 +63,9 @@ th[aria-sort=descending] button::after { content: ' ↓'; color: inherit; }
 @media (min-width: 60rem) { .totals { grid-template-columns: repeat(5, 1fr); } }
 @media (min-width: 84rem) { .scroll { overflow-x: visible; }
   thead th { position: sticky; top: 0; background: var(--ground); z-index: 1; } }
+@media (max-width: 95rem) { table { font-size: .85rem; } th, td { padding: .3rem .35rem; }
+  th:first-child { min-width: 15rem; max-width: 24rem; } .bar { width: 4rem; }
+  thead button::after { content: ''; } }
 @media (max-width: 40rem) { body { padding: .6rem; } th:first-child { min-width: 9rem;
   max-width: 45vw; }
   .totals { grid-template-columns: repeat(2, 1fr); } }
