@@ -45,6 +45,7 @@ class Location:
     size : bytes of all its files
     state : ``etag:`` and the store's mark of the content, or ``mtime:`` and the times of its files
     by_ranges : whether it can be read where it lies; else :func:`staged` copies it first
+    is_folder : whether it is a folder of files
 
     """
 
@@ -52,6 +53,7 @@ class Location:
     size: int
     state: str
     by_ranges: bool
+    is_folder: bool = False
 
     def check_unchanged(self) -> None:
         """Refuse a recording that is no longer the one that was found.
@@ -112,6 +114,19 @@ def find(addresses: Iterable[str]) -> list[Location]:
             raise RecordingError(f'what is at {address}', must_be, 'no recording')
         found.update((str(location.path), location) for location in locations)
     return [found[name] for name in sorted(found)]
+
+
+def listed(folder: RecordingPath) -> dict[str, Location]:
+    """Describe all recordings in a folder, to its depth, by their paths; none if it is not there.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be reached.
+
+    """
+    with reached(folder):
+        return {str(one.path): one for one in _recordings(folder)} if folder.is_dir() else {}
 
 
 def location_of(path: RecordingPath) -> Location:
@@ -198,7 +213,7 @@ def _location(path: RecordingPath, files: dict[RecordingPath, _State]) -> Locati
     else:
         kind = 'etag'
     mark = states[0][-1] if len(states) == 1 else sha256(repr(states).encode()).hexdigest()
-    return Location(path, size, f'{kind}:{mark}', by_ranges)
+    return Location(path, size, f'{kind}:{mark}', by_ranges, path not in files)
 
 
 def _files(path: RecordingPath) -> dict[RecordingPath, _State]:

@@ -143,8 +143,9 @@ class ManyFiles:
         if self._manifest is None:
             return False
         others = [] if job.outliers is None else [job.outliers]
-        return all(path.is_file() for path in (*others, *list_logs(job.output))) and is_proved(
-            task, self._how, self._manifest
+        made = (job.output, *others, *list_logs(job.output))
+        return all(path.is_file() for path in made) and is_proved(
+            task, self._how, self._manifest, location_of(job.output)
         )
 
     def _end(self, job: Job, entry: Entry | None, take: Callable[[], CleanedFile]) -> Result:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.fingerprints import content_hash
-from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import DONE, FAILED
 from lidar_outlier_filter.errors import FilterError
 
@@ -18,10 +17,11 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.task import Task
 
 
-def is_proved(task: Task, how: How, manifest: Manifest) -> bool:
-    """Return whether the manifest says that this output was made so of this source.
+def is_proved(task: Task, how: How, manifest: Manifest, made: Location | None) -> bool:
+    """Return whether the manifest says that what was made is the output, so and of this source.
 
-    Or that there is nothing to be made of it, as it has no clouds.
+    Or that there is nothing to be made of it, as it has no clouds. ``made`` is what has the name of
+    the output; None: nothing.
     """
     entry, source = manifest.entries.get(task.source), task.location
     if entry is None or entry.state == FAILED or entry.output != task.made:
@@ -30,14 +30,13 @@ def is_proved(task: Task, how: How, manifest: Manifest) -> bool:
         return False
     state = entry.output_state
     try:
-        if not _is_same(source, entry.size, entry.source_state, entry.hash):
-            return False
-        if entry.state == DONE:
-            made = location_of(task.output)
-            state = made.state
-            if not _is_same(made, made.size, entry.output_state, entry.output_hash):
-                return False
+        is_same = _is_same(source, entry.size, entry.source_state, entry.hash)
+        if is_same and entry.state == DONE:
+            is_same = made is not None and _is_same(made, made.size, state, entry.output_hash)
+            state = state if made is None else made.state
     except (FilterError, OSError):
+        return False
+    if not is_same:
         return False
     if (source.state, state) != (entry.source_state, entry.output_state):
         # Hashed anew: the times of the files have changed, as by a copy. Not next time.

@@ -10,7 +10,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.fingerprints import model_hash, parameters_hash, version
-from lidar_outlier_filter.archive.locations import location_of
+from lidar_outlier_filter.archive.locations import listed, location_of
 from lidar_outlier_filter.archive.manifest import DONE, NO_CLOUDS, How, begun
 from lidar_outlier_filter.archive.one_recording import give_name
 from lidar_outlier_filter.archive.proof import is_proved
@@ -39,8 +39,10 @@ if TYPE_CHECKING:
 
 def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Task]:
     """Choose the recordings whose outputs the manifest does not prove."""
-    how = _how(order)
-    return [task for task in tasks if not is_proved(task, how, manifest)]
+    how, made = _how(order), listed(manifest.folder)
+    return [
+        task for task in tasks if not is_proved(task, how, manifest, made.get(str(task.output)))
+    ]
 
 
 def replay_all(
@@ -60,7 +62,7 @@ def replay_all(
     run = _Run(_how(order), manifest, progress)
     tick = by.tick(progress)
     hands = by.hands(order, progress, tick)
-    work_through(tasks, hands, run.begin, lambda: None, run.end, tick)
+    work_through(tasks, hands, run.begin, manifest.flush, run.end, tick)
     return [manifest.entries[task.source] for task in tasks]
 
 

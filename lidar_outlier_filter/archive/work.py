@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import deque
+from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -50,14 +51,16 @@ def work_through(  # noqa: PLR0913  items, who works, and what is called when
     items : recordings or files, in the order in which they are begun
     hands : who works on them
     begin : notes that one is begun; returns whether there is anything to do
-    noted : is called when some are noted, before work on them begins
+    noted : is called when some are noted, before work on them begins, and at the end
     end : notes what became of one; is given what returns that, or raises
     tick : is called now and then, and may leave by an exception
 
     """
     waiting = deque(items)
     running: dict[Any, One] = {}
-    try:
+    with ExitStack() as stack:
+        stack.callback(hands.end)
+        stack.callback(noted)
         while waiting or running:
             begun: list[One] = []
             free = hands.at_once - len(running)
@@ -71,6 +74,3 @@ def work_through(  # noqa: PLR0913  items, who works, and what is called when
             for future in hands.first_done(running) if running else ():
                 item = running.pop(future)
                 end(item, partial(hands.take, item, future))
-        noted()
-    finally:
-        hands.end()

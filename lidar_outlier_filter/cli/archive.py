@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 SHORT = 300_000_000
 MEGABYTE = 1_000_000  # bytes
 PAGE = 'archive.html'
+MOST_NAMES = 5  # of recordings without clouds, in the last line
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def replay_archive(options: argparse.Namespace) -> int:
         before = dict(manifest.entries)
 
         def how_far() -> str:
-            now = [manifest.entries.get(task.source) for task in tasks if task in todo]
+            now = [manifest.entries.get(task.source) for task in todo]
             new = (entry for entry in now if entry and entry is not before.get(entry.source))
             done = len(tasks) - len(todo) + sum(entry.state != FAILED for entry in new)
             said = f'{done} of {len(tasks)} recordings are done in {folder}'
@@ -306,7 +307,7 @@ def _tasks(found: FoundRecordings, folder: RecordingPath) -> list[Task]:
     tasks: dict[RecordingPath, Task] = {}
     for location in found.locations:
         inside = str(location.path)[len(str(found.root)) :].lstrip('/')
-        suffix = '' if location.path.is_dir() else location.path.suffix
+        suffix = '' if location.is_folder else location.path.suffix
         output = folder / inside.removesuffix(suffix)
         if output in tasks:
             got = f'{tasks[output].location.path} and {location.path}'
@@ -342,13 +343,16 @@ def _show(
     for task, entry in zip(tasks, entries, strict=True):
         _say_lacks(task.location, entry)
     done = [entry for entry in entries if entry.state == IS_DONE]
-    empty = sum(entry.state == NO_CLOUDS for entry in entries)
-    both = zip(tasks, entries, strict=True)
-    before = sum(entry.state == IS_DONE and task not in tried for task, entry in both)
+    empty = [entry.source for entry in entries if entry.state == NO_CLOUDS]
+    now = {task.source for task in tried}
+    before = sum(entry.source not in now for entry in done)
     lacking = sum(not entry.is_complete for entry in done)
     counts = f'{len(done) - before} replayed, {before} done before'
-    counts += f', {len(entries) - len(done) - empty} failed, {lacking} incomplete'
-    console.print(f'{counts}, {empty} without clouds' if empty else counts, highlight=False)
+    counts += f', {len(entries) - len(done) - len(empty)} failed, {lacking} incomplete'
+    if empty:
+        more = f' and {len(empty) - MOST_NAMES:,} more' if len(empty) > MOST_NAMES else ''
+        counts += f', {len(empty)} without clouds: {", ".join(empty[:MOST_NAMES])}{more}'
+    console.print(counts, markup=False, highlight=False, soft_wrap=True)
 
 
 def _say_lacks(location: Location, entry: Entry) -> None:

@@ -56,7 +56,7 @@ def test_a_recording_without_clouds_is_no_failure(drives: Path, capsys: Capture)
     for counts in ('1 replayed, 0 done before', '0 replayed, 1 done before'):
         assert main(['replay', str(drives), *FAST]) == 0
         printed = capsys.readouterr()
-        assert f'{counts}, 0 failed, 0 incomplete, 1 without clouds' in printed.out
+        assert f'{counts}, 0 failed, 0 incomplete, 1 without clouds: texts\n' in printed.out
         assert ' no clouds' in printed.out
         assert 'must be' not in printed.err
         assert ('2 of 2' in printed.err) == ('1 replayed' in counts)
