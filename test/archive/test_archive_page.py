@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser
 
+PATIENCE = 300_000  # ms, on a machine with much other work
 CHROMIUM = '/usr/bin/chromium'
 ARGUMENTS = (
     '--no-sandbox',
@@ -163,6 +164,7 @@ def test_ten_thousand_recordings(browser: Browser, tmp_path: Path, width: int) -
     lines[9] = failed(lines[9]['source'], 'a sentence that is longer than its line ' * 9)
     write_page(lines, tmp_path / 'archive.html')
     tab = browser.new_page(viewport={'width': width, 'height': 900})
+    tab.set_default_timeout(PATIENCE)
     tab.goto((tmp_path / 'archive.html').as_uri())
     shown = "[...document.querySelectorAll('tbody tr')].filter(row => row.offsetHeight).length"
     assert tab.evaluate(shown) == 1000
