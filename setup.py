@@ -73,6 +73,8 @@ setup(
     name=NAME,
     version='0.1.0',  # also in package.xml and in the package itself; a test compares the three
     description='Clean lidar clouds from a moving vehicle, the same live and offline',
+    long_description=(ROOT / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     author='The lidar_outlier_filter authors',
     maintainer='The lidar_outlier_filter authors',
     maintainer_email='lidar_outlier_filter@example.org',
@@ -116,9 +118,11 @@ setup(
         # elsewhere; s3fs for `s3://`.
         'archive': ['dask>=2026.1.1', 'distributed>=2026.1.1', 'fsspec>=2024.3'],
         's3': ['s3fs>=2024.3'],
+        'completion': ['argcomplete>=3.1'],  # of the command line, in bash, zsh and fish
         # Peers that `lidar-outlier-filter bench` and `results` compare with.
         'bench': ['open3d>=0.18', 'scikit-learn>=1.5'],
         'test': [
+            'argcomplete>=3.1',
             'atheris>=2.3',
             'catkin-pkg>=1.0',
             # `--packages-select` and `install/setup.bash` of the README are parts of their own.

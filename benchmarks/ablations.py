@@ -30,12 +30,11 @@ from lidar_outlier_filter.core.detectors.evidence.models import (
     NAMES,
     PATTERN_MODEL,
     PROFILE_MODEL,
-    PatternModel,
+    TreeModel,
     load,
     read_trees,
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern import judge as pattern
-from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED
 from lidar_outlier_lab.results.contest import score
 from lidar_outlier_lab.results.contest_tables import TARGETS
@@ -53,17 +52,17 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.results.contest import Record
 
 MORE = 3  # times as many trees of one question as of three
-Models = dict[str, PatternModel]  # by the file of the package that each stands for
+Models = dict[str, TreeModel]  # by the file of the package that each stands for
 
 
 def read_model(path: Path) -> Models:
     """Read a file that ``train`` wrote."""
     data: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
     stands_for = PROFILE_MODEL if 'streets' in data else PATTERN_MODEL
-    names = NAMES[stands_for]
-    model = PatternModel(
+    names, names_again = NAMES[stands_for]
+    model = TreeModel(
         read_trees(data['first'], names),
-        read_trees(data['again'], (*names, *AGAIN)),
+        read_trees(data['again'], names_again),
         float(data['doubtful']),
         float(data['threshold']),
         float(data.get('threshold_bright', data['threshold'])),
@@ -73,7 +72,7 @@ def read_model(path: Path) -> Models:
 
 def first_alone() -> Models:
     """Return the models of the package without their second pass."""
-    return {name: load(name)._replace(doubtful=math.inf) for name in NAMES}
+    return {name: load(name)._replace(doubtful=math.inf) for name in (PATTERN_MODEL, PROFILE_MODEL)}
 
 
 @contextmanager

@@ -27,7 +27,7 @@ from lidar_outlier_filter.archive.run import pending, replay_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.disk.hidden_folder import hidden_folder
+from lidar_outlier_filter.disk.new_files import hidden_folder
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:

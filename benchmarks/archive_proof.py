@@ -40,7 +40,7 @@ from lidar_outlier_filter.archive.replayers import Replaying  # noqa: E402
 from lidar_outlier_filter.archive.run import replay_alone  # noqa: E402
 from lidar_outlier_filter.archive.task import Task  # noqa: E402
 from lidar_outlier_filter.archive.workers import local_workers  # noqa: E402
-from lidar_outlier_filter.disk.hidden_folder import hidden_folder  # noqa: E402
+from lidar_outlier_filter.disk.new_files import hidden_folder  # noqa: E402
 
 if TYPE_CHECKING:
     import psutil

@@ -70,9 +70,9 @@ def main() -> None:
     """Compile each chain from an empty and from a full cache."""
     from helpers.watching import fresh_copy  # noqa: PLC0415
 
-    from lidar_outlier_filter.parameters.filter import detector_names  # noqa: PLC0415
+    from lidar_outlier_filter.core.detectors.registry import DETECTORS  # noqa: PLC0415
 
-    for chain in sys.argv[1:] or detector_names():
+    for chain in sys.argv[1:] or DETECTORS:
         with tempfile.TemporaryDirectory() as folder:
             env = {**os.environ, **fresh_copy(Path(folder)), 'COMPILE': chain}
             for _ in ('empty', 'full'):

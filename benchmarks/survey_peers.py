@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.core.neighbours.typical_scale import typical_scale
+from lidar_outlier_filter.core.neighbours.places import typical_scale
 from lidar_outlier_lab.results.peers import distances
 from lidar_outlier_lab.results.real_clouds import labelled
 from lidar_outlier_lab.results.samples import simulated

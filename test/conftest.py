@@ -6,14 +6,15 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+from helpers import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from helpers.nodes import Ros
     from sensor_msgs.msg import PointCloud2
@@ -38,7 +39,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture(scope='session')
 def recordings() -> Path:
     """Find the folder of real recordings; without it CI fails, and a test elsewhere is skipped."""
-    folder = Path(__file__).resolve().parents[2] / 'shared' / 'data'
+    folder = ROOT.parent / 'shared' / 'data'
     if not (folder / 'bags').is_dir():
         missing = 'the real recordings must be in ../shared/data of the project, got no such folder'
         if os.environ.get('CI'):

@@ -24,7 +24,7 @@ from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How,
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.work import work_through
-from lidar_outlier_filter.disk.publication import FILE, taken
+from lidar_outlier_filter.disk.new_files import FILE, taken
 from lidar_outlier_filter.errors import CloudError, FilterError, SchedulerError, said_by
 from lidar_outlier_filter.files.cleaning.clean import list_logs
 from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -21,8 +21,7 @@ from lidar_outlier_filter.archive.fingerprints import content_hash
 from lidar_outlier_filter.archive.locations import location_of, staged
 from lidar_outlier_filter.archive.uploads import Upload, finish, upload
 from lidar_outlier_filter.archive.worker_start import name_of_worker
-from lidar_outlier_filter.disk.new_files import replaced
-from lidar_outlier_filter.disk.publication import publish
+from lidar_outlier_filter.disk.new_files import publish, replaced
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import writable
 from lidar_outlier_filter.recordings.remote_path import written

@@ -16,7 +16,7 @@ from lidar_outlier_filter.archive.one_recording import give_name
 from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.step import Progress
 from lidar_outlier_filter.archive.work import work_through
-from lidar_outlier_filter.disk.publication import FOLDER, taken
+from lidar_outlier_filter.disk.new_files import FOLDER, taken
 from lidar_outlier_filter.errors import (
     FilterError,
     NoCloudsError,

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.locations import METADATA
-from lidar_outlier_filter.disk.publication import FOLDER, taken
+from lidar_outlier_filter.disk.new_files import FOLDER, taken
 from lidar_outlier_filter.recordings.remote_path import written
 
 if TYPE_CHECKING:

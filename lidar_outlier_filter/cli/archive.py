@@ -268,7 +268,7 @@ def check_workers(options: argparse.Namespace) -> None:
 @contextmanager
 def _hidden(path: RecordingPath) -> Iterator[Path | None]:
     """Give a hidden folder beside a path, for what has no name yet; None: that is on a store."""
-    from lidar_outlier_filter.disk.hidden_folder import hidden_folder
+    from lidar_outlier_filter.disk.new_files import hidden_folder
     from lidar_outlier_filter.recordings.bags import writable
 
     if not isinstance(path, Path):

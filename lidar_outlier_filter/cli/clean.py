@@ -136,6 +136,12 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--keep-classes', metavar='C[,C…]', help='classes of LAS whose points stay as they are'
     )
+    parser.add_argument(
+        '--ignore-classes',
+        metavar='C[,C…]',
+        help='classes of LAS, as 7,18 for known noise, whose points stay as they are, and are not '
+        'seen when others are judged',
+    )
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
@@ -263,7 +269,7 @@ def _folder(options: argparse.Namespace) -> Path | None:
 
 def _check(options: argparse.Namespace, folder: Path | None) -> None:
     """Refuse options that do not go together."""
-    from lidar_outlier_filter.disk.publication import FILE, check_new
+    from lidar_outlier_filter.disk.new_files import FILE, check_new
 
     for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
         if value and len(options.files) > 1:
@@ -321,6 +327,7 @@ def _wanted(options: argparse.Namespace) -> Wanted:
         options.strips,
         _classes(options.only_classes, '--only-classes'),
         _classes(options.keep_classes, '--keep-classes'),
+        _classes(options.ignore_classes, '--ignore-classes'),
         options.dry_run,
         options.unit,
         values,

@@ -106,7 +106,7 @@ def _opened(folder: Path | None) -> Iterator[tuple[Manifest | None, Path | None]
         yield None, None
         return
     from lidar_outlier_filter.archive.manifest import opened_manifest
-    from lidar_outlier_filter.disk.hidden_folder import hidden_folder
+    from lidar_outlier_filter.disk.new_files import hidden_folder
 
     with opened_manifest(folder, say) as manifest, hidden_folder(folder / 'files') as hidden:
         yield manifest, hidden

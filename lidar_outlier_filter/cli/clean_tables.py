@@ -46,12 +46,12 @@ CLASSES = {
 }
 MUCH = 0.005  # share of the points that rarely are outliers
 MOST_GROUPS = 10  # that are listed
-RARE = ('invalid', 'untested', 'spared')  # columns that are left out where all are 0
+RARE = ('invalid', 'ignored', 'untested', 'spared')  # columns that are left out where all are 0
 
 
 def is_untested(report: CleanReport) -> bool:
     """Return whether no point could be tested."""
-    return report.points == report.untested + report.invalid
+    return report.points == report.untested + report.invalid + report.ignored
 
 
 def say_how(result: Result) -> None:

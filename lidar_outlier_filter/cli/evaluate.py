@@ -147,7 +147,7 @@ def label_files(paths: list[Path]) -> list[Path]:
 def _run(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lidar_outlier_filter.disk.publication import FOLDER, check_new
+    from lidar_outlier_filter.disk.new_files import FOLDER, check_new
     from lidar_outlier_filter.evaluation.report import evaluate, tables
 
     if options.output is not None:
@@ -199,8 +199,7 @@ def write(result: Evaluation, folder: Path, confidence: float, seed: int) -> Non
     """
     import json
 
-    from lidar_outlier_filter.disk.new_files import new_output
-    from lidar_outlier_filter.disk.publication import FOLDER
+    from lidar_outlier_filter.disk.new_files import FOLDER, new_output
     from lidar_outlier_filter.evaluation.plots import draw_precision_recall, draw_roc
     from lidar_outlier_filter.evaluation.report import to_json
 

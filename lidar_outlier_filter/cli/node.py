@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arguments of ``outlier_filter_node``. ROS is imported when the node runs."""
+"""The arguments of ``outlier_filter_node``, and the page that it may have.
+
+ROS is imported when the node runs, and what the page needs when there is one.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.cli.live_page import serve_page
 from lidar_outlier_filter.ros.executable import main as run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from lidar_outlier_filter.report.served import PageServer
+    from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 LARGEST_PORT = 65535
 DESCRIPTION = """\
@@ -92,3 +97,16 @@ def _own(arguments: Sequence[str]) -> list[str]:
 
 if __name__ == '__main__':
     sys.exit(main())
+
+
+def serve_page(node: OutlierFilterNode, port: int = 0) -> PageServer:
+    """Serve the page of a node that is not started yet, and log its address once."""
+    # Without a page none of this is loaded.
+    from lidar_outlier_filter.report.served import PageServer  # noqa: PLC0415
+    from lidar_outlier_filter.ros.access import NodeAccess  # noqa: PLC0415
+
+    server = PageServer(NodeAccess(node), port)
+    node.show(server.show)
+    server.start()
+    node.get_logger().info(f'page: {server.address}')
+    return server

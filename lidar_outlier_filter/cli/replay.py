@@ -160,7 +160,10 @@ def _table(report: ReplayReport) -> Table:
     table = Table('topic', *(topic.topic for topic in report.topics))
     for column in table.columns[1:]:
         column.justify, column.overflow = 'right', 'fold'
-    for name in ('messages', 'refused', 'points', 'rejected', 'untested', 'invalid'):
+    names = ['messages', 'refused', 'points', 'rejected', 'untested', 'invalid']
+    if any(topic.dropped for topic in report.topics):
+        names.append('dropped')
+    for name in names:
         table.add_row(name, *(f'{getattr(topic, name):,}' for topic in report.topics))
     for name in report.topics[0].rejected_by if report.topics else ():
         for text, counts in (

@@ -73,7 +73,7 @@ def add_report(commands: Commands) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.disk.publication import FILE, FOLDER, check_new
+    from lidar_outlier_filter.disk.new_files import FILE, FOLDER, check_new
     from lidar_outlier_filter.report.page import write_page
 
     output, figures = options.output, options.figures

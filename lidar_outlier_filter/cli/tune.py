@@ -133,7 +133,7 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.disk.publication import check_new
+    from lidar_outlier_filter.disk.new_files import check_new
     from lidar_outlier_filter.evaluation.confusion import check_confidence
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning import output as tuned

@@ -1,20 +1,110 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""New files and folders that appear whole, together, or not at all."""
+"""New files and folders that appear whole, together, or not at all, and never over another.
+
+An output is built in a hidden folder. A run holds a lock on a file in it. The system lets go of it
+when the run ends, however it does; so the next run for the same output knows which folders are
+nobody's, and removes them.
+
+A check before the work is a courtesy: hours may lie between it and the end. ``rename`` itself
+replaces a file, and an empty folder. So the system is asked for a rename that refuses.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import os
-from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING
+import shutil
+import sys
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import time
+from typing import IO, TYPE_CHECKING
 
-from lidar_outlier_filter.disk.hidden_folder import hidden_folder
-from lidar_outlier_filter.disk.publication import FILE, FOLDER, check_new, publish
 from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError, said_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
+
+FILE, FOLDER = 'a new file', 'a new folder'  # what an output must be
+_HERE = -100  # AT_FDCWD: relative paths begin at the working folder
+_NO_REPLACE = 1  # RENAME_NOREPLACE
+_NOT_KNOWN = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP}  # to an old kernel, or to NFS
+
+
+if sys.platform != 'win32':
+    import fcntl
+LOCK = '.lock-of-the-run'
+YOUNG = 60.0  # seconds: a folder without a lock may get one
+
+
+@contextmanager
+def hidden_folder(path: Path, kind: str = 'partial') -> Iterator[Path]:
+    """Give a hidden folder beside ``path``; remove it at the end, and at the start what was left.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+
+    """
+    for left in _folders(path, kind):
+        _remove_if_left(left)
+    prefix = f'.{path.name}.{kind}-'
+    with (
+        TemporaryDirectory(prefix=prefix, dir=path.parent, ignore_cleanup_errors=True) as name,
+        Path(name, LOCK).open('wb') as lock,
+    ):
+        _take(lock)
+        yield Path(name)
+
+
+@contextmanager
+def held_leftovers(path: Path, kind: str = 'partial') -> Iterator[list[Path]]:
+    """Hold the folders that killed runs left beside ``path``, so that no other run removes them."""
+    with ExitStack() as stack:
+        held = []
+        for left in sorted(_folders(path, kind)):
+            if (left / LOCK).is_file():
+                lock = stack.enter_context((left / LOCK).open('ab'))
+                if _take(lock):
+                    held.append(left)
+        yield held
+
+
+def _folders(path: Path, kind: str) -> list[Path]:
+    """List the hidden folders beside ``path``."""
+    prefix = f'.{path.name}.{kind}-'
+    return [
+        left
+        for left in path.parent.iterdir()
+        if left.name.startswith(prefix) and left.is_dir() and not left.is_symlink()
+    ]
+
+
+def _remove_if_left(folder: Path) -> None:
+    """Remove a folder that no run holds."""
+    with suppress(OSError):
+        if not (folder / LOCK).is_file():
+            if time() - folder.stat().st_mtime > YOUNG:
+                shutil.rmtree(folder)
+            return
+        with (folder / LOCK).open('ab') as lock:
+            if _take(lock):
+                shutil.rmtree(folder)
+
+
+def _take(lock: IO[bytes]) -> bool:
+    """Take a lock; return whether it was free."""
+    if sys.platform == 'win32':
+        return False
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 @contextmanager
@@ -122,3 +212,82 @@ def replaced(path: Path) -> Iterator[Path]:
                 undo.pop_all()
         else:
             built.replace(path)
+
+
+def taken(
+    path: object,
+    must_be: str = FILE,
+    error: type[FilterError] = RecordingError,
+    what: str = 'the output',
+) -> FilterError:
+    """Make the refusal of an output whose name something else has."""
+    return error(what, must_be, f'{path}, which exists')
+
+
+def check_new(
+    path: Path,
+    must_be: str = FILE,
+    error: type[FilterError] = RecordingError,
+    what: str = 'the output',
+) -> None:
+    """Refuse an output whose name is taken, before the work begins."""
+    if os.path.lexists(path):
+        raise taken(path, must_be, error, what)
+
+
+def publish(built: Path, path: Path, error: type[FilterError] = RecordingError) -> None:
+    """Give a file or a folder that is whole its name, on the same file system.
+
+    Raises
+    ------
+    FilterError
+        The ``error``, if the name has been taken meanwhile. What has it stays as it is.
+    OSError
+        If the system refuses.
+
+    """
+    must_be = FOLDER if built.is_dir() else FILE
+    try:
+        if not _rename_in_one_step(built, path):
+            _rename_in_two_steps(built, path)
+    except FileExistsError as err:
+        raise taken(path, must_be, error) from err
+
+
+def _rename_in_one_step(built: Path, path: Path) -> bool:
+    """Rename, or raise FileExistsError; return whether the system can do it at once."""
+    if sys.platform == 'win32':
+        built.rename(path)  # there, it refuses
+        return True
+    rename = getattr(ctypes.CDLL(None, use_errno=True), 'renameat2', None)
+    if rename is None:
+        return False
+    if not rename(_HERE, os.fsencode(built), _HERE, os.fsencode(path), _NO_REPLACE):
+        return True
+    number = ctypes.get_errno()
+    if number in _NOT_KNOWN:
+        return False
+    raise OSError(number, os.strerror(number), str(path))
+
+
+def _rename_in_two_steps(built: Path, path: Path) -> None:
+    """Rename, or raise FileExistsError: take the name, which only one can, and then fill it."""
+    if built.is_dir():
+        path.mkdir()
+        remove = path.rmdir
+    else:
+        try:
+            os.link(built, path)
+        except FileExistsError:
+            raise
+        except OSError:  # FAT has one name for a file
+            path.touch(exist_ok=False)
+            remove = path.unlink
+        else:
+            built.unlink()
+            return
+    try:
+        built.rename(path)  # over the empty one
+    except BaseException:
+        remove()
+        raise

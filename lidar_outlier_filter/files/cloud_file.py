@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
 
 # Suffix, module, and what to install where its library is missing.
-_FORMATS = {
+FORMATS = {
     '.las': ('las', 'files'),
     '.laz': ('las', 'files'),
     '.pcd': ('pcd', 'files'),
@@ -41,7 +41,7 @@ _FORMATS = {
     '.sqlite3': ('sqlite', ''),
     '.db': ('sqlite', ''),
 }
-SUFFIXES = tuple(_FORMATS)
+SUFFIXES = tuple(FORMATS)
 
 
 @dataclass(frozen=True)
@@ -125,9 +125,9 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
 
     """
     suffix = path.suffix.lower()
-    if suffix not in _FORMATS:
-        raise CloudError(f'the file {path}', f'one of {" ".join(_FORMATS)}', repr(path.suffix))
-    module, extra = _FORMATS[suffix]
+    if suffix not in FORMATS:
+        raise CloudError(f'the file {path}', f'one of {" ".join(FORMATS)}', repr(path.suffix))
+    module, extra = FORMATS[suffix]
     with readable(path):
         if not path.is_file():
             raise CloudError(f'the file {path}', 'a file', 'a folder' if path.is_dir() else 'none')
@@ -148,7 +148,7 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
 
 def is_same_format(path: Path, other: Path) -> bool:
     """Return whether two names are those of files of one format."""
-    formats = [_FORMATS.get(one.suffix.lower()) for one in (path, other)]
+    formats = [FORMATS.get(one.suffix.lower()) for one in (path, other)]
     return formats[0] == formats[1]
 
 

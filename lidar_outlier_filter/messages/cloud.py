@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Rows
+    from lidar_outlier_filter.annotations import Bools, Rows
     from lidar_outlier_filter.core.verdict import Verdict
 
 
 # Index is PointField.datatype; 9 to 11 are PCL's, and ROS's after Jazzy: int64, uint64, bool.
-_FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
+FORMATS = ('', 'i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8', 'i8', 'u8', 'u1')
 # PointField.datatype by numpy's name without byte order
-DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(_FORMATS[:11]) if name}}
+DATATYPES = {'b1': 2, **{name: number for number, name in enumerate(FORMATS[:11]) if name}}
 AXES = ('x', 'y', 'z')
 MOST_LAYOUTS = 64  # that are remembered: a topic has one or two
 REMEMBERED_NAMES = 10_000  # characters of all fields of one
@@ -79,7 +79,7 @@ def _layout(
     names, formats, offsets = [], [], []
     known: set[str] = set()  # names may be many
     for name, datatype, offset, count in fields:
-        if not 1 <= datatype < len(_FORMATS):
+        if not 1 <= datatype < len(FORMATS):
             raise CloudError('the datatype of a field', 'from 1 to 11', f'{datatype} for {name!r}')
         if count < 1:
             raise CloudError('the count of a field', 'at least 1', f'{count} for {name!r}')
@@ -87,7 +87,7 @@ def _layout(
             raise CloudError('the names of the fields', 'given and different', repr(name))
         if name in AXES and count > 1:
             raise CloudError(f'field {name!r}', 'a single number', count)
-        kind = np.dtype(('>' if is_bigendian else '<') + _FORMATS[datatype])
+        kind = np.dtype(('>' if is_bigendian else '<') + FORMATS[datatype])
         end = offset + kind.itemsize * count
         if end > point_step:
             must_be = f'at least {end}, the end of field {name!r}'
@@ -109,6 +109,18 @@ _known_layout = lru_cache(maxsize=MOST_LAYOUTS)(_layout)
 def is_empty(msg: Any) -> bool:
     """Return whether a cloud has no points; such a cloud need not even have fields."""
     return bool(msg.width * msg.height == 0)
+
+
+def is_organised(msg: Any) -> bool:
+    """Return whether a cloud has points, and more than one row of them."""
+    return bool(msg.height > 1 and msg.width)
+
+
+def leave_out(msg: Any, missing: Bools) -> Any:
+    """Copy an unorganised cloud without its N missing returns, (N,) bool; the copy is dense."""
+    result = with_rows(msg, plain_rows(msg)[~missing], msg.fields, msg.point_step)
+    result.is_dense = True
+    return result
 
 
 def split(
@@ -146,7 +158,7 @@ def split(
     outliers = with_rows(msg, rows[rejected], fields, step) if wanted[1] else None
     if not wanted[0]:
         return None, outliers
-    if keep_organized and msg.height > 1 and len(rows):
+    if keep_organized and is_organised(msg):
         holes = _with_holes(rows, structured(msg).dtype, rejected)
         organised = with_rows(msg, holes, fields, step, msg.height)
         organised.is_dense = bool(msg.is_dense) and not rejected.any()

@@ -171,6 +171,12 @@ class FilterParameters:
         default=False,
         text='Keep the shape of organised clouds: rejected points become NaN in the cleaned cloud.',
     )
+    missing: str = declare(
+        'keep',
+        'Missing returns (NaN, Inf, 0 0 0): keep, in the cleaned cloud; drop: they are in neither '
+        'cloud, and counted. keep_organized keeps them in organised clouds.',
+        choices=('keep', 'drop'),
+    )
     scores: bool = declare(
         default=False,
         text='Add outlier_score (float32), outlier_detectors (uint16), for viewers '

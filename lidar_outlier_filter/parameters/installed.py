@@ -72,7 +72,7 @@ def gather(points: Iterable[EntryPoint], reserved: Collection[str]) -> Installed
     """
     found: dict[str, Declared] = {}
     refused: dict[str, ParameterError] = {}
-    for point in sorted(points, key=lambda one: (not _is_own(one), _origin(one), one.name)):
+    for point in sorted(points, key=_order):
         try:
             found[point.name] = _load(point, found, reserved)
         except ParameterError as err:
@@ -86,7 +86,6 @@ def gather(points: Iterable[EntryPoint], reserved: Collection[str]) -> Installed
 
 def _load(point: EntryPoint, found: Mapping[str, Declared], reserved: Collection[str]) -> Declared:
     """Load one declaration, and refuse what would disturb the others."""
-    what = f'the detector {point.name} of {_origin(point)}'
     try:
         one: Declared = point.load()
         name, bit, sections = one.name, one.bit, dict(one.sections)
@@ -94,21 +93,34 @@ def _load(point: EntryPoint, found: Mapping[str, Declared], reserved: Collection
         if _is_own(point):
             raise
         got = f'{type(err).__name__}: {err}'
-        raise ParameterError(what, 'a declaration that can be imported', got) from err
+        raise ParameterError(_said(point), 'a declaration that can be imported', got) from err
     if name != point.name:
-        raise ParameterError(f'the name of {what}', 'that of its entry point', repr(name))
+        raise ParameterError(f'the name of {_said(point)}', 'that of its entry point', repr(name))
     taken = {*reserved, *chain.from_iterable(one.sections for one in found.values())}
     for section in sections:
         if section in taken:
-            raise ParameterError(f'the name of parameters of {what}', 'a new one', repr(section))
+            raise ParameterError(
+                f'the name of parameters of {_said(point)}', 'a new one', repr(section)
+            )
     free = [bit for bit in BITS if bit not in {one.bit for one in found.values()}]
     if bit not in free:
-        raise ParameterError(f'the bit of {what}', f'one of {", ".join(map(str, free))}', bit)
+        raise ParameterError(
+            f'the bit of {_said(point)}', f'one of {", ".join(map(str, free))}', bit
+        )
     return one
 
 
 def _is_own(point: EntryPoint) -> bool:
     return point.value.partition('.')[0] == GROUP.partition('.')[0]
+
+
+def _order(point: EntryPoint) -> tuple[str, str]:
+    """Sort own ones first: their distribution is not asked, whose metadata is read slowly."""
+    return '' if _is_own(point) else _origin(point), point.name
+
+
+def _said(point: EntryPoint) -> str:
+    return f'the detector {point.name} of {_origin(point)}'
 
 
 def _origin(point: EntryPoint) -> str:

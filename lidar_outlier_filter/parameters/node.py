@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import declare
@@ -96,7 +96,8 @@ class HealthLimits:
 
     def check(self) -> None:
         """Refuse a warning that comes after the error."""
-        for name in ('delay', 'unfiltered', 'rejected', 'untested', 'silence'):
+        warned = (one.name for one in fields(self) if one.name.endswith('_warn'))
+        for name in (one.removesuffix('_warn') for one in warned):
             warn, error = getattr(self, f'{name}_warn'), getattr(self, f'{name}_error')
             if warn > error:
                 must_be = f'at most health.{name}_error = {error:g}'

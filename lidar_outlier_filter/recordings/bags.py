@@ -19,8 +19,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from lidar_outlier_filter.disk.hidden_folder import hidden_folder
-from lidar_outlier_filter.disk.publication import FOLDER, check_new, publish
+from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder, publish
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
 from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
 from lidar_outlier_filter.recordings.packed import unpacked

@@ -49,6 +49,7 @@ class TopicReport:
     rejected: int
     untested: int
     invalid: int
+    dropped: int
     refused: int
     refusals: Mapping[str, int]
     rejected_by: Mapping[str, int]
@@ -98,7 +99,8 @@ class CloudTopic:
         def say(text: str) -> None:
             inform(f'{name}: {text}')
 
-        self._filter = Session(parameters, say, say, motion, compiles=chain is None)
+        # A kernel is compiled when the first cloud needs it: another sensor's never are.
+        self._filter = Session(parameters, say, say, motion, compiles=False)
         if chain is not None:
             self._filter.judge_by(chain)
         self._filter.wanted = (False, False)
@@ -260,6 +262,7 @@ class CloudTopic:
             counts.outliers,
             counts.untested,
             counts.invalid,
+            counts.dropped,
             self._clouds - counts.messages,
             dict(counts.refusals),
             {name: counts.rejected[name] for name in chain},

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 from zlib import crc32
 
-from lidar_outlier_filter.disk.hidden_folder import held_leftovers
+from lidar_outlier_filter.disk.new_files import held_leftovers
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.salvage.losses import Losses
 from lidar_outlier_filter.recordings.salvage.mcap import DamagedMcap

@@ -10,8 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.disk.new_files import new_output
-from lidar_outlier_filter.disk.publication import FOLDER
+from lidar_outlier_filter.disk.new_files import FOLDER, new_output
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.evaluation.plots import FRAME, INK, draw_roc, dress, save

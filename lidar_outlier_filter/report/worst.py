@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from lidar_outlier_filter.core.neighbours.typical_scale import typical_scale
+from lidar_outlier_filter.core.neighbours.places import typical_scale
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

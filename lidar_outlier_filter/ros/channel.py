@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.clocks import DelayClock
-from lidar_outlier_filter.ros.health import Backlog, Health, Report
-from lidar_outlier_filter.ros.losses import LossWarning
+from lidar_outlier_filter.ros.health import Backlog, Health, LossWarning, Report
 from lidar_outlier_filter.ros.publisher import AnswerPublisher
 from lidar_outlier_filter.ros.receiver import CloudReceiver
 from lidar_outlier_filter.ros.tf import make_motion

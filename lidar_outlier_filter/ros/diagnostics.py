@@ -11,6 +11,7 @@ from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
 
 if TYPE_CHECKING:
@@ -61,13 +62,16 @@ class Diagnostics:
         self._plotted.publish(self._plot(reports))
 
     def _say(self, channel: Channel, report: Report) -> DiagnosticStatus:
+        # A detector that is refused may not be missed: no reason to warn in each status.
+        refused = {f'refused detector {k}': str(err) for k, err in installed().refused.items()}
+        values = report.values | refused
         # Named as those of diagnostic_updater are.
         return DiagnosticStatus(
             level=LEVELS[report.level],
             name=f'{self._node.get_fully_qualified_name().strip("/")}: {channel.resolved}',
             message=report.message,
             hardware_id=channel.resolved,
-            values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
 
     def _plot(self, reports: Sequence[Report]) -> Float64MultiArray:

@@ -17,18 +17,20 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_srvs.srv import SetBool
 
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import FilterError, ParameterError
+from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
 from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
 from lidar_outlier_filter.ros.live_parameters import TunableNode
-from lidar_outlier_filter.ros.ready import ready_line
 from lidar_outlier_filter.ros.signals import leave, on_stop
 from lidar_outlier_filter.stream.topics import answers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from diagnostic_msgs.msg import DiagnosticStatus
     from rcl_interfaces.msg import SetParametersResult
@@ -105,6 +107,8 @@ class OutlierFilterNode(TunableNode):
             options['cli_args'] = [*options.get('cli_args', []), '--ros-args', *remap]
             parameters = {**(parameters or {}), 'inputs': (POINTS,)}
         super().__init__(parameters or {}, **options)
+        for refused in installed().refused.values():
+            self.get_logger().warning(str(refused))
         self._compiler = Compiler(
             self._take_over, self.get_logger().info, self.get_logger().warning
         )
@@ -289,6 +293,8 @@ def _serve(node: OutlierFilterNode, stop: threading.Event) -> None:
         while node.context.ok() and not stop.is_set():
             executor.spin_once(timeout_sec=SIGNAL_PERIOD)
     node.finish()
+    # First: threads of the middleware call an executor for what it serves.
+    executor.shutdown()
     node.destroy_node()
 
 
@@ -303,3 +309,13 @@ def _executor(context: Context) -> Executor:
 
 if __name__ == '__main__':
     sys.exit(main())
+
+
+def ready_line(parameters: FilterParameters, topics: Iterable[str]) -> str:
+    """Say in one line what has started: version, inputs, chain, blocks, threads."""
+    length = f' ({parameters.block:g} s)' if parameters.blocks != 'message' else ''
+    return (
+        f'version {__version__} is ready: inputs {", ".join(topics)}; '
+        f'chain {", ".join(parameters.chain)}; blocks {parameters.blocks}{length}; '
+        f'threads {parameters.threads or cores()}'
+    )

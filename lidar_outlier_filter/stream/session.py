@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from lidar_outlier_filter.core.detectors.declaration import Tiled
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.judging.blocks import Stream
@@ -18,7 +20,7 @@ from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import missing
 from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
-from lidar_outlier_filter.messages.cloud import split
+from lidar_outlier_filter.messages.cloud import is_organised, leave_out, split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.stream.compiling import is_ready, make_ready
@@ -29,8 +31,7 @@ if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable
 
-    import numpy as np
-
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.core.judging.slow import SlowDetector
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -71,7 +72,7 @@ class Session:
     motion : PoseSource, optional
         With it clouds wait for their poses, too.
     compiles : bool, optional
-        Whether kernels are made ready here; else they are ready before the first cloud is judged.
+        Whether all kernels are made ready here; else each is ready, or compiled, when it is needed.
 
     Attributes
     ----------
@@ -343,6 +344,8 @@ class Session:
                 self.statistics.count_passed(cloud.count, 'failure')
             else:
                 self.statistics.count(cloud.verdict, len(cloud.points))
+                if (dropped := _dropped(cloud)) is not None:
+                    self.statistics.dropped += int(np.count_nonzero(dropped))
                 if self.show is not None:
                     self.show(cloud, cloud.msg)
             answers.append(_answer(cloud, self.wanted))
@@ -350,15 +353,31 @@ class Session:
 
 
 def _answer(cloud: _FilteredCloud, wanted: tuple[bool, bool]) -> Answer:
-    clouds = split(
+    cleaned, outliers = split(
         cloud.msg,
         cloud.verdict,
         keep_organized=cloud.form.keep_organized,
         scores=cloud.form.scores,
         wanted=wanted,
     )
-    cleaned, outliers = map(as_given, clouds)
-    return Answer(cleaned, outliers, cloud.tag)
+    if cleaned is not None and (dropped := _dropped(cloud)) is not None:
+        cleaned = leave_out(cleaned, dropped[~cloud.verdict.rejected])
+    return Answer(as_given(cleaned), as_given(outliers), cloud.tag)
+
+
+def _dropped(cloud: _FilteredCloud) -> Bools | None:
+    """Mark the missing returns that are in neither answer; None: all are in the cleaned one.
+
+    Clouds that passed unfiltered were not looked at: they keep theirs.
+    """
+    form = cloud.form
+    if form.missing == 'keep' or cloud.passed or cloud.error is not None:
+        return None
+    if form.keep_organized and is_organised(cloud.msg):
+        return None
+    dropped = np.ones(cloud.count, bool)
+    dropped[cloud.where] = False
+    return dropped
 
 
 def _short(chain: Chain) -> Chain | None:

@@ -21,7 +21,16 @@ if TYPE_CHECKING:
 MOST_KINDS = 50  # of what is wrong with clouds, or with poses: far more than there are
 OTHERS = 'other reasons'
 # Counts of clouds and points that were judged.
-JUDGED = ('messages', 'points', 'invalid', 'untested', 'outliers', 'rejected', 'undecided')
+JUDGED = (
+    'messages',
+    'points',
+    'invalid',
+    'dropped',
+    'untested',
+    'outliers',
+    'rejected',
+    'undecided',
+)
 
 
 class Kinds(Counter[str]):
@@ -40,6 +49,7 @@ class Statistics:
     ----------
     messages, points : clouds taken, and their points
     invalid : missing returns (NaN, Inf, 0 0 0), which stay in the cleaned clouds
+    dropped : those of them that are in no cloud, as ``missing`` says
     untested : valid points that no detector could test; they stay too
     rejected : points by the detector that rejected them
     reasons : points by the feature that said most against them, where scores are published
@@ -60,6 +70,7 @@ class Statistics:
     messages: int = 0
     points: int = 0
     invalid: int = 0
+    dropped: int = 0
     untested: int = 0
     outliers: int = 0
     rejected: Counter[str] = field(default_factory=Counter)

@@ -105,8 +105,7 @@ def add_train(commands: Commands) -> None:
 def _run(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lidar_outlier_filter.disk.new_files import new_output
-    from lidar_outlier_filter.disk.publication import check_new
+    from lidar_outlier_filter.disk.new_files import check_new, new_output
 
     import_module('sklearn')  # before the work
     if options.profile and options.survey:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from statistics import fmean
-from time import perf_counter
+from time import process_time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,7 +47,7 @@ class Record:
     counts : (S, 4) int64
         Tally of each stretch.
     auc : area under the ROC curve; NaN where there is no score
-    seconds : that it took, once
+    seconds : of the processor that it took, once
     best : F1 at the best threshold for this sample; NaN where there is no score
 
     """
@@ -132,9 +132,9 @@ def compete(
 
 def score(contestant: Contestant, sample: Sample) -> Record:
     """Let one judge one sample."""
-    begin = perf_counter()
+    begin = process_time()  # others may be at work on the machine
     rejected, scores = contestant.judge(sample)
-    seconds = perf_counter() - begin
+    seconds = process_time() - begin
     data = sample.data
     result = None if scores is None else curve(data.bad, scores)
     auc, best = (math.nan, math.nan) if result is None else (result.auc, result.best)

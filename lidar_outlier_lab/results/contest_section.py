@@ -108,7 +108,7 @@ def _contest(found: Standings, seeds: Sequence[int]) -> str:
         contest_tables.overview(found, everybody),
         'Where a peer has a higher F1 than every detector and chain of ours:',
         contest_tables.beaten(found, others),
-        'Everything, sample by sample; seconds are for one sample, once, on a busy machine:',
+        'Everything, sample by sample; seconds are of the processor, for one sample, once:',
         contest_tables.details(found, everybody),
     )
 

@@ -31,7 +31,7 @@ from lidar_outlier_filter.core.detectors.evidence.survey.near import COUNT as CO
 from lidar_outlier_filter.core.detectors.evidence.survey.near import NEAR
 from lidar_outlier_filter.core.detectors.evidence.trees import add_up
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.typical_scale import K, typical_scale
+from lidar_outlier_filter.core.neighbours.places import K, typical_scale
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_scenes import training_scene

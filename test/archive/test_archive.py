@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import ROOT
 from helpers.drives import FAST, hashes, write_drive
 
 from lidar_outlier_filter.archive import fingerprints, manifest, one_recording, proof, run, workers
@@ -303,7 +304,7 @@ def test_lines_of_the_readme(drives: Path, tmp_path: Path, monkeypatch: pytest.M
     """The lines for an archive do what they say, as they are written."""
     monkeypatch.chdir(tmp_path)
     assert drives == tmp_path / 'drives'
-    readme = Path(__file__).parents[2] / 'README.md'
+    readme = ROOT / 'README.md'
     found = re.findall(
         r'^lidar-outlier-filter (replay drives .*?)#', readme.read_text(), re.MULTILINE
     )

@@ -32,7 +32,7 @@ from lidar_outlier_filter.archive.run import pending, replay_all, replay_alone
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.disk.hidden_folder import hidden_folder
+from lidar_outlier_filter.disk.new_files import hidden_folder
 from lidar_outlier_filter.errors import RecordingError, SchedulerError
 from lidar_outlier_filter.recordings.replay import replay
 

@@ -68,16 +68,16 @@ def test_each_part_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_asking_is_not_compiling() -> None:
-    """Who only asks for kernels is heard by nobody; who compiles them is, by the module."""
+    """Listeners learn which module is compiled, and nothing where kernels are only asked for."""
     # Without a cache: what was kept of another run would be used.
     add: Any = njit(lambda x: x + 1)
-    told: list[str] = []
-    listeners.append(told.append)
+    compiled: list[str] = []
+    listeners.append(compiled.append)
     try:
         with only_compiled(), pytest.raises(NotCompiled):
             add(1)
-        assert told == []
+        assert compiled == []
         assert add(1) == 2
     finally:
-        listeners.remove(told.append)
-    assert told == [__name__]
+        listeners.remove(compiled.append)
+    assert compiled == [__name__]

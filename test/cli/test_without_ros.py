@@ -10,14 +10,17 @@ import re
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers import ROOT
 
 from lidar_outlier_filter import __version__
 
-ROOT = Path(__file__).parents[2]
+if TYPE_CHECKING:
+    from pathlib import Path
+
 SESSION = ROOT / 'doc' / 'examples' / 'numpy_session.py'
 # Nothing of ROS can be imported in the processes of this file.
 BLOCK = """

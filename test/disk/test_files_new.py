@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from lidar_outlier_filter.disk import new_files as new_files_module
-from lidar_outlier_filter.disk import publication
-from lidar_outlier_filter.disk.new_files import new_files, new_output, replaced
-from lidar_outlier_filter.disk.publication import FILE, FOLDER
+from lidar_outlier_filter.disk.new_files import FILE, FOLDER, new_files, new_output, replaced
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.files.cloud_file import open_cloud
 
@@ -83,7 +81,7 @@ def refuse_in_one_step(_built: Path, _path: Path) -> bool:
 def renames(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Publish in each way that file systems have: all of them are used on this one."""
     if request.param != 'one step':
-        monkeypatch.setattr(publication, '_rename_in_one_step', refuse_in_one_step)
+        monkeypatch.setattr(new_files_module, '_rename_in_one_step', refuse_in_one_step)
     if request.param.endswith('links'):
         monkeypatch.setattr(os, 'link', no_links)
 

@@ -17,9 +17,9 @@ from helpers.damaged import write_recording
 from helpers.hostile import FORMATS, whole_file
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.disk.hidden_folder import LOCK, hidden_folder
-from lidar_outlier_filter.disk.scratch import scratch
+from lidar_outlier_filter.disk.new_files import LOCK, hidden_folder
 from lidar_outlier_filter.errors import CloudError, RecordingError
+from lidar_outlier_filter.files.cleaning.clean import scratch
 from lidar_outlier_filter.recordings.packed import unpack_file
 from lidar_outlier_filter.recordings.replay import replay
 

@@ -14,7 +14,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.files.cleaning import classes
+from lidar_outlier_filter.files.cleaning.judged_file import spare
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,6 +70,41 @@ def test_marks_and_classes(
     assert flag[[LOW, BIRD]].tolist() == [withheld, withheld]
     assert flag.sum() == 2 * withheld
     assert (np.delete(classes, [LOW, BIRD]) == 2).all()
+
+
+def test_known_noise_is_not_seen(cloud: Path, capsys: Capture) -> None:
+    """It keeps its class, and hides no outlier beside it: others are judged as if it were away."""
+    data = laspy.read(cloud)
+    beside = np.tile([[10.0, 10.0, 30.0]], (60, 1)) + np.random.default_rng(2).random((60, 3)) / 5
+    more = laspy.ScaleAwarePointRecord.zeros(len(data.points) + 60, header=data.header)
+    more.array[:1500] = data.points.array
+    data.points = more
+    classes = np.array(data.classification)
+    x, y, z = (np.array(data[name]) for name in 'xyz')
+    x[1500:], y[1500:], z[1500:] = beside.T
+    x[BIRD], y[BIRD], z[BIRD] = 10.1, 10.1, 30.1
+    classes[1500:] = 18
+    data.x, data.y, data.z, data.classification = x, y, z, classes
+    data.write(cloud)
+    chain = ['--chain', 'sor']
+    for name, options in (('plain', []), ('known', ['--ignore-classes', '7,18'])):
+        output = cloud.with_name(f'{name}.las')
+        assert main(['clean', str(cloud), '--output', str(output), *chain, *options]) == 0
+    after = np.array(laspy.read(cloud.with_name('known.las')).classification)
+    assert after[BIRD] == 7
+    assert (after[1500:] == 18).all()
+    assert np.array(laspy.read(cloud.with_name('plain.las')).classification)[BIRD] == 1
+    capsys.readouterr()
+    assert main(['clean', str(cloud), '--dry-run', *chain, '--ignore-classes', '7,18']) == 0
+    lines = [line.replace('│', ' ').split() for line in capsys.readouterr().out.splitlines()]
+    assert 'ignored' in next(line for line in lines if 'points' in line)
+    assert any('60' in line and 'a.las' in line for line in lines)
+    away = data.points[np.arange(len(data.points)) < 1500]
+    data.points = away
+    data.write(cloud.with_name('away.las'))
+    assert main(['clean', str(cloud.with_name('away.las')), *chain]) == 0
+    alone = np.array(laspy.read(cloud.with_name('away_cleaned.las')).classification)
+    assert (alone == after[:1500]).all()
 
 
 @pytest.mark.parametrize('point_format', range(11))
@@ -160,7 +195,7 @@ def test_spared_points() -> None:
     verdict.add(1, np.arange(4), Scores(np.array([0.5, 3.0, 0.25, 2.0])))
     verdict.settle(1)
     kept = np.array([True, True, False, False])
-    spared = classes.spare(verdict, kept)
+    spared = spare(verdict, kept)
     assert verdict.rejected.tolist() == [False, True, False, True]
     assert spared.rejected.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(spared.score, np.array([0.5, np.nan, 0.25, 2.0], np.float32))

@@ -7,9 +7,10 @@
     live.py collect QOS FOLDER TOPIC ...    every cloud to FOLDER/<last word of TOPIC>_<number>.cdr
     live.py count TOPIC                     say how many clouds came, when stdin is closed
     live.py diagnose                        every status of /diagnostics, as JSON
+    live.py filter --ros-args ...           the node itself, which says when nothing is lost by it
 
 QOS is reliable or best_effort. All say on stdout, one line each, what has happened, and go when
-their stdin is closed.
+their stdin is closed; the node goes when a signal comes.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
@@ -37,6 +39,8 @@ from rclpy.task import Future
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import PointCloud2
 
+from lidar_outlier_filter.ros.executable import main as run
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from types import TracebackType
@@ -44,10 +48,14 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+    from lidar_outlier_filter.ros.node import OutlierFilterNode
+
 PROFILE = Path(__file__).parents[2] / 'config' / 'fastdds_large_clouds.xml'
 # Seconds until what a test waits for is given up; reached in failures only. Kernels take minutes
 # to compile beside other work. A little less than the time-out of a test: that says where it was.
 PATIENCE = 540.0
+# The same for a cloud that is on its way between two that are connected: nothing is compiled.
+ARRIVAL = 240.0
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 BEST_EFFORT = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -98,15 +106,15 @@ class Program:
             self._lines.put(line.rstrip('\n'))
         self._lines.put(None)
 
-    def wait_for(self, text: str) -> str:
+    def wait_for(self, text: str, patience: float = PATIENCE) -> str:
         """Wait for the next line with this text in it, and return it."""
-        for line in self._rest():
+        for line in self._rest(patience):
             if text in line:
                 return line
         raise AssertionError(f'ended without {text!r}:\n' + '\n'.join(self.output))
 
-    def _rest(self) -> Iterator[str]:
-        end = time.monotonic() + PATIENCE
+    def _rest(self, patience: float = PATIENCE) -> Iterator[str]:
+        end = time.monotonic() + patience
         while True:
             try:
                 line = self._lines.get(timeout=max(0.0, end - time.monotonic()))
@@ -162,7 +170,8 @@ def publisher(
 ) -> Program:
     """Start the program that publishes, when somebody listens, as often as it is said to go.
 
-    It says 'published', if reliable when all has arrived.
+    It says 'published', if reliable when all has arrived. That somebody listens it learns before
+    the listener does: what is sent best effort before that is lost.
     """
     return Program(__file__, 'publish', qos, recording, topic, env=env)
 
@@ -170,8 +179,26 @@ def publisher(
 def collector(
     folder: Path, topics: list[str], env: Mapping[str, str], qos: str = 'reliable'
 ) -> Program:
-    """Start the program that collects; it says 'matched' when every topic has a publisher."""
+    """Start the program that collects; it says 'matched' when every topic has a publisher.
+
+    Each publisher learns of the collector at a time of its own, seconds later on a busy machine,
+    and sends it nothing before: the node must say so, too, as :func:`filtering` does.
+    """
     return Program(__file__, 'collect', qos, folder, *topics, env=env)
+
+
+def filtering(*arguments: str, env: Mapping[str, str]) -> Program:
+    """Start the node; it says 'filters' when its kernels are ready, and somebody has each answer.
+
+    Clouds that come before that may be dropped, or filtered for nobody.
+
+    Parameters
+    ----------
+    arguments : of ROS, those that follow ``--ros-args``
+    env : added to the environment
+
+    """
+    return Program(__file__, 'filter', '--ros-args', *arguments, env=env)
 
 
 def diagnoser(env: Mapping[str, str]) -> Program:
@@ -204,6 +231,7 @@ def _ros() -> Iterator[tuple[Node, SingleThreadedExecutor]]:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     yield node, executor
+    executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
 
@@ -223,8 +251,8 @@ def _publish(qos: QoSProfile, recordings: str, topic: str) -> None:
         for _ in sys.stdin:
             for message in messages:
                 publisher.publish(message)
-            arrived = publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
-            _say('published' if arrived else 'lost', time.monotonic())
+            assert publisher.wait_for_all_acked(Duration(seconds=ARRIVAL))
+            _say('published', time.monotonic())
 
 
 def _collect(qos: QoSProfile, folder: Path, topics: list[str]) -> None:
@@ -305,6 +333,19 @@ def _diagnose() -> None:
         executor.spin_until_future_complete(end)
 
 
+def _filter() -> int:
+    def look_at(node: OutlierFilterNode) -> None:
+        def look() -> None:
+            ways = node.channels
+            if all(way.worker.ready.is_set() and all(way.publisher.wanted) for way in ways):
+                timer.cancel()
+                _say('filters')
+
+        timer = node.create_timer(0.05, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    return run(attach=look_at)
+
+
 if __name__ == '__main__':
     role, quality, first, *rest = (*sys.argv[1:], '', '')
     profile = BEST_EFFORT if quality == 'best_effort' else KEEP_ALL
@@ -312,6 +353,8 @@ if __name__ == '__main__':
         _diagnose()
     elif role == 'count':
         _count(quality)
+    elif role == 'filter':
+        sys.exit(_filter())
     elif role == 'publish':
         _publish(profile, first, rest[0])
     else:

@@ -67,7 +67,7 @@ class Ros:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.client = rclpy.create_node('client', context=self.context)
         self.executor.add_node(self.client)
-        self._heard: dict[str, deque[Any]] = {}
+        self._received: dict[str, deque[Any]] = {}
         self._filters: list[OutlierFilterNode] = []
 
     def filter(self, *arguments: str, **options: Any) -> OutlierFilterNode:
@@ -112,15 +112,15 @@ class Ros:
 
     def wait_for_message(self, kind: Any, topic: str, wanted: Callable[[Any], bool]) -> Any:
         """Serve until a message comes that is wanted, and return it; those before it are gone."""
-        if topic not in self._heard:
-            received = self._heard[topic] = deque()
+        if topic not in self._received:
+            received = self._received[topic] = deque()
             # rclpy does not take a method of C.
             listen = lambda msg: received.append(msg)  # noqa: E731, PLW0108
             self.client.create_subscription(kind, topic, listen, KEEP_ALL)
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
-            while self._heard[topic]:
-                msg = self._heard[topic].popleft()
+            while self._received[topic]:
+                msg = self._received[topic].popleft()
                 if wanted(msg):
                     return msg
             self.executor.spin_once(0.05)

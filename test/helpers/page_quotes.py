@@ -15,8 +15,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from helpers import page_sources
-from helpers.page_runs import ROOT, Pages
+from helpers import ROOT, page_sources
+from helpers.page_runs import Pages
 from helpers.page_sources import LETTERS, REPLAY
 
 if TYPE_CHECKING:

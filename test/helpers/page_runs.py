@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import laspy
 import numpy as np
 
+from helpers import ROOT
 from helpers.clouds import NAME, STAMP, STORE, cloud, table, to_rosbags
 from helpers.drives import topic_of
 from lidar_outlier_filter.cli.main import main
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
     Stage = Callable[[Path, Path], object]  # where the data are, and what is to be made
 
-ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / 'shared' / 'data'
 FENCE = re.compile(r'^```bash\n(.*?)^```', re.DOTALL | re.MULTILINE)
 COMMAND = 'lidar-outlier-filter '

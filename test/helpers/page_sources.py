@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from helpers import ROOT
 from helpers.clouds import table
 from helpers.detectors import BITS
-from helpers.page_runs import DATA, ROOT, Pages, run, write_clouds
+from helpers.page_runs import DATA, Pages, run, write_clouds
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.cli.terminal import REFUSED
 from lidar_outlier_filter.core.detectors.evidence.models import PATTERN_MODEL, read_file

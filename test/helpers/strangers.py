@@ -10,7 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-EXAMPLE = Path(__file__).parents[2] / 'doc' / 'examples' / 'new_detector'
+from helpers import ROOT
+
+EXAMPLE = ROOT / 'doc' / 'examples' / 'new_detector'
 
 
 def write_installed(folder: Path, name: str, code: str) -> dict[str, str]:

@@ -36,13 +36,13 @@ class Census:
         """Score every point by the sum of what was seen."""
         self.blocks.append(points.t.tolist())
         verdict = Verdict.untested(len(points))
-        verdict.score[:] = tell(points.t.tolist())
+        verdict.score[:] = number_of(points.t.tolist())
         verdict.detectors[:] = self.bit
         verdict.settle(1)
         return verdict
 
 
-def tell(times: Sequence[int]) -> int:
+def number_of(times: Sequence[int]) -> int:
     """Give a number that differs where the times do, exact in float32."""
     return sum(t // 1000 % 9973 for t in times) % 2**23
 
@@ -143,7 +143,7 @@ def expected_scores(times: Sequence[int], missing: Sequence[bool]) -> list[float
     for t, gone in zip(times, missing, strict=True):
         begin = t // BLOCK * BLOCK
         near = [s for s in seen if begin - HALO <= s < begin + BLOCK + HALO]
-        scores.append(np.nan if gone else float(tell(near)))
+        scores.append(np.nan if gone else float(number_of(near)))
     return scores
 
 

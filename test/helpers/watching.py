@@ -12,7 +12,6 @@ import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -21,13 +20,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import PointCloud2
 
+from helpers import ROOT
 from helpers.clouds import STAMP, cloud, table
 from helpers.live import KEEP_ALL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
 PERIOD = 0.1  # seconds between two clouds
 RINGS, COLUMNS = 16, 256
 PATIENCE = 600.0  # seconds
@@ -124,6 +124,7 @@ class Watch:
         self.process.kill()
         self.process.wait()
         self._log.close()
+        self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown()
 

@@ -10,25 +10,26 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from catkin_pkg.package import parse_package
+from helpers import ROOT
 
 import lidar_outlier_filter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 NAME = 'lidar_outlier_filter'
 LAB = 'lidar_outlier_lab'
-ROOT = Path(__file__).resolve().parents[2]
 FASTEST = 'alpha_beta_gamma'  # the chain that compiles fastest
 
 # Where the name of a module differs from its rosdep key and from its name on PyPI.
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
+    'argcomplete': 'python3-argcomplete',
     'catkin_pkg': 'python3-catkin-pkg',
     'hypothesis': 'python3-hypothesis',
     'matplotlib': 'python3-matplotlib',
@@ -56,6 +57,7 @@ PYPI_NAMES = {
 }
 # Imported only where a user asks for them, and installed by an extra
 EXTRAS = {
+    'argcomplete': 'completion',
     'filterpy': 'audit',
     'dask': 'archive',
     'distributed': 'archive',
@@ -108,7 +110,7 @@ SINCE_NUMPY_2 = {
     'vecdot',
 }
 # All of the package that the core may know.
-BELOW_CORE = ('errors', 'parameters', 'detector_parameters', 'core')
+BELOW_CORE = ('errors', 'annotations', 'parameters', 'core')
 BUILD = 'import sys; from colcon_core.command import main; sys.exit(main())'
 
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from helpers import ROOT
 from helpers.page_quotes import SOURCES, Quote, steady
-from helpers.page_runs import NOT_RUN, ROOT, Pages, commands, pages, reason
+from helpers.page_runs import NOT_RUN, Pages, commands, pages, reason
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -29,7 +29,7 @@ from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import PointCloud2, PointField
 
 from lidar_outlier_filter.errors import CloudError, ParameterError
-from lidar_outlier_filter.messages.cloud import BYTES_OF_SCORES, structured
+from lidar_outlier_filter.messages.cloud import BYTES_OF_SCORES, plain_rows, structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.session import Answer, Session
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
@@ -135,6 +135,36 @@ def test_missing_returns_stay(chain: dict[str, object]) -> None:
         kept = np.array([values(answer.cleaned, name) for name in 'xyz']).reshape(3, -1)
         missing_kept = ~np.isfinite(kept).all(axis=0) | (kept == 0).all(axis=0)
         assert np.count_nonzero(missing_kept) == np.count_nonzero(invalid)
+
+
+@pytest.mark.parametrize('chain', [{}, DEFAULT], ids=['', 'default'])
+def test_missing_returns_are_dropped(chain: dict[str, object]) -> None:
+    """With `missing: drop` they alone are in neither cloud, and they are counted."""
+    rows = drive(3)
+    absent = rows[:50].copy()
+    absent['x'] = np.nan
+    messages = [cloud(part) for part in (absent, *cut(rows, 3, 10), rows[:0])]
+    clean = make(chain | {'missing': 'drop'})
+    answers = [answer for msg in messages for answer in clean.push(msg)] + clean.flush()
+    plain = run(messages, chain)
+    dropped = 0
+    for msg, answer, kept in zip(messages, answers, plain, strict=True):
+        xyz = np.array([values(kept.cleaned, name) for name in 'xyz']).reshape(3, -1)
+        valid = np.isfinite(xyz).all(axis=0) & (xyz != 0).any(axis=0)
+        dropped += int(np.count_nonzero(~valid))
+        assert bytes(answer.cleaned.data) == plain_rows(kept.cleaned)[valid].tobytes()
+        assert bytes(answer.outliers.data) == bytes(kept.outliers.data)
+        assert answer.cleaned.is_dense
+        assert answer.cleaned.width + answer.outliers.width <= msg.width
+    assert clean.statistics.dropped == clean.statistics.invalid == dropped > 50
+
+
+def test_organised_clouds_keep_missing_returns() -> None:
+    """A cloud that keeps its shape has no place that it could leave out."""
+    rows = drive(4)[:2000].reshape(4, -1).copy()
+    rows['x'][0, :5] = np.nan
+    (answer,) = run([cloud(rows)], {'keep_organized': True, 'missing': 'drop'})
+    assert structured(answer.cleaned).shape == rows.shape
 
 
 def test_options() -> None:

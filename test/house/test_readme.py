@@ -7,16 +7,19 @@ from __future__ import annotations
 import argparse
 import ast
 import re
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+from helpers import ROOT
 from helpers.detectors import BITS
 
 from lidar_outlier_filter.cli.main import commands_for
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import parse, read_yaml, table
 
-ROOT = Path(__file__).parents[2]
+if TYPE_CHECKING:
+    from pathlib import Path
+
 README = ROOT / 'README.md'
 RESULTS = ROOT / 'doc' / 'results.md'  # mostly written by a command, and tested there
 PAGES = sorted({README, *(ROOT / 'doc').rglob('*.md')} - {RESULTS})

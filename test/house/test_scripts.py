@@ -8,11 +8,13 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+from helpers import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
+if TYPE_CHECKING:
+    from pathlib import Path
 
 # Says yes to every question, makes an environment by copying itself, and installs nothing.
 PYTHON = """#!/bin/bash

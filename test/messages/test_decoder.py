@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from helpers.clouds import SECOND, STAMP, cloud, dump, table, to_rosbags
 
 from lidar_outlier_filter.errors import CloudError
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.points.points import Points
 
-CONFIG = Path(__file__).parents[2] / 'config'
+CONFIG = ROOT / 'config'
 COUNT = 1000
 FACTOR = {'s': SECOND, 'us': 1000, 'ns': 1}
 

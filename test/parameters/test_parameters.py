@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from helpers import ROOT
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
 from lidar_outlier_filter.errors import FilterError, ParameterError
@@ -20,10 +20,11 @@ from lidar_outlier_lab.results.papers.methods import METHODS, SMOOTHER
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from lidar_outlier_filter.parameters.declaration import Parameter
 
-CONFIG = Path(__file__).parents[2] / 'config'
+CONFIG = ROOT / 'config'
 FILES = sorted(CONFIG.rglob('*.yaml'))
 DEFAULT = FilterParameters()
 EACH = pytest.mark.parametrize('parameter', describe(), ids=lambda parameter: parameter.name)
@@ -168,6 +169,14 @@ def test_refusals(values: Mapping[str, object], sentence: str) -> None:
     with pytest.raises(ParameterError, match=re.escape(sentence)):
         DEFAULT.changed(values)
     assert FilterParameters() == DEFAULT
+
+
+@pytest.mark.parametrize('name', [one.name for one in describe() if one.name.endswith('_warn')])
+def test_no_warning_after_its_error(name: str) -> None:
+    """Each limit of a warning is at most that of its error."""
+    error = name.removesuffix('warn') + 'error'
+    with pytest.raises(ParameterError, match=f'^{name} must be at most {error} = 0.1, got 0.2'):
+        DEFAULT.changed({name: 0.2, error: 0.1})
 
 
 def test_refused_when_made() -> None:

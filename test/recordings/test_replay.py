@@ -76,6 +76,33 @@ def test_same_clouds_in_other_containers(
     assert all(found == contents[0] for found in contents)
 
 
+LOADED = """
+import sys
+from pathlib import Path
+from numba.core.dispatcher import Dispatcher
+from lidar_outlier_filter.recordings.replay import replay
+replay(Path(sys.argv[1]), Path(sys.argv[2]))
+for name, module in list(sys.modules.items()):
+    if name.startswith('lidar_outlier_filter.core') and any(
+        isinstance(one, Dispatcher) and one.__module__ == name and one.signatures
+        for one in vars(module).values()
+    ):
+        print(name)
+"""
+
+
+def test_only_what_a_sensor_needs_is_compiled(recordings: Path, tmp_path: Path) -> None:
+    """The replay of a spinning sensor waits for no kernel of other sensors."""
+    source = recordings / 'bags' / 'vlp16_mrpt_mcap'
+    command = [sys.executable, '-c', LOADED, str(source), str(tmp_path / 'out')]
+    loaded = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    evidence = 'lidar_outlier_filter.core.detectors.evidence.'
+    assert f'{evidence}pattern.judge' in loaded
+    others = ('profile_pattern', 'profile_groups')
+    assert not [one for one in loaded if one.endswith(others)]
+    assert not [one for one in loaded if one.startswith((f'{evidence}weighted', f'{evidence}surv'))]
+
+
 def test_everything_else_is_copied(tmp_path: Path) -> None:
     """Texts, an own type and a silent topic are in the output, which other readers understand."""
     source = write_drive(tmp_path / 'drive', map(cloud, range(12)))

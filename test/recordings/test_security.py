@@ -7,10 +7,11 @@ from __future__ import annotations
 import ast
 import re
 import shutil
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 import yaml
+from helpers import ROOT
 from helpers.damaged import FAST, content, write_recording
 
 from lidar_outlier_filter.errors import RecordingError
@@ -20,7 +21,9 @@ from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.recordings.storage import MOST_NODES
 from lidar_outlier_filter.recordings.unpack import LARGEST
 
-ROOT = Path(__file__).resolve().parents[2]
+if TYPE_CHECKING:
+    from pathlib import Path
+
 MODULES = {'pickle', 'cPickle', 'marshal', 'shelve', 'dill', 'joblib', 'code', 'codeop', 'pty'}
 CALLS = {'eval', 'exec', 'compile', '__import__'}
 METHODS = {('os', 'system'), ('os', 'popen'), ('yaml', 'load'), ('yaml', 'unsafe_load')}

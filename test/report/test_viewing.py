@@ -8,11 +8,11 @@ import json
 import math
 import re
 from itertools import combinations
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
+from helpers import ROOT
 from helpers.detectors import BITS
 from helpers.nodes import flush, line, process
 
@@ -23,7 +23,7 @@ from lidar_outlier_filter.ros.health import PLOTTED
 if TYPE_CHECKING:
     from helpers.nodes import Ros
 
-CONFIG = Path(__file__).parents[2] / 'config'
+CONFIG = ROOT / 'config'
 # What rviz_default_plugins of Jazzy reads of a PointCloud2 display
 OF_EVERY_CLOUD = {
     'Class',

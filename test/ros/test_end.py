@@ -14,7 +14,7 @@ from helpers.nodes import Ros, broken, hold_up, line
 from helpers.overload import answers, send, start
 
 from lidar_outlier_filter.ros import receiver as receiver_module
-from lidar_outlier_filter.ros.cdr import read_cloud
+from lidar_outlier_filter.ros.receiver import read_cloud
 
 if TYPE_CHECKING:
     from rclpy.duration import Duration

@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING
 import pytest
 import rclpy
 from helpers import TESTS
-from helpers.live import Program, clouds, collector, diagnoser, environment, next_status, publisher
+from helpers.live import (
+    ARRIVAL,
+    Program,
+    clouds,
+    collector,
+    diagnoser,
+    environment,
+    filtering,
+    next_status,
+    publisher,
+)
 from helpers.nodes import flush, process
 from helpers.strangers import write_installed
 from helpers.watching import fresh_copy
@@ -46,8 +56,7 @@ def filter_process(folder: Path, env: dict[str, str], parameters: str = PARAMETE
     path = folder / 'parameters.yaml'
     path.write_text(parameters, encoding='utf-8')
     remap = [word for old, new in remappings(TOPIC) for word in ('-r', f'{old}:={new}')]
-    arguments = ['--ros-args', '--params-file', str(path), *remap]
-    return Program('-m', 'lidar_outlier_filter.cli.node', *arguments, env=env)
+    return filtering('--params-file', str(path), *remap, env=env)
 
 
 def direct_answers(recording: Path, blocks: str = 'time') -> list[Answer]:
@@ -87,6 +96,7 @@ def test_live_equals_replay(
         filter_process(tmp_path, env, given) as node,
     ):
         collecting.wait_for('matched')
+        node.wait_for('filters')
         with publisher(recording, TOPIC, env) as publishing:
             publishing.send('go')
             publishing.wait_for('published')
@@ -112,6 +122,7 @@ def test_a_publisher_that_dies_and_comes_back(recordings: Path, tmp_path: Path) 
     topics = [f'{TOPIC}/{kind}' for kind in ANSWERS]
     with collector(tmp_path, topics, env) as collecting, filter_process(tmp_path, env) as node:
         collecting.wait_for('matched')
+        node.wait_for('filters')
         for name in names:
             with publisher(recordings / 'bags' / name, TOPIC, env) as publishing:
                 publishing.send('go')
@@ -140,7 +151,7 @@ def test_large_clouds_arrive_best_effort(recordings: Path, tmp_path: Path) -> No
         collecting.wait_for('matched')
         publishing.send('go')
         for _ in clouds(recording):
-            collecting.wait_for('received')
+            collecting.wait_for('received', ARRIVAL)
     received = [path.read_bytes() for path in sorted(tmp_path.glob('*.cdr'))]
     assert received == clouds(recording)
 

@@ -19,7 +19,7 @@ from helpers.live import Program, environment
 from helpers.nodes import Ros, Sensor
 from rclpy.executors import ExternalShutdownException
 
-from lidar_outlier_filter.cli.live_page import serve_page
+from lidar_outlier_filter.cli.node import serve_page
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.report.served import PageServer, about
 from lidar_outlier_filter.ros.access import NodeAccess

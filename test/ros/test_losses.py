@@ -12,8 +12,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidar_outlier_filter.ros.health import Health
-from lidar_outlier_filter.ros.losses import LOSS_PERIOD, Loss, LossWarning
+from lidar_outlier_filter.ros.health import LOSS_PERIOD, Health, Loss, LossWarning
 from lidar_outlier_filter.stream.statistics import Kinds, Statistics
 
 SEEN = st.tuples(

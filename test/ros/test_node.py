@@ -287,3 +287,25 @@ def test_a_context_of_its_own_that_ends(ros: Ros, sweeps: list[PointCloud2]) -> 
         context.shutdown()
         serving.result(PATIENCE)
     assert not rclpy.ok()
+
+
+def test_no_executor_serves_a_node_that_is_destroyed(
+    ros: Ros, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It lets go of the node first: the middleware calls it from threads of its own."""
+    node = OutlierFilterNode(context=ros.context)
+    node.start()
+    executor = node_module._executor(ros.context)
+    monkeypatch.setattr(node_module, '_executor', lambda _: executor)
+    destroy = node.destroy_node
+    served: list[object] = []
+
+    def note_and_destroy() -> None:
+        served.append(list(executor.get_nodes()))
+        destroy()
+
+    monkeypatch.setattr(node, 'destroy_node', note_and_destroy)
+    stop = threading.Event()
+    stop.set()
+    node_module._serve(node, stop)
+    assert served == [[]]

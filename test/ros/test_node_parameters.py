@@ -4,11 +4,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from helpers.node_values import values
 from helpers.nodes import Ros, flush, line, process, rejected
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
@@ -20,6 +20,8 @@ from lidar_outlier_filter.parameters.filter import describe
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from sensor_msgs.msg import PointCloud2
 
 
@@ -30,7 +32,7 @@ LINEAR = {
     'alpha_beta_gamma.before': 5,
     'alpha_beta_gamma.after': 5,
 }
-CONFIG = Path(__file__).parents[2] / 'config'
+CONFIG = ROOT / 'config'
 TYPES = {
     bool: ParameterType.PARAMETER_BOOL,
     int: ParameterType.PARAMETER_INTEGER,

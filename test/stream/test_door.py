@@ -7,10 +7,10 @@ from __future__ import annotations
 import inspect
 import re
 import tomllib
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from helpers import ROOT
 from helpers.detectors import BITS
 
 import lidar_outlier_filter
@@ -26,7 +26,6 @@ from lidar_outlier_filter.core.detectors.sor import detector as sor
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-ROOT = Path(__file__).parents[2]
 DETECTORS = (alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, evidence)
 FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))
 

@@ -22,6 +22,8 @@ from helpers.hostile import (
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from lidar_outlier_filter.files import cloud_file
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -42,6 +44,13 @@ def test_legal_clouds(cloud: Any) -> None:
 def test_broken_clouds(cloud: Any) -> None:
     """A cloud that is not true is refused, or what is there of it is answered."""
     judge(cloud)
+
+
+def test_every_format_is_among_them() -> None:
+    """Each module that reads files has one here that is broken, and one for a full disk."""
+    modules = {reader for reader, _ in cloud_file.FORMATS.values()}
+    here = {cloud_file.FORMATS[f'.{kind.split(maxsplit=1)[0]}'][0] for kind in FORMATS}
+    assert here == modules
 
 
 @pytest.mark.parametrize('kind', FORMATS)

@@ -7,17 +7,18 @@ what every value of it would reject. Where that holds only nearly (the smoother,
 the default look again without what they rejected), the tuner runs again at the value it found.
 """
 
+# ruff: noqa: PLC0415  declarations are read wherever parameters are, often without NumPy
+
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Reals
@@ -55,6 +56,8 @@ class Threshold:
 
     def criticals(self) -> NDArray[np.float64]:
         """Return the critical values, ascending."""
+        import numpy as np
+
         return np.array([self.critical(value) for value in self.values])
 
 
@@ -69,7 +72,7 @@ def scaled(name: str, values: Iterable[float], critical: Callable[[float], float
 
     def statistic(score_of: ScoreOf, near: float) -> Reals:
         # In double precision: the critical value of a wild threshold may be beyond float32.
-        return score_of({name: near}).astype(np.float64) * critical(near)
+        return score_of({name: near}).astype('float64') * critical(near)
 
     return Threshold(name, tuple(values), critical, statistic)
 
@@ -86,7 +89,7 @@ def significance(name: str) -> Threshold:
 
 
 def _quantile(probability: float) -> float:
-    from scipy.special import ndtri  # noqa: PLC0415  declarations are read without it
+    from scipy.special import ndtri
 
     return float(-ndtri(probability / 2))
 

@@ -8,7 +8,7 @@ a verdict depends on the points alone and not on the messages that brought them.
 
 A sensor that sends one sweep per message may have the message as its block instead: it is judged at
 once, with the halo before it only. There the message is part of the question: cut otherwise, the
-same points are other blocks. Under ``blocks: auto`` the first clouds choose: ``block_choice``.
+same points are other blocks. Under ``blocks: auto`` the first clouds choose: ``BlockChoice``.
 
 An error that a detector raises costs its block only: the clouds with points in it have no
 verdict, and the next block is judged.
@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
-from lidar_outlier_filter.core.judging.block_choice import BlockChoice
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.judging.stream_cloud import BEGINNING, END, AnyCloud, between
 from lidar_outlier_filter.core.points.points import SECOND, concatenate
@@ -40,6 +39,8 @@ if TYPE_CHECKING:
     _Members = list[tuple[StreamCloud, slice | NDArray[np.intp]]]
 
 MOST_BLOCKS = 10_000  # in one cloud: wild times must not stall the stream
+FIRST = 3  # messages that decide under `auto`; the very first sweep may be cut short
+SWEEP = 1 / 4  # of `block`: a message that spans less brings scan lines, or has no times
 
 
 class Stream(Generic[AnyCloud]):
@@ -318,3 +319,46 @@ class Stream(Generic[AnyCloud]):
             self._unanswered -= cloud.count
             cloud.finish()
             self._answered.append(cloud)
+
+
+class BlockChoice:
+    """Chooses what `blocks` names; under `auto` by the first messages of a stream alone.
+
+    So live and replay choose the same.
+
+    Attributes
+    ----------
+    by_message : bool
+        Whether each message is a block. Stretches of time are the blocks until that is decided.
+    inform : callable
+        Is called with a sentence that says what `auto` has chosen.
+
+    """
+
+    def __init__(self, parameters: FilterParameters) -> None:
+        """Take blocks and block."""
+        self._blocks = parameters.blocks
+        self._least = round(SWEEP * parameters.block * SECOND)
+        self.inform: Callable[[str], object] = str
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Choose anew: what comes is another stream."""
+        self.by_message = self._blocks == 'message'
+        self._left = FIRST if self._blocks == 'auto' else 0
+
+    def becomes_message(self, first: int, last: int) -> bool:
+        """Look at the times of the next message, ns; return whether from it on messages are blocks.
+
+        A message without points, whose ``last`` is before ``first``, decides nothing.
+        """
+        if not self._left or last < first:
+            return False
+        self._left -= 1
+        span = f'a message spans {(last - first) / SECOND:.3g} s'
+        if last - first >= self._least:
+            self.by_message, self._left = True, 0
+            self.inform(f'blocks: each message is judged at once, because {span}')
+        elif not self._left:
+            self.inform(f'blocks: messages wait for stretches of sensor time, because {span}')
+        return self.by_message

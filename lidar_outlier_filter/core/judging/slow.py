@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING, NamedTuple
 
+from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 from lidar_outlier_filter.core.points.points import SECOND
 
 if TYPE_CHECKING:
@@ -90,6 +91,8 @@ os.register_at_fork(after_in_child=_watcher.renew)
 def watched(name: str, max_delay: float, points: Points, say: SaySlow | None) -> Iterator[None]:
     """Say, from another thread, if what is done within takes a detector too long.
 
+    Nothing is said where kernels are compiled within: that is said elsewhere, and once.
+
     Parameters
     ----------
     name : of the detector
@@ -107,8 +110,13 @@ def watched(name: str, max_delay: float, points: Points, say: SaySlow | None) ->
         times = points.t[points.valid]
         call(SlowDetector(name, limit, len(times), int(times.min())))
 
+    def compiles(_module: str) -> None:
+        _watcher.remove(key)
+
     _watcher.add(key, monotonic() + limit, late)
+    listeners.append(compiles)
     try:
         yield
     finally:
+        listeners.remove(compiles)
         _watcher.remove(key)

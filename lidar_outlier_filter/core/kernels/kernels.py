@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numba
+from numba.core.compiler import Compiler
 
 from lidar_outlier_filter.core.kernels.kernel_cache import CacheFile, use_temporary_folder
 
@@ -37,7 +38,11 @@ def inner_kernel(function: Function) -> Function:
     It has no entry for Python, which takes longer to compile than many a kernel. Called by Python
     it raises TypeError.
     """
-    compiled = _compile(function, no_cpython_wrapper=True)
+    return _without_entry(function, _compile(function, no_cpython_wrapper=True))
+
+
+def _without_entry(function: Function, compiled: Function) -> Function:
+    """Refuse calls by Python."""
 
     def refuse(*_arguments: object) -> None:
         raise TypeError(f'{function.__name__} is an inner kernel: only kernels can call it')
@@ -46,6 +51,25 @@ def inner_kernel(function: Function) -> Function:
         compiled._insert = lambda *_arguments: None  # type: ignore[attr-defined]  # noqa: SLF001
         compiled._compile_for_args = refuse  # type: ignore[attr-defined]  # noqa: SLF001
     return compiled
+
+
+class _Apart(Compiler):
+    """Compiles for arrays none of which overlaps another one."""
+
+    def define_pipelines(self) -> Any:
+        """Let the compiler trust that."""
+        self.state.flags.noalias = True
+        return super().define_pipelines()  # type: ignore[no-untyped-call]
+
+
+def apart_kernel(function: Function) -> Function:
+    """Compile an inner kernel that writes into no array that it has by another name, too.
+
+    Nothing checks that when it runs: checks take longer than loops over a few lanes. Nor does it
+    count who holds an array: it may neither make nor return one.
+    """
+    options: dict[str, Any] = {'_nrt': False, 'pipeline_class': _Apart}
+    return _without_entry(function, _compile(function, no_cpython_wrapper=True, **options))
 
 
 def inlined_kernel(function: Function) -> Function:

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points that lie at one place, as in clouds that were rounded or merged: they are judged as one.
 
-Their distances of 0 would make every other distance look large.
+Their distances of 0 would make every other distance look large. The typical distance of places to
+their eighth neighbour is measured at a few of them. These are chosen by their coordinates alone: so
+neither the order of the points nor tiles count.
 """
 
 from __future__ import annotations
@@ -11,9 +13,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.distances import squared_k_distances
+from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Ints
-    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+
+K = 8  # neighbours
+LEAST = 1e-6  # metres that are added to scales, which may be 0
+SAMPLE = 20_000  # points, about
+AT_ONCE = 500_000  # points that are looked at
+EVERY = 1 << 32
+# Multipliers that mix the bits of coordinates (splitmix64).
+MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 
 
 class Places(NamedTuple):
@@ -60,3 +73,44 @@ def shares_places(hood: Neighbourhood, k: int) -> bool:
     """Return whether any point has its nearest neighbour, of k that are listed, at its place."""
     nearest = np.take(hood.xyz, hood.nearest(k).index[:, 0], axis=0)
     return bool((nearest == hood.xyz).all(axis=1).any())
+
+
+def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
+    """Return the typical distance to the eighth neighbour, metres.
+
+    Parameters
+    ----------
+    xyz : (N, 3) float64, metres
+    where : (M,) int64
+        Which of the points there are; they are finite.
+    threads : at most so many at once; 0 for as many as there are cores
+
+    """
+    limit = EVERY if len(where) <= SAMPLE else EVERY * SAMPLE // len(where)
+    parts = [np.empty((0, 3))]
+    for begin in range(0, len(where), AT_ONCE):
+        some = np.take(xyz, where[begin : begin + AT_ONCE], axis=0)
+        parts.append(some[_numbers(some) < limit])
+    few = np.concatenate(parts)
+    alone = np.take(few, find_places(few).first, axis=0)
+    if len(alone) <= K:
+        return LEAST
+    distance = np.median(np.sqrt(squared_k_distances(Neighbourhood(alone, K, threads), K)))
+    # On a surface, distances are as the square root of the area that each point has.
+    return float(distance * np.sqrt(len(few) / len(where))) + LEAST
+
+
+@kernel
+def _numbers(xyz: Floats) -> Ints:
+    """Return a number from 0 to 2³² for each place, as if drawn by lot."""
+    bits = (xyz + 0.0).view(np.uint64)  # 0 and -0 are one place
+    result = np.empty(len(xyz), np.int64)
+    for i in range(len(xyz)):
+        mixed = np.uint64(0)
+        for axis in range(3):
+            mixed = (mixed ^ bits[i, axis]) + MIX[0]
+            mixed = (mixed ^ (mixed >> np.uint64(30))) * MIX[1]
+            mixed = (mixed ^ (mixed >> np.uint64(27))) * MIX[2]
+            mixed = mixed ^ (mixed >> np.uint64(31))
+        result[i] = np.int64(mixed >> np.uint64(32))
+    return result

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scan pattern of a profile scanner, whose lines are revolutions of its mirror.
 
-The lines take the place of a spinning sensor's rings, and the angle of the mirror that of the
+The lines stand for a spinning sensor's rings, and the angle of the mirror for the
 azimuth. Points may be in any frame: the scanner's position is found from the points. The mirror
 turns evenly, so the angle of each shot is known from its time, up to a constant; and seen from the
 scanner, all points of a line are where these angles say, however far they are.

@@ -42,6 +42,7 @@ class Wanted:
         higher than what is kept around; 'withheld': they gain this flag
     strips : whether the points of each ``point_source_id`` are judged alone
     only, keep : classes of LAS; points of others than ``only``, and of ``keep``, stay as they are
+    ignore : classes of LAS; their points stay as they are, and are nobody's neighbours
     dry : whether nothing is written
     unit : of the coordinates, one of ``UNITS``; None: as the file says
     parameters : of the filter, by flat name
@@ -56,6 +57,7 @@ class Wanted:
     strips: bool = False
     only: Sequence[int] = ()
     keep: Sequence[int] = ()
+    ignore: Sequence[int] = ()
     dry: bool = False
     unit: str | None = None
     parameters: Mapping[str, object] = field(default_factory=dict)
@@ -65,14 +67,14 @@ class Wanted:
 class CleanReport:
     """What became of a file; its log.
 
-    ``invalid`` points (NaN, Inf, all 0) are none, ``untested`` ones could be tested by no detector;
-    both are kept. ``metres`` says of coordinates in other units how many metres one is, ``lines``
-    what the scan lines were found by; ``coarse``, that coordinates are too far away for float32;
-    ``lack`` what the file lacks to have some, ``rings`` how many were recovered from elevations;
-    ``extra`` of how many rejected points detectors say more, by what they say; ``spared`` how many
-    would be rejected, but are of classes that stay as they are; ``by_class`` the points and the
-    rejected ones of each class; ``low`` and ``high`` how many rejected ones are below and above
-    what is kept around them.
+    ``invalid`` points (NaN, Inf, all 0) are none, ``ignored`` ones are of classes that are, and
+    ``untested`` ones could be tested by no detector; all are kept. ``metres`` says of coordinates
+    in other units how many metres one is, ``lines`` what the scan lines were found by; ``coarse``,
+    that coordinates are too far away for float32; ``lack`` what the file lacks to have some,
+    ``rings`` how many were recovered from elevations; ``extra`` of how many rejected points
+    detectors say more, by what they say; ``spared`` how many would be rejected, but are of classes
+    that stay as they are; ``by_class`` the points and the rejected ones of each class; ``low`` and
+    ``high`` how many rejected ones are below and above what is kept around them.
     """
 
     input: str
@@ -90,6 +92,7 @@ class CleanReport:
     chain: tuple[str, ...]
     points: int
     invalid: int
+    ignored: int
     untested: int
     rejected: int
     rejected_by: Mapping[str, int]

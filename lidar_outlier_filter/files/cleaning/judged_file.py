@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The points of a file, judged: as a whole, in tiles, or strip by strip."""
+"""The points of a file, judged: as a whole, in tiles, or strip by strip; but for some classes."""
 
 from __future__ import annotations
 
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -17,8 +17,9 @@ from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
 from lidar_outlier_filter.core.judging.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
-from lidar_outlier_filter.files.cleaning import classes, points
+from lidar_outlier_filter.files.cleaning import points
 from lidar_outlier_filter.files.cleaning.clean_log import UNITS
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Allocate, Progress
+    from lidar_outlier_filter.annotations import Allocate, Bools, Bytes, Progress
     from lidar_outlier_filter.core.judging.slow import SaySlow
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 STRIP = 'point_source_id'
+CLASSIFICATION = 'classification'
+MOST = 255  # the highest class
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,8 @@ class JudgedFile:
     file, wanted, parameters : what was judged, and how
     coordinates : the columns that were judged
     metres : of those in other units, the metres that one of them is
-    loaded : what was read
+    loaded : what was read; points of classes that are ignored are not valid
+    ignored : how many these are
     everything : the verdict on all points
     verdict : the same, without points of classes that stay as they are
     by_class : the points and the rejected ones of each class
@@ -60,6 +64,7 @@ class JudgedFile:
     coordinates: tuple[str, ...]
     metres: Mapping[str, float]
     loaded: points.Loaded
+    ignored: int
     everything: Verdict
     verdict: Verdict
     by_class: Mapping[int, tuple[int, int]]
@@ -97,6 +102,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         metres = _metres(file, coordinates, wanted.unit)
         loaded = _load(file, coordinates, metres, wanted, parameters, allocate, progress)
     with timed(seconds, 'judge'):
+        loaded, ignored = _without(loaded, wanted.ignore)
         loaded = points.recovered(file, loaded, parameters)
         judged = partial(
             judge,
@@ -109,10 +115,10 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         everything = _judge_strips(loaded, judged, strips=wanted.strips)
         verdict, counted = everything, {}
         if file.classes:
-            codes = cloud_file.filled(loaded.more[classes.CLASSIFICATION]).astype(np.uint8)
+            codes = cloud_file.filled(loaded.more[CLASSIFICATION]).astype(np.uint8)
             if wanted.only or wanted.keep:
-                verdict = classes.spare(verdict, classes.untouched(codes, wanted.only, wanted.keep))
-            counted = classes.by_class(codes, verdict.rejected)
+                verdict = spare(verdict, untouched(codes, wanted.only, wanted.keep))
+            counted = by_class(codes, verdict.rejected)
         kept = loaded.points.valid & ~verdict.rejected
         high = is_high(loaded.points.xyz, kept, verdict.rejected)
     return JudgedFile(
@@ -122,6 +128,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         coordinates,
         metres,
         loaded,
+        ignored,
         everything,
         verdict,
         counted,
@@ -168,7 +175,7 @@ def _load(  # noqa: PLR0913  of what, which points, and where to
     progress: Progress,
 ) -> points.Loaded:
     """Read the points; refuse a chain that needs scan lines where there are none."""
-    classes.check(file, wanted.only, wanted.keep)
+    check(file, (*wanted.only, *wanted.keep, *wanted.ignore))
     # In tiles, those that can do without scan lines do.
     timed = bool(along_lines(parameters.chain)) if wanted.tile else uses_lines(parameters.chain)
     loaded = points.load(
@@ -177,13 +184,23 @@ def _load(  # noqa: PLR0913  of what, which points, and where to
         parameters,
         timed=timed,
         metres=metres,
-        more=[classes.CLASSIFICATION] * file.classes + [STRIP] * wanted.strips,
+        more=[CLASSIFICATION] * file.classes + [STRIP] * wanted.strips,
         allocate=allocate,
         progress=lambda done: progress(done, len(file), 'reading'),
     )
     if loaded.lack:
         check_chain(parameters.chain, str(file.path), loaded.lack)
     return loaded
+
+
+def _without(loaded: points.Loaded, ignore: Sequence[int]) -> tuple[points.Loaded, int]:
+    """Make points of some classes invalid, so that nobody sees them; count those that were not."""
+    if not ignore:
+        return loaded, 0
+    valid = loaded.points.valid
+    ignored = valid & np.isin(cloud_file.filled(loaded.more[CLASSIFICATION]), ignore)
+    rest = replace(loaded.points, valid=valid & ~ignored)
+    return replace(loaded, points=rest), int(np.count_nonzero(ignored))
 
 
 def _judge_strips(
@@ -207,3 +224,43 @@ def timed(seconds: dict[str, float], name: str) -> Iterator[None]:
     begin = perf_counter()
     yield
     seconds[name] = round(perf_counter() - begin, 3)
+
+
+def check(file: CloudFile, named: Sequence[int]) -> None:
+    """Refuse classes that no file, or this one, can have.
+
+    Raises
+    ------
+    CloudError
+        If its format has none, or there is no class of such a number.
+
+    """
+    if named and not file.classes:
+        raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')
+    for one in named:
+        if not 0 <= one <= MOST:
+            raise CloudError('a class', f'from 0 to {MOST}', one)
+
+
+def untouched(classes: Bytes, only: Sequence[int], keep: Sequence[int]) -> Bools:
+    """Return which points stay as they are: of other classes than ``only``, or of ``keep``."""
+    kept = np.isin(classes, keep)
+    if only:
+        kept |= ~np.isin(classes, only)
+    return kept
+
+
+def spare(verdict: Verdict, kept: Bools) -> Verdict:
+    """Return a verdict that rejects none of some points: they count as never tested."""
+    result = verdict.take(np.s_[:])
+    spared = Verdict(*(values.copy() for values in vars(result).values()))
+    where = np.flatnonzero(kept & verdict.rejected)
+    spared.put(where, Verdict.untested(len(where)))
+    return spared
+
+
+def by_class(classes: Bytes, rejected: Bools) -> dict[int, tuple[int, int]]:
+    """Count the points of each class, and those of them that are rejected."""
+    points = np.bincount(classes, minlength=MOST + 1)
+    gone = np.bincount(classes[rejected], minlength=MOST + 1)
+    return {int(one): (int(points[one]), int(gone[one])) for one in np.flatnonzero(points)}

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from lidar_outlier_filter.disk.hidden_folder import hidden_folder
-from lidar_outlier_filter.disk.publication import FOLDER, check_new
+from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder
 from lidar_outlier_filter.errors import RecordingError, said_by
 from lidar_outlier_filter.recordings.bags import LATEST, NewBag, writable
 from lidar_outlier_filter.recordings.channels import ros1_channels, ros2_channels

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _HEADER = 100  # bytes of the file, before the first page's own
 _LEAF = 13  # kind of a page: leaf of a table
 _TEXT, _BLOB = 13, 12  # types of columns: these and every second number above
-_FORMATS = {'ros2msg': MessageDefinitionFormat.MSG, 'ros2idl': MessageDefinitionFormat.IDL}
+FORMATS = {'ros2msg': MessageDefinitionFormat.MSG, 'ros2idl': MessageDefinitionFormat.IDL}
 _MOST_COLUMNS = 6  # of the tables of a bag
 
 
@@ -167,8 +167,8 @@ class DamagedDatabase:
         match columns:
             case (None | int(), int(topic), int(time), memoryview()):
                 self._rows.setdefault(cell.row, _Message(topic, time, page, offset, begin))
-            case (None | int(), str(name), str(form), str(text), str()) if form in _FORMATS:
-                self._definitions[name] = MessageDefinition(_FORMATS[form], text)
+            case (None | int(), str(name), str(form), str(text), str()) if form in FORMATS:
+                self._definitions[name] = MessageDefinition(FORMATS[form], text)
             case (None | int(), str(), str(), str(), *_):
                 self._topics.setdefault(cell.row, tuple(columns[1:]))
 

@@ -21,6 +21,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.judging.slow import SlowDetector, watched
+from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 from lidar_outlier_filter.core.kernels.compiling import COUNT
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -107,7 +108,7 @@ def test_who_is_in_time_is_not_named() -> None:
 
 
 def test_what_is_said_raises(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An error of who is told ends nothing: the next one is watched as well."""
+    """An error of what is called with it ends nothing: the next one is watched as well."""
     raised = threading.Event()
     monkeypatch.setattr(threading, 'excepthook', lambda _: raised.set())
     points = Points(np.ones((1, 3)), np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, bool))
@@ -192,3 +193,25 @@ def test_clean(
     assert main(['clean', str(path), '--chain', 'sor', *tile, *options]) == 0
     assert listening.getvalue().count(f'{path}: {SENTENCE}60 points\n') == 1
     assert 'max_delay' not in listening.getvalue()
+
+
+def test_compiling_is_not_slow() -> None:
+    """A block for which a kernel is compiled is not said to take too long; the next one is."""
+    points = Points(
+        np.zeros((1, 3)), np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, bool)
+    )
+    said: list[SlowDetector] = []
+    heard = threading.Event()
+
+    def say(one: SlowDetector) -> None:
+        said.append(one)
+        heard.set()
+
+    before = list(listeners)
+    with watched('compiling', 0.1, points, say):
+        for listener in tuple(listeners):
+            listener('a module')
+        with watched('next', 0.2, points, say):
+            assert heard.wait(LONGEST)
+    assert [one.name for one in said] == ['next']
+    assert listeners == before

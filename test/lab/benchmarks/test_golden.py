@@ -9,12 +9,12 @@ import os
 import runpy
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import ROOT
 
-PROGRAM = Path(__file__).resolve().parents[3] / 'benchmarks' / 'golden.py'
+PROGRAM = ROOT / 'benchmarks' / 'golden.py'
 NAME = 'vlp16_mrpt_mcap'
 
 

@@ -5,17 +5,17 @@
 from __future__ import annotations
 
 from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from helpers import ROOT
 
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from types import ModuleType
 
-ROOT = Path(__file__).resolve().parents[3]
 CODE = 'def is_small(x):\n    return x < 10\n\n\ndef is_large(x):\n    return x > 99\n'
 TESTS = """
 from toy import is_large, is_small

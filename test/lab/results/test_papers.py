@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers import ROOT
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
@@ -23,7 +24,10 @@ from lidar_outlier_lab.results.papers.pages import PAGES
 from lidar_outlier_lab.results.papers.published import HIERARCHICAL, LOF
 from lidar_outlier_lab.simulation.papers import aerial, bus_tracks, sotoodeh_clusters
 
-DOC = Path(__file__).parents[3] / 'doc' / 'papers'
+if TYPE_CHECKING:
+    from pathlib import Path
+
+DOC = ROOT / 'doc' / 'papers'
 
 
 @pytest.mark.parametrize('name', PAGES)

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from PIL import Image
 
 from lidar_outlier_filter.core.detectors.elevation import detector as elevation
@@ -23,6 +23,7 @@ from lidar_outlier_lab.results.papers import sotoodeh_picture as hod_picture
 from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, simulate
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from types import ModuleType
 
     from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
@@ -90,7 +91,7 @@ def test_picture(tmp_path: Path, least: int) -> None:
 @pytest.fixture(scope='module')
 def benchmark() -> ModuleType:
     """Load the benchmark, which is a script."""
-    path = Path(__file__).resolve().parents[3] / 'benchmarks' / 'hierarchical.py'
+    path = ROOT / 'benchmarks' / 'hierarchical.py'
     spec = spec_from_file_location('hierarchical_benchmark', path)
     assert spec is not None
     assert spec.loader is not None

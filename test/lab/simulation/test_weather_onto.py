@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from numpy.lib.recfunctions import repack_fields
 from rosbags.typesys import Stores, get_typestore
 
@@ -29,12 +29,14 @@ from lidar_outlier_lab.simulation.weather.names import RETURN_NAMES, WEATHER_NAM
 from lidar_outlier_lab.simulation.world.recording import to_message
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from lidar_outlier_filter.annotations import Rows
     from lidar_outlier_filter.core.points.points import Points
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CLOUD = 'sensor_msgs/msg/PointCloud2'
-PAGE = Path(__file__).parents[3] / 'doc' / 'evaluate.md'
+PAGE = ROOT / 'doc' / 'evaluate.md'
 TURN = 2 * np.pi
 
 

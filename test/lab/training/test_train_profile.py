@@ -54,7 +54,7 @@ def test_file_is_complete_and_repeats() -> None:
     assert data['uses'] == [*FEATURES[: FEATURES.index('bright')], *PROFILE, *AGAIN]
     assert [len(data[key]['values']) for key in ('first', 'again')] == [3, 4]
     asked = {name for tree in data['first']['features'] for name in tree}
-    assert asked <= {*NAMES[PROFILE_MODEL]}
+    assert asked <= {*NAMES[PROFILE_MODEL][0]}
     assert data['held_out']['lost_of_median_street'] <= 2.5e-5 or data['threshold'] == 6.0
     assert data['held_out']['recall']
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from lidar_outlier_filter.core.detectors.evidence.models import SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.evidence.survey.far import NAMES
-from lidar_outlier_filter.core.detectors.evidence.survey.model import load
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_errors import NEIGHBOUR, add_errors
@@ -78,10 +78,10 @@ def test_rare_causes_count_more_than_their_share(
         raise Drawn(drawn)
 
     monkeypatch.setattr(train_module, 'learn_in_folds', stop)
-    with pytest.raises(Drawn) as told:
+    with pytest.raises(Drawn) as raised:
         train_survey(walls, {})
     neither = [Cause.MIXED, Cause.NEAR_SURFACE, Cause.SNOW]
-    for scene, drawn in zip(walls, told.value.args[0], strict=True):
+    for scene, drawn in zip(walls, raised.value.args[0], strict=True):
         share = np.bincount(scene.cause.astype(np.int64)) / len(scene.cause)
         rare = sum(np.sqrt(s) for cause, s in enumerate(share) if cause and cause not in neither)
         assert drawn.weight[drawn.outlier].sum() == pytest.approx(rare)
@@ -99,7 +99,7 @@ def test_what_cannot_be_trained_on(walls: list[SurveyScene]) -> None:
 
 def test_model_of_the_package() -> None:
     """The model of the package is complete."""
-    model = load()
+    model = load(SURVEY_MODEL)
     assert model.doubtful < model.threshold
     assert len(model.first.feature) == 80
     assert len(model.again.feature) == 220

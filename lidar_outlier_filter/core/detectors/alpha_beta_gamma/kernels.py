@@ -86,7 +86,7 @@ class Windows(NamedTuple):
 
 
 def empty_series(pad: int, before: NDArray[np.int64], after: NDArray[np.int64]) -> Series:
-    """Make room for points with these links, in whole tiles, and one tile of zeros behind them."""
+    """Allocate for points with these links, in whole tiles, and one tile of zeros behind them."""
     tiles = -(-len(before) // TILE)
     return Series(np.zeros((6, pad + tiles * TILE + pad + TILE)), pad, before, after)
 
@@ -120,11 +120,11 @@ def residuals(
     if len(which) == len(series):
         # All of them: nothing is rejected yet, and segments are without holes.
         _in_tiles(series.columns, series.pad, windows, result)
-        which = places = _near_ends(before, after, parameters.before, parameters.after)
+        which = slots = _near_ends(before, after, parameters.before, parameters.after)
     else:
-        places = np.arange(len(which))
+        slots = np.arange(len(which))
     view = series.row(slice(None))
-    _one_by_one(view, before, after, which, places, windows, result)
+    _one_by_one(view, before, after, which, slots, windows, result)
     return result
 
 
@@ -294,14 +294,14 @@ def _one_by_one(
     before: NDArray[np.int64],
     after: NDArray[np.int64],
     which: NDArray[np.int64],
-    places: NDArray[np.int64],
+    slots: NDArray[np.int64],
     windows: Windows,
     result: NDArray[np.float64],
 ) -> None:
-    """Predict the points ``which`` and write them at ``places``."""
+    """Predict the points ``which`` and write them at ``slots``."""
     reach_before, reach_after, fewest, order, either = windows
     for m in range(len(which)):
-        k, place = which[m], places[m]
+        k, slot = which[m], slots[m]
         weight = columns[WEIGHT, k]
         front, i, in_front = _sums(columns, k, before[k], before, reach_before)
         behind, j, in_behind = _sums(columns, k, after[k], after, reach_after)
@@ -316,10 +316,10 @@ def _one_by_one(
             more, i, extra = _sums(columns, k, i, before, reach_after - in_behind)
             total = _add(total, more)
             count += extra
-        _solve(total, count, fewest, order, weight, result[CENTRED], place)
+        _solve(total, count, fewest, order, weight, result[CENTRED], slot)
         if either:
-            _solve(front, in_front, fewest, order, weight, result[BEFORE], place)
-            _solve(behind, in_behind, fewest, order, weight, result[AFTER], place)
+            _solve(front, in_front, fewest, order, weight, result[BEFORE], slot)
+            _solve(behind, in_behind, fewest, order, weight, result[AFTER], slot)
 
 
 @inner_kernel
@@ -377,15 +377,15 @@ def _solve(
     order: int,
     weight: float,
     result: NDArray[np.float64],
-    place: int,
+    slot: int,
 ) -> None:
     """Solve for the predicted position and write (17); NaN for a window that cannot predict."""
     s0, s1, s2, s3, s4, x0, x1, x2, y0, y1, y2, z0, z1, z2 = sums
     c0, c1, c2, determinant, diagonal = _cofactors(s0, s1, s2, s3, s4, order)
     if count < fewest or not determinant > SINGULAR * diagonal:
-        result[:, place] = np.nan
+        result[:, slot] = np.nan
         return
     scale = 1 / (determinant * np.sqrt(1 / weight + c0 / determinant))
-    result[0, place] = -(c0 * x0 + c1 * x1 + c2 * x2) * scale
-    result[1, place] = -(c0 * y0 + c1 * y1 + c2 * y2) * scale
-    result[2, place] = -(c0 * z0 + c1 * z1 + c2 * z2) * scale
+    result[0, slot] = -(c0 * x0 + c1 * x1 + c2 * x2) * scale
+    result[1, slot] = -(c0 * y0 + c1 * y1 + c2 * y2) * scale
+    result[2, slot] = -(c0 * z0 + c1 * z1 + c2 * z2) * scale

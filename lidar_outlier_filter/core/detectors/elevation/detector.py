@@ -130,10 +130,10 @@ def body(elevation: Floats, gap: float, share: float) -> tuple[float, float]:
 
 def differences(xyz: Floats, k: int, threads: int = 0, *, on_map: bool = True) -> Floats:
     """Return M of step 3 for every point, metres; there must be more than k."""
-    place = xyz.copy()
+    searched = xyz.copy()
     if on_map:
-        place[:, 2] = 0.0
-    neighbourhood = Neighbourhood(place, k, threads)
+        searched[:, 2] = 0.0
+    neighbourhood = Neighbourhood(searched, k, threads)
     index, tied = neighbourhood.nearest(k)
     order = neighbourhood.order
     # A column of its own first: picked from the rows, each would fetch a whole line of memory.

@@ -43,7 +43,7 @@ def _explain() -> Explanation:
 
 
 def _scale(xyz: Floats, where: Ints, parameters: FilterParameters) -> float:
-    from lidar_outlier_filter.core.neighbours.typical_scale import typical_scale
+    from lidar_outlier_filter.core.neighbours.places import typical_scale
 
     return typical_scale(xyz, where, parameters.threads)
 

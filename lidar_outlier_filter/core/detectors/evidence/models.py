@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The trained model of :mod:`.pattern`: a file beside this one, which says what it saw."""
+"""The trained models: files beside this one, which say what they saw."""
 
 from __future__ import annotations
 
@@ -14,17 +14,24 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
 from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import PROFILE
 from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
+from lidar_outlier_filter.core.detectors.evidence.survey import far as survey_far
+from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
 from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees
 from lidar_outlier_filter.errors import FilterError
 
 VERSION = 1
 PATTERN_MODEL = 'pattern_model.json'  # of spinning sensors
 PROFILE_MODEL = 'profile_model.json'
-# The features of the first pass; the second has those of its scores behind them.
-NAMES = {PATTERN_MODEL: FEATURES, PROFILE_MODEL: (*FEATURES, *PROFILE)}
+SURVEY_MODEL = 'survey_model.json'
+# The features of both passes.
+NAMES = {
+    PATTERN_MODEL: (FEATURES, (*FEATURES, *AGAIN)),
+    PROFILE_MODEL: ((*FEATURES, *PROFILE), (*FEATURES, *PROFILE, *AGAIN)),
+    SURVEY_MODEL: (survey_near.NEAR, survey_far.NAMES),
+}
 
 
-class PatternModel(NamedTuple):
+class TreeModel(NamedTuple):
     """What was trained.
 
     Attributes
@@ -44,7 +51,7 @@ class PatternModel(NamedTuple):
 
 
 @lru_cache
-def load(name: str = PATTERN_MODEL) -> PatternModel:
+def load(name: str = PATTERN_MODEL) -> TreeModel:
     """Read a model of this package.
 
     Raises
@@ -53,10 +60,10 @@ def load(name: str = PATTERN_MODEL) -> PatternModel:
         If it is of another version, or asks for features that there are not.
 
     """
-    data, names = read_file(name), NAMES[name]
-    return PatternModel(
+    data, (names, names_again) = read_file(name), NAMES[name]
+    return TreeModel(
         read_trees(data['first'], names),
-        read_trees(data['again'], (*names, *AGAIN)),
+        read_trees(data['again'], names_again),
         float(data['doubtful']),
         float(data['threshold']),
         float(data.get('threshold_bright', data['threshold'])),

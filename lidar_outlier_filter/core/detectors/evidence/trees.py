@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, kernel
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,6 +45,12 @@ class Trees(NamedTuple):
 
 @kernel
 def add_up(trees: Trees, features: Singles, total: Singles) -> None:
+    """Do as :func:`add_lanes`: an entry for Python."""
+    add_lanes(trees, features, total)
+
+
+@apart_kernel
+def add_lanes(trees: Trees, features: Singles, total: Singles) -> None:
     """Write the sums (lanes,) of points with these features (F, lanes), in single precision."""
     for lane in range(len(total)):
         total[lane] = trees.start

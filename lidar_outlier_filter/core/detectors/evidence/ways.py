@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_eith
 from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import detect as sum_up
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.neighbours.typical_scale import typical_scale
+from lidar_outlier_filter.core.neighbours.places import typical_scale
 from lidar_outlier_filter.core.points.scan_lines import has_lines, spins
 
 if TYPE_CHECKING:

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from lidar_outlier_filter.core.detectors.declaration import Detector, Kernels
 from lidar_outlier_filter.core.detectors.dials import Dial, Threshold, decades, each, scaled
 from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
@@ -24,6 +22,8 @@ SECOND_PHASE = 1 << 15  # beside its bit: the second phase rejected the point, n
 
 
 def _detect(seen: Seen, parameters: FilterParameters) -> Scores:
+    import numpy as np
+
     from lidar_outlier_filter.core.detectors.hierarchical.detector import detect
 
     outcome = detect(seen.points.xyz, parameters.of(Hierarchical), seen.threads)

@@ -12,12 +12,12 @@ It is about 1 within a region of even density, whatever that density is, and has
 
 Where more than k points coincide their k-distance is 0 and their density infinite. For that case
 Breunig et al. (remark on definition 6) propose the *k-distinct-distance*, to the k-th nearest other
-place at which there are points. Here it takes the place of the k-distance exactly where that is 0;
+place at which there are points. Here it replaces the k-distance exactly where that is 0;
 with fewer than k other places the farthest counts, and where all points coincide the LOF is 1. So
 all factors are finite, and neither a stack of points nor those around it are rejected for it.
 
 How others differ: scikit-learn's ``LocalOutlierFactor`` (k is its ``n_neighbors``) gives the same
-factors but that it takes exactly k neighbours, some of those that tie for the last place, and that
+factors but that it takes exactly k neighbours, some of those that tie for the last rank, and that
 it adds 1e-10 to the mean reach distance: beside more than k coincident points good points have
 factors of millions. PDAL's ``filters.lof`` (k is its ``minpts``) takes the point itself for one of
 its neighbours, which draws all factors towards 1. PCL-LOFFilter, with which Pirotti et al. (2018)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from lidar_outlier_filter.core.detectors.declaration import Detector, Kernels, Measured
 from lidar_outlier_filter.core.detectors.dials import (
     NEIGHBOURS,
@@ -64,6 +62,8 @@ def _multiplier() -> Threshold:
     name = 'sor.multiplier'
 
     def statistic(score_of: ScoreOf, _near: float) -> Floats:
+        import numpy as np
+
         at_0 = score_of({name: 0.0}).astype(np.float64)  # d / μ
         at_1 = score_of({name: 1.0}).astype(np.float64)  # d / (μ + σ)
         with np.errstate(divide='ignore', invalid='ignore'):
@@ -81,6 +81,8 @@ def _radius_threshold(*, scaled: bool) -> Threshold:
         return plain(name, values)
 
     def statistic(score_of: ScoreOf, _near: float) -> Floats:
+        import numpy as np
+
         # Rejected beyond the larger of radius and range_factor × range: beyond both.
         smallest = next(item.low for item in walk(Sor, 'sor.') if item.name == name)
         beyond = score_of({name: smallest, 'sor.range_scaled': True}) > 1

@@ -7,12 +7,12 @@ from __future__ import annotations
 import numpy as np
 from helpers.roads import arm
 
-from lidar_outlier_filter.core.detectors.evidence.explain.contributions import contributions
+from lidar_outlier_filter.core.detectors.evidence.explain.explanation import contributions
 from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
 from lidar_outlier_filter.core.detectors.evidence.ways import Way
 from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.core.judging.chain import Chain
-from lidar_outlier_filter.core.neighbours.typical_scale import typical_scale
+from lidar_outlier_filter.core.neighbours.places import typical_scale
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 

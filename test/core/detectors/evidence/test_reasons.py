@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from helpers.profile_drives import Drive, prepared
 from helpers.profile_drives import pattern_of as profile_of
 from helpers.roads import arm, road
@@ -24,7 +24,7 @@ from lidar_outlier_filter.core.detectors.evidence.explain.reasons import (
 )
 from lidar_outlier_filter.core.detectors.evidence.models import (
     PROFILE_MODEL,
-    PatternModel,
+    TreeModel,
     load,
 )
 from lidar_outlier_filter.core.detectors.evidence.parameters import Weights
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.verdict import Verdict
 
-PAGE = Path(__file__).parents[4] / 'doc/detectors/evidence.md'
+PAGE = ROOT / 'doc/detectors/evidence.md'
 
 
 def judged(points: Points, **changed: object) -> Verdict:
@@ -63,7 +63,7 @@ def judged(points: Points, **changed: object) -> Verdict:
     return Chain(FilterParameters().changed(parameters)).judge(points)
 
 
-def strongest(points: Points, some: Prepared, model: PatternModel, *more: str) -> list[str]:
+def strongest(points: Points, some: Prepared, model: TreeModel, *more: str) -> list[str]:
     """Name the strongest feature of each point, of all that either pass measures."""
     pattern = some.pattern
     there, lines = pattern.order >= 0, len(pattern.first)
@@ -138,7 +138,7 @@ def test_only_what_trees_ask(asked: list[str], asked_again: list[str], expected:
         limit = np.full(feature.shape, np.inf, np.float32)
         return Trees(feature, limit, value, np.float32(0))
 
-    model = PatternModel(ask(asked), ask(asked_again), -100.0, 0.0, 0.0)
+    model = TreeModel(ask(asked), ask(asked_again), -100.0, 0.0, 0.0)
     there = some.pattern.order >= 0
     found = strongest_of_trees(some, first_pass(some, model.first), model, there)
     assert {REASON_NAMES.get(number, '') for number in found[there].tolist()} == {expected}

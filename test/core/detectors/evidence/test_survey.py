@@ -12,16 +12,23 @@ from naive import survey as naive
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
+from lidar_outlier_filter.core.detectors.evidence.models import SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.evidence.survey import far as survey_far
 from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
 from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far
-from lidar_outlier_filter.core.detectors.evidence.survey.model import load
 from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
 from lidar_outlier_filter.core.judging.whole_cloud import judge_whole
+from lidar_outlier_filter.core.neighbours import places
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import find_places, shares_places
-from lidar_outlier_filter.core.neighbours.typical_scale import K, typical_scale
+from lidar_outlier_filter.core.neighbours.places import (
+    LEAST,
+    SAMPLE,
+    K,
+    find_places,
+    shares_places,
+    typical_scale,
+)
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -90,7 +97,7 @@ def measured(xyz: Floats) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[n
     near, which = survey.neighbours(hood, scale_of(xyz)), np.arange(len(xyz))
     first = np.empty((survey_near.COUNT, len(xyz)), np.float32)
     survey.measure_near(near, which, first)
-    odds, _ = survey.first_odds(near, load().first)
+    odds, _ = survey.first_odds(near, load(SURVEY_MODEL).first)
     index = hood.nearest_of(which, min(MOST, len(xyz) - 1))
     every = np.empty((survey_far.COUNT, len(xyz)), np.float32)
     survey.measure_far(Far(near, odds, index), which, every)
@@ -104,7 +111,7 @@ def test_features_against_loops(name: str) -> None:
     xyz = CLOUDS[name]
     hood, first, every = measured(xyz)
     places = [tuple(row) for row in xyz.tolist()]
-    odds, _ = survey.first_odds(survey.neighbours(hood, scale_of(xyz)), load().first)
+    odds, _ = survey.first_odds(survey.neighbours(hood, scale_of(xyz)), load(SURVEY_MODEL).first)
     given = odds[np.argsort(hood.order)].tolist()
     expected = np.array(naive.near_features(places, scale_of(xyz))).T
     wide = np.array(naive.far_features(places, given, scale_of(xyz))).T
@@ -120,7 +127,7 @@ def test_trees_against_loops() -> None:
     """The log-odds are sums of what plain loops read from the trees."""
     xyz = CLOUDS['surface']
     _, first, every = measured(xyz)
-    model = load()
+    model = load(SURVEY_MODEL)
     odds, _ = odds_of(xyz)
     for n in range(0, len(xyz), 5):
         said = _loop(model.first, first[:, n])
@@ -277,3 +284,18 @@ def test_typical_scale() -> None:
     assert scale_of(np.repeat(xyz[:5000], 9, axis=0)) == pytest.approx(
         scale_of(xyz[:5000]), rel=0.05
     )
+    # Where points nearly coincide the micrometre is left that is added.
+    assert scale_of(1e-15 * xyz[:5000]) == pytest.approx(LEAST)
+
+
+def test_typical_scale_is_that_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of many points about as many are looked at as are asked for."""
+    looked_at: list[int] = []
+
+    def note(xyz: Floats, *more: int) -> Neighbourhood:
+        looked_at.append(len(xyz))
+        return Neighbourhood(xyz, *more)
+
+    monkeypatch.setattr(places, 'Neighbourhood', note)
+    scale_of(np.random.default_rng(7).uniform(0.0, 50.0, (60_000, 3)))
+    assert looked_at == [pytest.approx(SAMPLE, rel=0.05)]

@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lidar_outlier_filter.annotations import Bools, Bytes, Floats, Singles
-    from lidar_outlier_filter.core.detectors.evidence.models import PatternModel
+    from lidar_outlier_filter.core.detectors.evidence.models import TreeModel
     from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
 
-# A number never changes its meaning, so each group has room for more: of the window, of the second
-# pass, of profile scanners, and of the weighted sum. 0 is none.
+# A number never changes its meaning, so each group has numbers to spare: of the window, of the
+# second pass, of profile scanners, and of the weighted sum. 0 is none.
 WINDOW, SECOND, OF_PROFILE, OF_SUM = 1, 65, 129, 193
 LIKELY = ('range', 'glare', 'uneven', 'share', 'share_range')  # no reasons
 SLANTED = OF_SUM + len(weighted.FEATURES)  # a slanted group in the air
@@ -70,7 +70,7 @@ def strongest_of_sum(contributions: Floats, weights: Floats) -> Bytes:
 def strongest_of_trees(
     prepared: Prepared,
     first: FirstPass,
-    model: PatternModel,
+    model: TreeModel,
     wanted: Bools,
     threads: int = 0,
 ) -> Bytes:
@@ -110,8 +110,8 @@ def _explain(
     end: int,
     reason: Bytes,
 ) -> None:
-    pattern, room, added = prepared.pattern, make_pattern_room(), np.empty(len(rows), np.float32)
-    means, values = (find_means(both[0]), find_means(both[1])), room.values
+    pattern, buffers, added = prepared.pattern, make_pattern_room(), np.empty(len(rows), np.float32)
+    means, values = (find_means(both[0]), find_means(both[1])), buffers.values
     more = COUNT_PROFILE if len(prepared.groups) > 0 else 0
     own = COUNT + more  # the row of the point's own result of the first pass
     for line in range(begin, end):
@@ -119,7 +119,7 @@ def _explain(
             count = min(pattern.last[line] - k, LANES)
             if not wanted[k : k + count].any():
                 continue
-            write_values(prepared, first, True, line, k, room)  # noqa: FBT003
+            write_values(prepared, first, True, line, k, buffers)  # noqa: FBT003
             for lane in range(count):
                 if wanted[k + lane]:
                     strongest = own
@@ -150,16 +150,16 @@ def _find_strongest(
 
 @inner_kernel
 def find_means(trees: Trees) -> Singles:
-    """Return the mean (T, 15) of the values that are possible at each place of full trees.
+    """Return the mean (T, 15) of the values that are possible at each node of full trees.
 
     The questions come first, as in ``Trees``, and the values behind them.
     """
     means = np.empty((len(trees.value), QUESTIONS + VALUES), np.float32)
     for tree in range(len(means)):
         means[tree, QUESTIONS:] = trees.value[tree]
-        for place in range(QUESTIONS - 1, -1, -1):
-            low, high = means[tree, 2 * place + 1], means[tree, 2 * place + 2]
-            means[tree, place] = np.float32(0.5) * (low + high)
+        for node in range(QUESTIONS - 1, -1, -1):
+            low, high = means[tree, 2 * node + 1], means[tree, 2 * node + 2]
+            means[tree, node] = np.float32(0.5) * (low + high)
     return means
 
 
@@ -168,8 +168,8 @@ def add_up_reasons(trees: Trees, means: Singles, features: Singles, added: Singl
     """Add what each feature (F,) of a point adds to its log-odds."""
     for tree in range(len(trees.feature)):
         f, t, mean = trees.feature[tree], trees.limit[tree], means[tree]
-        place = 0
-        while place < QUESTIONS:
-            number = 2 * place + (2 if features[f[place]] > t[place] else 1)
-            added[f[place]] += mean[number] - mean[place]
-            place = number
+        node = 0
+        while node < QUESTIONS:
+            number = 2 * node + (2 if features[f[node]] > t[node] else 1)
+            added[f[node]] += mean[number] - mean[node]
+            node = number

@@ -35,7 +35,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.window import (
     gather,
     make_window,
 )
-from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def measure(prepared: Prepared, begin: int, end: int, out: Singles) -> None:
             copy_points(values, pattern.last[line] - k, out[:, k:])
 
 
-@inner_kernel
+@apart_kernel
 def copy_points(values: Singles, count: int, out: Singles) -> None:
     """Write the features of the first ``count`` lanes, or of all of them."""
     for f in range(len(values)):
@@ -126,7 +126,7 @@ def width(array: Singles) -> int:
     return int(array.shape[1])
 
 
-@inner_kernel
+@apart_kernel
 def _count(pattern: Pattern, line: int, k: int, window: PatternWindow) -> None:
     """Count returns before, behind and at the same range, and find the nearest of all."""
     reach, gap = pattern.range[k : k + LANES], pattern.gap[line]
@@ -160,7 +160,7 @@ def _count(pattern: Pattern, line: int, k: int, window: PatternWindow) -> None:
             best[NEAR - 1, lane] = min(best[NEAR - 1, lane], value)
 
 
-@inner_kernel
+@apart_kernel
 def _along(pattern: Pattern, line: int, k: int, origin: Floats, values: Singles) -> None:
     """Write what three predictions along the ring say of the range."""
     step, noise = pattern.step[line], pattern.noise[line]
@@ -183,7 +183,7 @@ def _along(pattern: Pattern, line: int, k: int, origin: Floats, values: Singles)
         values[4, lane] = min(middle / unit, MOST)
 
 
-@inner_kernel
+@apart_kernel
 def _off(r: Single, ra: Single, pa: Single, rb: Single, pb: Single, most: Single) -> Single:
     """Return how far a range is from the straight line through two others, as a part of it.
 
@@ -199,7 +199,7 @@ def _off(r: Single, ra: Single, pa: Single, rb: Single, pb: Single, most: Single
     return off if good else MOST
 
 
-@inner_kernel
+@apart_kernel
 def _distances(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
     """Write how far the nearest returns are: in the ring, in other rings, and of all."""
     reach, step, gap = pattern.range[k : k + LANES], pattern.step[line], pattern.gap[line]
@@ -219,7 +219,7 @@ def _distances(pattern: Pattern, line: int, k: int, window: PatternWindow, value
         values[9, lane] = min(five / FIVE, MOST)
 
 
-@inner_kernel
+@apart_kernel
 def _shares(window: PatternWindow, values: Singles) -> None:
     """Write shares of the window, and how rough it is."""
     sums = window.sums
@@ -239,7 +239,7 @@ def _shares(window: PatternWindow, values: Singles) -> None:
         values[24, lane] = sums[SPARSE, lane] / PLACES
 
 
-@inner_kernel
+@apart_kernel
 def _ranges(pattern: Pattern, line: int, k: int, window: PatternWindow, values: Singles) -> None:
     """Write range and brightness, the background's range, and predictions across the rings."""
     reach, gap, noise = pattern.range[k : k + LANES], pattern.gap[line], pattern.noise[line]

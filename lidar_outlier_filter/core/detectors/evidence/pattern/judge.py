@@ -29,7 +29,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.values import (
     write_values,
 )
 from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared, prepare
-from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
+from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_lanes
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
@@ -68,21 +68,25 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     threads : at most so many at once; 0 for as many as there are cores
 
     """
+    # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
+    # the three fits. The frame of points that others may have moved is sought last, as it takes
+    # longest.
+    recovered = points.ring is not None
     if sensor != 'profile':
         # Azimuths are known in the sensor's own frame only.
-        turned, recovered = as_turn(points).in_own_frame, points.ring is not None
-        spins = recovered or sensor == 'spinning'
+        turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
         pattern = find_pattern(turned, threads, spins=spins)
-        if pattern is None and points.own is None and not recovered:
-            # Others may have moved the points.
-            moved = find_own_frame(points)
-            pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
         if pattern is not None:
             return FoundPattern(pattern, profile=False)
     if sensor != 'spinning':
         pattern = find_profile_pattern(points, threads)
         if pattern is not None:
             return FoundPattern(pattern, profile=True)
+    if sensor != 'profile' and points.own is None and not recovered:
+        moved = find_own_frame(points)
+        pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
+        if pattern is not None:
+            return FoundPattern(pattern, profile=False)
     return None
 
 
@@ -182,7 +186,7 @@ def _judge(
             if not asked:
                 continue
             write_values(prepared, first, second, line, k, room)
-            add_up(trees, room.values, total)
+            add_lanes(trees, room.values, total)
             for lane in range(count):
                 if score[k + lane] > doubtful:
                     result[k + lane] = total[lane]

@@ -29,7 +29,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.window import (
     gather,
     make_window,
 )
-from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, rows_of_singles, sort
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def write_profile(
             values[FIRST + 2 + row, lane] = some[lane]
 
 
-@inner_kernel
+@apart_kernel
 def _predict_own(
     prepared: Prepared, line: int, k: int, window: PatternWindow, pairs: Singles
 ) -> None:
@@ -103,7 +103,7 @@ def _predict_own(
             row[lane] = min(max(off, -MOST), MOST) + MOST if good else MISSING
 
 
-@inner_kernel
+@apart_kernel
 def _predict_other(
     prepared: Prepared, line: int, k: int, window: PatternWindow, pairs: Singles
 ) -> None:
@@ -124,7 +124,7 @@ def _predict_other(
                 row[lane] = min(max(off, -MOST), MOST) + MOST if good else MISSING
 
 
-@inner_kernel
+@apart_kernel
 def _write_right(pairs: Singles, row: Singles) -> None:
     """Write the share of the pairs that predict the range."""
     for lane in range(len(row)):
@@ -135,7 +135,7 @@ def _write_right(pairs: Singles, row: Singles) -> None:
         row[lane] = right / count if count > ZERO else -ONE
 
 
-@inner_kernel
+@apart_kernel
 def _write_median(pairs: Singles, row: Singles) -> None:
     """Write the median of those that are there, sorted, less MOST; 0 for none."""
     for lane in range(len(row)):

@@ -30,7 +30,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.window import (
     make_window,
     place_of,
 )
-from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.neighbours.placed_pattern import STRETCH
 
@@ -144,7 +144,7 @@ def write_scores(
     _write_shares(prepared.near, first, k, values)
 
 
-@inner_kernel
+@apart_kernel
 def _sum_scores(
     prepared: Prepared, score: Singles, line: int, k: int, window: PatternWindow, total: Singles
 ) -> None:
@@ -179,7 +179,7 @@ def _sum_scores(
             total[BEFORE + 1, lane] += before
 
 
-@inner_kernel
+@apart_kernel
 def _copy_scores(near: Index, score: Singles, k: int, slot: int, scores: Singles) -> None:
     """Write the scores of one slot of the windows."""
     if slot < 2 * OWN:
@@ -198,7 +198,7 @@ def _mean(total: Single, count: Single) -> Single:
     return total / count if count > ZERO else UNKNOWN
 
 
-@inner_kernel
+@apart_kernel
 def _write_shares(near: Index, first: FirstPass, k: int, values: Singles) -> None:
     """Write the shares of points with a score above 0."""
     low, high = first.before[k - STRETCH :], first.before[k + STRETCH + 1 :]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.kernels import inlined_kernel, inner_kernel, kernel
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE, Pattern
 
@@ -190,7 +190,7 @@ def place_of(k: int, slot: int) -> int:
     return k + (slot - OWN if slot < OWN else slot - OWN + 1)
 
 
-@inner_kernel
+@apart_kernel
 def _gather_own(
     rows: tuple[Singles, ...],
     phase: Floats,
@@ -224,20 +224,20 @@ def _gather_own(
                 count[lane] += ONE if row[lane] < FAR else ZERO
 
 
-@inner_kernel
+@apart_kernel
 def _copy(values: Singles, row: Singles) -> None:
     for lane in range(len(row)):
         row[lane] = values[lane]
 
 
-@inner_kernel
+@apart_kernel
 def _copy_phases(phase: Floats, origin: Floats, row: Singles) -> None:
     """Write phases less that of each lane's point."""
     for lane in range(len(row)):
         row[lane] = phase[lane] - origin[lane]
 
 
-@inner_kernel
+@apart_kernel
 def _gather_other(
     rows: tuple[Singles, ...],
     phase: Floats,
@@ -264,7 +264,7 @@ def _gather_other(
         count[lane] += ONE if good else ZERO
 
 
-@inner_kernel
+@apart_kernel
 def _compare(window: PatternWindow, most: Single, begin: int, rows: int, there: Singles) -> None:
     """Compare points with the returns beside them: slots of the window from ``begin`` on.
 
@@ -285,7 +285,7 @@ def _compare(window: PatternWindow, most: Single, begin: int, rows: int, there: 
             there[lane] += ONE if good else ZERO
 
 
-@inner_kernel
+@apart_kernel
 def _is_in_step(others: Index) -> bool:
     """Return whether returns of another ring follow each other as those of the ring itself do."""
     same = True
@@ -294,7 +294,7 @@ def _is_in_step(others: Index) -> bool:
     return same
 
 
-@inner_kernel
+@apart_kernel
 def _line_up(values: Singles, others: Index, in_step: bool, side: Singles) -> None:
     """Put what is around the places ``others`` beside each other, row by row."""
     for m in range(len(side)):
@@ -306,7 +306,7 @@ def _line_up(values: Singles, others: Index, in_step: bool, side: Singles) -> No
                 row[lane] = values[others[lane] + off]
 
 
-@inner_kernel
+@apart_kernel
 def _line_up_phases(
     phase: Floats, others: Index, in_step: bool, origin: Floats, side: Singles
 ) -> None:

@@ -58,7 +58,7 @@ from lidar_outlier_filter.core.detectors.evidence.weighted_sum.eigen import (
 )
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
-from lidar_outlier_filter.core.neighbours.typical_scale import LEAST, K
+from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
@@ -85,7 +85,7 @@ PLANES, HEIGHTS, FIRST = BEGIN + 10, BEGIN + 16, BEGIN + 28
 
 
 class Far(NamedTuple):
-    """M points, by their place in tree order, and up to 60 neighbours of each.
+    """M points, by their index in tree order, and up to 60 neighbours of each.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Far(NamedTuple):
     index: Index  # type: ignore[assignment]  # nobody misses that of tuples
 
 
-class FarRoom(NamedTuple):
+class FarBuffers(NamedTuple):
     """Room to work in, for one thread; of each lane.
 
     Attributes
@@ -110,7 +110,7 @@ class FarRoom(NamedTuple):
     near : that of the nearest eight
     scale : (LANES,) float64
         S, metres.
-    place : (3, MOST, LANES) float64
+    offset : (3, MOST, LANES) float64
         Where the neighbours are, from the point, metres.
     distance, radii : (MOST, LANES) float64
         How far they are, and their distances to their own eighth, metres.
@@ -120,9 +120,9 @@ class FarRoom(NamedTuple):
 
     """
 
-    near: survey_near.NearRoom
+    near: survey_near.NearBuffers
     scale: Floats
-    place: Floats
+    offset: Floats
     distance: Floats
     radii: Floats
     work: Floats
@@ -131,11 +131,11 @@ class FarRoom(NamedTuple):
 
 
 @inner_kernel
-def make_room() -> FarRoom:
-    """Make room for points that are measured side by side."""
+def make_buffers() -> FarBuffers:
+    """Allocate for points that are measured side by side."""
     lists = np.empty((3, MOST, LANES))
-    return FarRoom(
-        survey_near.make_room(),
+    return FarBuffers(
+        survey_near.make_buffers(),
         np.empty(LANES),
         np.empty((3, MOST, LANES)),
         *(lists[0], lists[1], lists[2]),
@@ -144,34 +144,36 @@ def make_room() -> FarRoom:
 
 
 @inner_kernel
-def write_far(far: Far, points: Ints, rows: Ints, room: FarRoom, values: Singles) -> None:
+def write_far(far: Far, points: Ints, rows: Ints, buffers: FarBuffers, values: Singles) -> None:
     """Write all features (COUNT, LANES) of points, whose neighbours are in these rows."""
-    near, scale, count = far.near, room.scale, far.index.shape[1]
+    near, scale, count = far.near, buffers.scale, far.index.shape[1]
     some = min(SOME, count)
-    survey_near.write_near(near, points, room.near, values)
+    survey_near.write_near(near, points, buffers.near, values)
     for lane in range(LANES):
         p, others = points[lane], far.index[rows[lane]]
-        gather(near.xyz, near.radius, p, others, lane, room.place, room.radii)
+        gather(near.xyz, near.radius, p, others, lane, buffers.offset, buffers.radii)
         _write_odds(far.odds, near.index[p], p, others, lane, values)
-    measure(room.place, count, room.distance)
-    _write_distances(near, count, points, room, values)
-    _write_planes(some, PLANES, room, values)
-    _write_planes(count, PLANES + 3, room, values)
-    z = room.place[2]
-    write_heights(z, some, SORT_SOME, scale, HEIGHTS, HEIGHTS + 4, room.some, values)
-    write_heights(z, count, SORT_MOST, scale, HEIGHTS + 2, HEIGHTS + 6, room.work, values)
-    _write_between(count, room, values)
-    _write_group(count, room, values)
+    measure(buffers.offset, count, buffers.distance)
+    _write_distances(near, count, points, buffers, values)
+    _write_planes(some, PLANES, buffers, values)
+    _write_planes(count, PLANES + 3, buffers, values)
+    z = buffers.offset[2]
+    write_heights(z, some, SORT_SOME, scale, HEIGHTS, HEIGHTS + 4, buffers.some, values)
+    write_heights(z, count, SORT_MOST, scale, HEIGHTS + 2, HEIGHTS + 6, buffers.work, values)
+    _write_between(count, buffers, values)
+    _write_group(count, buffers, values)
     for feature in range(BEGIN, COUNT):
         for lane in range(len(scale)):
             values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
 
 
 @inner_kernel
-def _write_distances(near: Near, count: int, points: Ints, room: FarRoom, values: Singles) -> None:
+def _write_distances(
+    near: Near, count: int, points: Ints, buffers: FarBuffers, values: Singles
+) -> None:
     """Write the features of distances, and S."""
-    scale, distance, work = room.scale, room.distance, room.work
-    copy_rows(room.radii, count, work)
+    scale, distance, work = buffers.scale, buffers.distance, buffers.work
+    copy_rows(buffers.radii, count, work)
     sort(work, SORT_MOST)
     # Ranks of a sorted list: the upper of two in the middle.
     half, dense, twentieth = count // 2, min(DENSE, count - 1), min(SOME, count) - 1
@@ -182,17 +184,17 @@ def _write_distances(near: Near, count: int, points: Ints, room: FarRoom, values
         values[BEGIN + 1, lane] = distance[twentieth, lane] / s
         values[BEGIN + 2, lane] = distance[count - 1, lane] / s
         values[BEGIN + 3, lane] = own / (work[dense, lane] + LEAST)
-        values[BEGIN + 4, lane] = s / room.near.scale[lane]
+        values[BEGIN + 4, lane] = s / buffers.near.scale[lane]
         values[HEIGHTS + 8, lane] = s / near.typical
 
 
 @inner_kernel
-def _write_group(count: int, room: FarRoom, values: Singles) -> None:
+def _write_group(count: int, buffers: FarBuffers, values: Singles) -> None:
     """Join the neighbours one by one (Prim's spanning tree), and write what distances say.
 
     The neighbours are put into another order.
     """
-    place, reach, work, scale = room.place, room.work, room.joining, room.scale
+    offset, reach, work, scale = buffers.offset, buffers.work, buffers.joining, buffers.scale
     x, y, z, best, least = work[0], work[1], work[2], work[3], work[4]
     first, longest, before, against, group = work[5], work[6], work[7], work[8], work[9]
     for lane in range(len(scale)):
@@ -201,7 +203,7 @@ def _write_group(count: int, room: FarRoom, values: Singles) -> None:
     copy_rows(reach, 0, reach)
     for joined in range(count):
         # What is left is kept together at the begin.
-        _join_next(place, count - joined, x, y, z, reach, best, least)
+        _join_next(offset, count - joined, x, y, z, reach, best, least)
         for lane in range(len(scale)):
             edge = np.sqrt(least[lane])
             of = longest[lane] if joined > 0 else scale[lane]
@@ -212,7 +214,7 @@ def _write_group(count: int, room: FarRoom, values: Singles) -> None:
             longest[lane] = edge if longer else longest[lane]
             apart = min(group[lane], float(joined))
             group[lane] = apart if edge > GAP * scale[lane] else group[lane]
-        _take_out(place, count - joined - 1, x, y, z, reach, best)
+        _take_out(offset, count - joined - 1, x, y, z, reach, best)
     for lane in range(len(scale)):
         values[BEGIN + 5, lane] = first[lane] / scale[lane]
         values[BEGIN + 6, lane] = longest[lane] / scale[lane]
@@ -222,7 +224,7 @@ def _write_group(count: int, room: FarRoom, values: Singles) -> None:
 
 @inner_kernel
 def _join_next(
-    place: Floats,
+    offset: Floats,
     left: int,
     x: Floats,
     y: Floats,
@@ -236,8 +238,8 @@ def _join_next(
         best[lane], least[lane] = 0.0, np.inf
     for m in range(left):
         for lane in range(len(least)):
-            dx, dy = place[0, m, lane] - x[lane], place[1, m, lane] - y[lane]
-            dz = place[2, m, lane] - z[lane]
+            dx, dy = offset[0, m, lane] - x[lane], offset[1, m, lane] - y[lane]
+            dz = offset[2, m, lane] - z[lane]
             squared = min(reach[m, lane], (dx * dx + dy * dy) + dz * dz)
             reach[m, lane] = squared
             best[lane] = m if squared < least[lane] else best[lane]
@@ -246,22 +248,22 @@ def _join_next(
 
 @inner_kernel
 def _take_out(
-    place: Floats, last: int, x: Floats, y: Floats, z: Floats, reach: Floats, best: Floats
+    offset: Floats, last: int, x: Floats, y: Floats, z: Floats, reach: Floats, best: Floats
 ) -> None:
     """Put the last of those left where the best one was, which is at x y z now."""
     for lane in range(len(best)):
         m = np.uint64(best[lane])
-        x[lane], y[lane], z[lane] = place[0, m, lane], place[1, m, lane], place[2, m, lane]
+        x[lane], y[lane], z[lane] = offset[0, m, lane], offset[1, m, lane], offset[2, m, lane]
         reach[m, lane] = reach[last, lane]
         for axis in range(3):
-            place[axis, m, lane] = place[axis, last, lane]
+            offset[axis, m, lane] = offset[axis, last, lane]
 
 
 @inner_kernel
-def _write_planes(count: int, row: int, room: FarRoom, values: Singles) -> None:
+def _write_planes(count: int, row: int, buffers: FarBuffers, values: Singles) -> None:
     """Write the features of the plane through so many neighbours."""
-    near, scale = room.near, room.scale
-    add_moments(room.place, count, near.moment, near.mean)
+    near, scale = buffers.near, buffers.scale
+    add_moments(buffers.offset, count, near.moment, near.mean)
     eigenvalues(near.moment, near.value)
     eigenvectors(near.moment, near.value, NARROW, near.vector)
     for lane in range(len(scale)):
@@ -272,16 +274,16 @@ def _write_planes(count: int, row: int, room: FarRoom, values: Singles) -> None:
 
 
 @inner_kernel
-def _write_between(count: int, room: FarRoom, values: Singles) -> None:
+def _write_between(count: int, buffers: FarBuffers, values: Singles) -> None:
     """Write how many neighbours are higher, and where the point is between opposite ones."""
-    place, work, scale, row = room.place, room.work, room.scale, HEIGHTS + 9
+    offset, work, scale, row = buffers.offset, buffers.work, buffers.scale, HEIGHTS + 9
     higher, low, high = work[SOME], work[MOST - 2], work[MOST - 1]
     for lane in range(len(scale)):
         higher[lane] = 0.0
     for m in range(count):
         for lane in range(len(scale)):
-            higher[lane] += place[2, m, lane] > 0
-    write_between(place, min(SOME, count), work)
+            higher[lane] += offset[2, m, lane] > 0
+    write_between(offset, min(SOME, count), work)
     for lane in range(len(scale)):
         s = scale[lane]
         values[row, lane] = higher[lane] / count

@@ -15,19 +15,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
+from lidar_outlier_filter.core.detectors.evidence.models import SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.evidence.survey import far as survey_far
 from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far, write_far
 from lidar_outlier_filter.core.detectors.evidence.survey.lanes import add_farthest
-from lidar_outlier_filter.core.detectors.evidence.survey.model import load
 from lidar_outlier_filter.core.detectors.evidence.survey.near import Near, write_near
-from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
+from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_lanes
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import find_places, shares_places
-from lidar_outlier_filter.core.neighbours.typical_scale import K
+from lidar_outlier_filter.core.neighbours.places import K, find_places, shares_places
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Ints, Singles
@@ -63,7 +62,7 @@ def measure(
     odds, reach = np.full(len(xyz), np.nan), np.full(len(xyz), np.inf)
     if len(xyz) <= K:
         return odds, reach
-    model = load()
+    model = load(SURVEY_MODEL)
     hood = Neighbourhood(xyz, K, threads)
     if shares_places(hood, K):
         places = find_places(xyz)
@@ -88,7 +87,9 @@ def measure(
 
 def score(odds: Floats, threshold: float) -> Floats:
     """Return scores from 0, more than 1 where rejected; ``threshold`` is the user's, 1 usually."""
-    scores: Floats = np.maximum(odds - LEAST, 0.0) / (threshold * (load().threshold - LEAST))
+    scores: Floats = np.maximum(odds - LEAST, 0.0) / (
+        threshold * (load(SURVEY_MODEL).threshold - LEAST)
+    )
     return scores
 
 
@@ -122,15 +123,15 @@ def second_odds(
 
 @kernel
 def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles, extent: Floats) -> None:
-    room, points = survey_near.make_room(), np.empty(LANES, np.int64)
+    buffers, points = survey_near.make_buffers(), np.empty(LANES, np.int64)
     values, total = np.empty((survey_near.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     farthest = np.empty(LANES)
     for start in range(begin, end, LANES):
         for lane in range(LANES):
             points[lane] = min(start + lane, end - 1)
-        write_near(near, points, room, values)
-        add_up(trees, values, total)
-        add_farthest(room.distance, room.radii, K, farthest)
+        write_near(near, points, buffers, values)
+        add_lanes(trees, values, total)
+        add_farthest(buffers.distance, buffers.radii, K, farthest)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
             extent[start + lane] = max(near.radius[start + lane], farthest[lane])
@@ -147,7 +148,7 @@ def _again(
     odds: Singles,
     wide: Floats,
 ) -> None:
-    room = survey_far.make_room()
+    buffers = survey_far.make_buffers()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     values, total = np.empty((survey_far.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     farthest, count = np.empty(LANES), far.index.shape[1]
@@ -155,13 +156,13 @@ def _again(
         for lane in range(LANES):
             rows[lane] = min(start + lane, end - 1)
             points[lane] = which[rows[lane]]
-        write_far(far, points, rows, room, values)
-        add_up(trees, values, total)
+        write_far(far, points, rows, buffers, values)
+        add_lanes(trees, values, total)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
             for m in range(count):
-                room.radii[m, lane] = extent[far.index[start + lane, m]]
-        add_farthest(room.distance, room.radii, count, farthest)
+                buffers.radii[m, lane] = extent[far.index[start + lane, m]]
+        add_farthest(buffers.distance, buffers.radii, count, farthest)
         for lane in range(min(LANES, end - start)):
             wide[start + lane] = max(extent[points[lane]], farthest[lane])
 
@@ -169,12 +170,12 @@ def _again(
 @kernel
 def measure_near(near: Near, which: Ints, result: Singles) -> None:
     """Write the features (COUNT, M) of some points that the first trees see."""
-    room, points = survey_near.make_room(), np.empty(LANES, np.int64)
+    buffers, points = survey_near.make_buffers(), np.empty(LANES, np.int64)
     values = np.empty((survey_near.COUNT, LANES), np.float32)
     for start in range(0, len(which), LANES):
         for lane in range(LANES):
             points[lane] = which[min(start + lane, len(which) - 1)]
-        write_near(near, points, room, values)
+        write_near(near, points, buffers, values)
         count = min(LANES, len(which) - start)
         result[:, start : start + count] = values[:, :count]
 
@@ -182,13 +183,13 @@ def measure_near(near: Near, which: Ints, result: Singles) -> None:
 @kernel
 def measure_far(far: Far, which: Ints, result: Singles) -> None:
     """Write the features (COUNT, M) of some points that the second trees see."""
-    room = survey_far.make_room()
+    buffers = survey_far.make_buffers()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     values = np.empty((survey_far.COUNT, LANES), np.float32)
     for start in range(0, len(which), LANES):
         for lane in range(LANES):
             rows[lane] = min(start + lane, len(which) - 1)
             points[lane] = which[rows[lane]]
-        write_far(far, points, rows, room, values)
+        write_far(far, points, rows, buffers, values)
         count = min(LANES, len(which) - start)
         result[:, start : start + count] = values[:, :count]

@@ -13,7 +13,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import sort_signed
-from lidar_outlier_filter.core.neighbours.typical_scale import LEAST
+from lidar_outlier_filter.core.neighbours.places import LEAST
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
@@ -25,24 +25,24 @@ OPPOSITE = -0.8  # cosine of the angle between neighbours, at most
 
 @inner_kernel
 def gather(
-    xyz: Floats, radius: Floats, p: int, others: Index, lane: int, place: Floats, radii: Floats
+    xyz: Floats, radius: Floats, p: int, others: Index, lane: int, offset: Floats, radii: Floats
 ) -> None:
     """Write where the neighbours of p are, and their distances to their own eighth."""
     x, y, z = xyz[p, 0], xyz[p, 1], xyz[p, 2]
     for m in range(len(others)):
         o = others[m]
-        place[0, m, lane] = xyz[o, 0] - x
-        place[1, m, lane] = xyz[o, 1] - y
-        place[2, m, lane] = xyz[o, 2] - z
+        offset[0, m, lane] = xyz[o, 0] - x
+        offset[1, m, lane] = xyz[o, 1] - y
+        offset[2, m, lane] = xyz[o, 2] - z
         radii[m, lane] = radius[o]
 
 
 @inner_kernel
-def measure(place: Floats, count: int, distance: Floats) -> None:
+def measure(offset: Floats, count: int, distance: Floats) -> None:
     """Write the distances (M, LANES) of the first ``count`` neighbours."""
     for m in range(count):
         for lane in range(distance.shape[1]):
-            x, y, z = place[0, m, lane], place[1, m, lane], place[2, m, lane]
+            x, y, z = offset[0, m, lane], offset[1, m, lane], offset[2, m, lane]
             distance[m, lane] = np.sqrt((x * x + y * y) + z * z)
 
 
@@ -55,23 +55,23 @@ def copy_rows(rows: Floats, count: int, copied: Floats) -> None:
 
 
 @inner_kernel
-def add_moments(place: Floats, count: int, moment: Floats, mean: Floats) -> None:
+def add_moments(offset: Floats, count: int, moment: Floats, mean: Floats) -> None:
     """Write the mean of the first ``count`` neighbours, and their second moments around it."""
     mean[:], moment[:] = 0.0, 0.0
     for m in range(count):
         for lane in range(mean.shape[1]):
-            mean[0, lane] += place[0, m, lane]
-            mean[1, lane] += place[1, m, lane]
-            mean[2, lane] += place[2, m, lane]
+            mean[0, lane] += offset[0, m, lane]
+            mean[1, lane] += offset[1, m, lane]
+            mean[2, lane] += offset[2, m, lane]
     for lane in range(mean.shape[1]):
         mean[0, lane] = mean[0, lane] / count
         mean[1, lane] = mean[1, lane] / count
         mean[2, lane] = mean[2, lane] / count
     for m in range(count):
         for lane in range(mean.shape[1]):
-            a = place[0, m, lane] - mean[0, lane]
-            b = place[1, m, lane] - mean[1, lane]
-            c = place[2, m, lane] - mean[2, lane]
+            a = offset[0, m, lane] - mean[0, lane]
+            b = offset[1, m, lane] - mean[1, lane]
+            c = offset[2, m, lane] - mean[2, lane]
             moment[0, lane] += a * a
             moment[1, lane] += b * b
             moment[2, lane] += c * c
@@ -129,30 +129,31 @@ def aside(moment: Floats, mean: Floats, lane: int) -> float:
 
 
 @inner_kernel
-def write_between(place: Floats, count: int, room: Floats) -> None:
+def write_between(offset: Floats, count: int, work: Floats) -> None:
     """Write the lowest and highest z, from the point, between two opposite neighbours.
 
-    They become the last but one and the last row of ``room``, inf and -inf without such neighbours.
+    They become the last but one and the last row of ``work``, inf and -inf without such neighbours.
     """
-    opposite, low, high = OPPOSITE, len(room) - 2, len(room) - 1
-    for lane in range(room.shape[1]):
-        room[low, lane], room[high, lane] = np.inf, -np.inf
+    opposite, low, high = OPPOSITE, len(work) - 2, len(work) - 1
+    for lane in range(work.shape[1]):
+        work[low, lane], work[high, lane] = np.inf, -np.inf
     for m in range(count):
-        for lane in range(room.shape[1]):
-            x, y = place[0, m, lane], place[1, m, lane]
-            room[m, lane] = np.sqrt(x * x + y * y)
+        for lane in range(work.shape[1]):
+            x, y = offset[0, m, lane], offset[1, m, lane]
+            work[m, lane] = np.sqrt(x * x + y * y)
     for m in range(count):
         for n in range(m):
-            for lane in range(room.shape[1]):
+            for lane in range(work.shape[1]):
                 across = (
-                    place[0, m, lane] * place[0, n, lane] + place[1, m, lane] * place[1, n, lane]
+                    offset[0, m, lane] * offset[0, n, lane]
+                    + offset[1, m, lane] * offset[1, n, lane]
                 )
-                one, other = room[m, lane], room[n, lane]
-                z = (place[2, m, lane] * other + place[2, n, lane] * one) / (one + other)
+                one, other = work[m, lane], work[n, lane]
+                z = (offset[2, m, lane] * other + offset[2, n, lane] * one) / (one + other)
                 found = across < opposite * (one * other)
-                lower, higher = room[low, lane], room[high, lane]
-                room[low, lane] = min(lower, z if found else lower)
-                room[high, lane] = max(higher, z if found else higher)
+                lower, higher = work[low, lane], work[high, lane]
+                work[low, lane] = min(lower, z if found else lower)
+                work[high, lane] = max(higher, z if found else higher)
 
 
 @inner_kernel

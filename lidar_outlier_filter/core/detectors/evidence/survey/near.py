@@ -57,14 +57,14 @@ from lidar_outlier_filter.core.detectors.evidence.weighted_sum.eigen import (
 )
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
-from lidar_outlier_filter.core.neighbours.typical_scale import LEAST, K
+from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
 
 FEW = 3  # of them
 SMOOTH = 0.01  # of s: less is not expected of any surface
-TABLE = 1024  # places for the points that two steps reach, a power of 2: few of them meet
+TABLE = 1024  # slots for the points that two steps reach, a power of 2: few of them meet
 MARK = 1 << 32  # more than there are points
 FAR = 1e6  # features are at most so large
 SORT = network(K, range(K))
@@ -98,14 +98,14 @@ class Near(NamedTuple):
     typical: float
 
 
-class NearRoom(NamedTuple):
+class NearBuffers(NamedTuple):
     """Room to work in, for one thread; of each lane.
 
     Attributes
     ----------
     scale : (LANES,) float64
         s, metres.
-    place : (3, K, LANES) float64
+    offset : (3, K, LANES) float64
         Where the neighbours are, from the point, metres.
     distance, radii : (K, LANES) float64
         How far they are, and their distances to their own eighth, metres.
@@ -118,7 +118,7 @@ class NearRoom(NamedTuple):
     """
 
     scale: Floats
-    place: Floats
+    offset: Floats
     distance: Floats
     radii: Floats
     work: Floats
@@ -130,10 +130,10 @@ class NearRoom(NamedTuple):
 
 
 @inner_kernel
-def make_room() -> NearRoom:
-    """Make room for points that are measured side by side."""
+def make_buffers() -> NearBuffers:
+    """Allocate for points that are measured side by side."""
     lists = np.empty((3, K, LANES))
-    return NearRoom(
+    return NearBuffers(
         np.empty(LANES),
         np.empty((3, K, LANES)),
         *(lists[0], lists[1], lists[2]),
@@ -143,37 +143,37 @@ def make_room() -> NearRoom:
 
 
 @inner_kernel
-def write_near(near: Near, points: Ints, room: NearRoom, values: Singles) -> None:
+def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) -> None:
     """Write the features (COUNT, LANES) of points, so many as there are lanes."""
     for lane in range(LANES):
         p = points[lane]
-        gather(near.xyz, near.radius, p, near.index[p], lane, room.place, room.radii)
-        values[8, lane] = count_steps(near.index, p, room.table)
+        gather(near.xyz, near.radius, p, near.index[p], lane, buffers.offset, buffers.radii)
+        values[8, lane] = count_steps(near.index, p, buffers.table)
         values[19, lane] = near.radius[p] / near.typical
-    measure(room.place, K, room.distance)
-    _write_distances(room, values)
-    write_heights(room.place[2], K, SORT, room.scale, 15, 17, room.work, values)
-    add_moments(room.place, K, room.moment, room.mean)
-    eigenvalues(room.moment, room.value)
-    eigenvectors(room.moment, room.value, NARROW, room.vector)
-    for lane in range(len(room.scale)):
-        s = room.scale[lane]
-        off, flat = off_plane(room.mean, room.value, room.vector, lane)
+    measure(buffers.offset, K, buffers.distance)
+    _write_distances(buffers, values)
+    write_heights(buffers.offset[2], K, SORT, buffers.scale, 15, 17, buffers.work, values)
+    add_moments(buffers.offset, K, buffers.moment, buffers.mean)
+    eigenvalues(buffers.moment, buffers.value)
+    eigenvectors(buffers.moment, buffers.value, NARROW, buffers.vector)
+    for lane in range(len(buffers.scale)):
+        s = buffers.scale[lane]
+        off, flat = off_plane(buffers.mean, buffers.value, buffers.vector, lane)
         values[9, lane], values[10, lane] = off / s, flat / s
         values[11, lane] = off / (flat + SMOOTH * s)
-        along = np.sqrt(max(room.value[2, lane], 0.0))
-        values[12, lane] = np.sqrt(max(room.value[1, lane], 0.0)) / (along + LEAST)
-        values[13, lane] = aside(room.moment, room.mean, lane)
-        values[14, lane] = abs(room.vector[2, lane])
+        along = np.sqrt(max(buffers.value[2, lane], 0.0))
+        values[12, lane] = np.sqrt(max(buffers.value[1, lane], 0.0)) / (along + LEAST)
+        values[13, lane] = aside(buffers.moment, buffers.mean, lane)
+        values[14, lane] = abs(buffers.vector[2, lane])
     for feature in range(COUNT):
-        for lane in range(len(room.scale)):
+        for lane in range(len(buffers.scale)):
             values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
 
 
 @inner_kernel
-def _write_distances(room: NearRoom, values: Singles) -> None:
+def _write_distances(buffers: NearBuffers, values: Singles) -> None:
     """Write the features of distances, and s."""
-    distance, radii, work, scale = room.distance, room.radii, room.work, room.scale
+    distance, radii, work, scale = buffers.distance, buffers.radii, buffers.work, buffers.scale
     copy_rows(radii, K, work)
     sort(work, SORT)
     half = K // 2
@@ -219,9 +219,9 @@ def count_steps(index: Index, p: int, table: Ints) -> int:
 @inner_kernel
 def _put(table: Ints, mark: int, number: int) -> int:
     """Put a number into a table, unless it is there; return how many were put."""
-    place = number & (TABLE - 1)
-    while table[place] >= mark and table[place] != number:
-        place = (place + 1) & (TABLE - 1)
-    new = table[place] != number
-    table[place] = number
+    slot = number & (TABLE - 1)
+    while table[slot] >= mark and table[slot] != number:
+        slot = (slot + 1) & (TABLE - 1)
+    new = table[slot] != number
+    table[slot] = number
     return int(new)

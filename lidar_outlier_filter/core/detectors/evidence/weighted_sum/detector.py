@@ -35,7 +35,7 @@ With d3, d5 and d20 the mean distances to so many nearest neighbours, the ratios
     rejected ÷ 20, at most 1, less a third. The inside of a dense cloud of outliers follows its
     rim, and a good point does not follow the few outliers beside it.
 
-"Usual" is the median of the points up to eight places away in the line. A profile scanner and a
+"Usual" is the median of the points up to eight returns away in the line. A profile scanner and a
 spinning sensor have weights of their own, those of a logistic regression on simulated drives;
 ``company`` and the thresholds were tried on them.
 """

@@ -52,7 +52,7 @@ def eigenvectors(moment: Floats, value: Floats, narrow: float, vector: Floats) -
     """Write one unit eigenvector of each: the longest product of two rows of matrix - eigenvalue.
 
     That of the lowest eigenvalue; but of the highest, where the middle one is not greater than
-    ``narrow`` × that. 0 0 1 where all are equal. ``vector`` has room for more than three rows.
+    ``narrow`` × that. 0 0 1 where all are equal. ``vector`` may have more than three rows.
     """
     for lane in range(moment.shape[1]):
         of = value[0, lane] if value[1, lane] > narrow * value[2, lane] else value[2, lane]

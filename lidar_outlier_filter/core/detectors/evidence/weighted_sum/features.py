@@ -56,17 +56,17 @@ class Scan(NamedTuple):
     neighbourhood : of them
     ordered : sorted by line and time
     lines : of the ordered
-    place : (N,) int64
-        Of each point in tree order, its place among the ordered.
+    rank : (N,) int64
+        Of each point in tree order, its index among the ordered.
     back : (N,) int64
-        Of each of the ordered, its place in tree order.
+        Of each of the ordered, its index in tree order.
 
     """
 
     neighbourhood: Neighbourhood
     ordered: Points
     lines: Lines
-    place: Ints
+    rank: Ints
     back: Ints
 
 
@@ -146,12 +146,12 @@ def compute(scan: Scan, *, spinning: bool) -> Features:
     spinning : whether spacing grows with the range, or is that of lines and steps
 
     """
-    count = len(scan.place)
+    count = len(scan.rank)
     wanted, around = np.ones(count, np.bool_), evidence_surface.empty(count)
     _measure(scan, wanted, around)
     part = np.nan
     if spinning:
-        parts = around.few / np.maximum(scan.ordered.range[scan.place], SPACING_FLOOR)
+        parts = around.few / np.maximum(scan.ordered.range[scan.rank], SPACING_FLOOR)
         part = median(parts, count)
     unknown = np.empty((3, count))
     usual = Usual(unknown[0], unknown[1], unknown[2], part, np.nan, _typical(around.scale))
@@ -202,7 +202,7 @@ def weigh(contributions: Floats, weights: Floats) -> Floats:
 
 def _measure(scan: Scan, wanted: Bools, around: Surroundings) -> None:
     hood = scan.neighbourhood
-    line = scan.ordered.line[scan.place]
+    line = scan.ordered.line[scan.rank]
     _run(scan, evidence_surface.measure, wanted, hood.xyz, hood.nearest(K).index, line, around)
 
 
@@ -222,7 +222,7 @@ def _contribute(
     _run(scan, evidence_lines.usual, there, lines.first, values, scan.back, medians)
     steps, some = medians[:2]
     if spins:
-        spacing = usual.part * ordered.range[scan.place]
+        spacing = usual.part * ordered.range[scan.rank]
     else:
         known = np.maximum(np.where(steps < np.inf, steps, 0.0), medians[2])
         spacing = np.where(wanted, known, medians[2])
@@ -237,7 +237,7 @@ def _contribute(
     )
     contributions = np.zeros((len(wanted), len(FEATURES)))
     nearest = scan.neighbourhood.nearest(K).index
-    own = scan.place, *outcome
+    own = scan.rank, *outcome
     _run(
         scan, _write_contributions, wanted, nearest, around, *own, usual, LEAST, MOST, contributions
     )
@@ -266,7 +266,7 @@ def _write_contributions(
     wanted: Bools,
     nearest: NDArray[np.int32],
     around: Surroundings,
-    place: Ints,
+    rank: Ints,
     step: Floats,
     along: Floats,
     usual: Usual,
@@ -284,7 +284,7 @@ def _write_contributions(
         sort(near, MIDDLE)
         for lane in range(count):
             i = points[lane]
-            here = place[i]
+            here = rank[i]
             off = around.off[i]
             own = around.scale[i] + OF_ALL * usual.surface
             even = min(EVEN * usual.surface / own, 1.0)

@@ -51,9 +51,9 @@ def straightness(scan: Scan, spacing: Floats) -> Floats:
         greater of both; NaN for points in none that is slanted and of the right size.
 
     """
-    xyz, line = scan.neighbourhood.xyz, scan.ordered.line[scan.place]
+    xyz, line = scan.neighbourhood.xyz, scan.ordered.line[scan.rank]
     nearest = scan.neighbourhood.nearest(K).index
-    after = scan.lines.after[scan.place]
+    after = scan.lines.after[scan.rank]
     after = np.where(after >= 0, scan.back[after], -1)
     result = np.full(len(xyz), np.nan)
     for reach in REACHES:

@@ -58,7 +58,7 @@ def follow(
 
 @inner_kernel
 def _around(wanted: Bools, begin: int, end: int) -> Bools:
-    """Return of a range of points which are up to WINDOW places away from a wanted one."""
+    """Return of a range of points which are up to WINDOW returns away from a wanted one."""
     result = np.zeros(end - begin, np.bool_)
     done = begin
     for i in range(max(begin - WINDOW, 0), min(end + WINDOW, len(wanted))):
@@ -100,7 +100,7 @@ def usual(
     back: Ints,
     result: Floats,
 ) -> None:
-    """Write medians of the others up to WINDOW places away in the line, for the wanted points.
+    """Write medians of the others up to WINDOW returns away in the line, for the wanted points.
 
     ``first`` (L + 1,) says where lines begin, and ``back`` (N,) where in the result each point is.
     Of each row of ``values`` (Q, N), infinite ones do not count; where there is no other, the

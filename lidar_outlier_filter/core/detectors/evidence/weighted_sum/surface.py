@@ -66,7 +66,7 @@ class Surroundings(NamedTuple):
 
 
 def empty(count: int) -> Surroundings:
-    """Make room for so many points."""
+    """Allocate for so many points."""
     return Surroundings(*np.empty((len(Surroundings._fields), count)))
 
 

@@ -18,10 +18,20 @@ import pytest
 from helpers.cloud_files import columns
 from helpers.detectors import BITS
 from helpers.labelled import write
-from helpers.live import Program, collector, environment, publisher
+from helpers.live import (
+    ARRIVAL,
+    Program,
+    collector,
+    diagnoser,
+    environment,
+    filtering,
+    next_status,
+    publisher,
+)
 from helpers.replays import ROW
 from helpers.replays import cloud as recorded
 from helpers.strangers import install, write_installed
+from helpers.watching import RELIABLE
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
@@ -41,6 +51,10 @@ COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
 BIT = 128
 LIMIT = 0.3  # metres
 CHAIN = ('--chain', 'lonely', '--set', f'lonely.limit={LIMIT}')
+BROKEN = (
+    'the detector broken of broken must be a declaration that can be imported, '
+    "got ModuleNotFoundError: No module named 'nothing_of_this_name'"
+)
 SET = ('--set', 'chain=[lonely]', '--set', f'lonely.limit={LIMIT}')
 
 
@@ -147,26 +161,42 @@ def test_the_tuner(env: dict[str, str], tmp_path: Path) -> None:
 def test_a_node(env: dict[str, str], drives: Path, tmp_path: Path) -> None:
     """The node has it, with nothing but a parameter."""
     env = environment() | env
-    words = ('-p', 'chain:=[lonely]', '-p', f'lonely.limit:={LIMIT}', '-p', 'blocks:=message')
-    node_words = ('-P', '-m', 'lidar_outlier_filter.cli.node', '--ros-args', *words)
+    given = (RELIABLE, 'chain:=[lonely]', f'lonely.limit:={LIMIT}', 'blocks:=message')
+    words = [word for one in given for word in ('-p', one)]
     with (
         collector(tmp_path, ['/points/cleaned', '/points/outliers'], env) as collecting,
-        Program(*node_words, env=env) as node,
+        filtering(*words, env=env) as node,
         publisher(drives / 'a', '/points', env) as publishing,
     ):
         collecting.wait_for('matched')
-        node.wait_for('chain lonely')
+        node.wait_for('filters')
         publishing.send('go')
         publishing.wait_for('published')
         for _ in 2 * expected():
-            collecting.wait_for('received')
+            collecting.wait_for('received', ARRIVAL)
         node.signal(signal.SIGTERM)
         assert node.wait() == 0
         collecting.close()
         assert collecting.wait() == 0
+    assert any('chain lonely' in line for line in node.output)
     found = sorted(tmp_path.glob('outliers_*.cdr'))
     clouds = [deserialize_message(one.read_bytes(), PointCloud2) for one in found]
     assert [one.width for one in clouds] == expected()
+
+
+def test_a_node_names_what_is_refused(tmp_path: Path) -> None:
+    """Once in its log, and in each status of its diagnostics."""
+    stranger = write_installed(tmp_path / 'installed', 'broken', 'import nothing_of_this_name')
+    env = environment() | stranger
+    node_words = ('-P', '-m', 'lidar_outlier_filter.cli.node')
+    with diagnoser(env) as diagnosing, Program(*node_words, env=env) as node:
+        status = next_status(diagnosing)
+        node.signal(signal.SIGTERM)
+        assert node.wait() == 0
+    (warning,) = (line for line in node.output if 'broken' in line)
+    assert warning.startswith('[WARN]')
+    assert warning.endswith(f'[outlier_filter_node]: {BROKEN}')
+    assert status['values']['refused detector broken'] == BROKEN
 
 
 # What is refused -----------------------------------------------------------------------------
@@ -252,10 +282,7 @@ def test_a_refused_one_costs_nothing_else(tmp_path: Path) -> None:
         command = [*COMMAND, 'clean', str(path), *words]
         done = subprocess.run(command, env=env, check=False, capture_output=True, text=True)
         assert done.returncode == 1
-        assert done.stderr == (
-            'the detector broken of broken must be a declaration that can be imported, '
-            "got ModuleNotFoundError: No module named 'nothing_of_this_name'\n"
-        )
+        assert done.stderr == BROKEN + '\n'
 
 
 def test_only_the_packages_own_are_here() -> None:

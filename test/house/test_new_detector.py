@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers import ROOT
 from helpers.cloud_files import columns
 from helpers.detectors import BITS, added
 from helpers.strangers import EXAMPLE
@@ -30,11 +30,11 @@ from lidar_outlier_filter.tuning.dials import searches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
-ROOT = Path(__file__).parents[3]
 BIT = 128
 
 

@@ -1,0 +1,27 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+#
+# The node and all commands on ROS 2 Jazzy:
+#
+#   docker build -t lidar_outlier_filter .
+#   docker run --rm --net=host --ipc=host lidar_outlier_filter \
+#       ros2 launch lidar_outlier_filter filter.launch.py input_topic:=/velodyne_points
+FROM ros:jazzy-ros-base
+
+WORKDIR /workspace
+COPY . src/lidar_outlier_filter
+
+# What package.xml names, from apt; rosbags, which only PyPI has, for recordings.
+RUN apt-get update \
+    && rosdep update --rosdistro jazzy \
+    && rosdep install --from-paths src --ignore-src -y --dependency-types exec \
+    && apt-get install -y --no-install-recommends python3-pip \
+    && pip install --no-cache-dir --break-system-packages rosbags \
+    && rm -rf /var/lib/apt/lists/*
+
+# Kernels are compiled for the processor of this machine. Another one compiles them anew at its first start.
+RUN . /opt/ros/jazzy/setup.sh && colcon build --packages-select lidar_outlier_filter
+
+# The entry point of the image sources ROS; this sources the workspace, too.
+RUN sed --in-place 's|^exec|source /workspace/install/setup.bash\nexec|' /ros_entrypoint.sh
+CMD ["ros2", "launch", "lidar_outlier_filter", "filter.launch.py"]

@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""All kernels as Python runs them, where numpy checks each index: a program.
+
+Every detector judges small clouds, with each of its choices, and explains its scores. An index that
+leaves its array ends the program with an IndexError; the kernels of detectors that nothing has
+called it writes, one on a line. Nothing is compiled: that takes far longer than to compute so
+little.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+import sys
+import warnings
+from functools import wraps
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numba
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+known: set[str] = set()
+called: set[str] = set()
+
+
+def not_compiling(**_options: object) -> Callable[[Any], Any]:
+    """Take the place of numba.njit."""
+
+    def take(function: Callable[..., object]) -> Callable[..., object]:
+        name = f'{function.__module__}.{function.__name__}'
+        known.add(name)
+
+        @wraps(function)
+        def run(*arguments: object) -> object:
+            called.add(name)
+            return function(*arguments)
+
+        return run
+
+    return take
+
+
+numba.njit = not_compiling  # type: ignore[assignment]
+
+import numpy as np  # noqa: E402  nothing may have asked for a kernel before
+
+from helpers import neighbour_clouds, profile_drives, sweeps  # noqa: E402
+from lidar_outlier_filter import core  # noqa: E402
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations  # noqa: E402
+from lidar_outlier_filter.core.detectors.seen import Seen  # noqa: E402
+from lidar_outlier_filter.core.judging.chain import Chain  # noqa: E402
+from lidar_outlier_filter.core.points.points import Points  # noqa: E402
+from lidar_outlier_filter.parameters.declaration import walk  # noqa: E402
+from lidar_outlier_filter.parameters.filter import FilterParameters  # noqa: E402
+
+# What a choice needs.
+TOGETHER: dict[str, dict[str, object]] = {'always': {'quadric.start': 'all', 'quadric.surfaces': 1}}
+SIZES = (1, 7, 48)  # points of clouds that nobody has scanned
+
+
+def settings(name: str) -> Iterator[dict[str, object]]:
+    """Give the defaults of a detector, and each other choice that it has."""
+    yield {}
+    for section, kind in DETECTORS[name].sections.items():
+        for item in walk(kind, f'{section}.'):
+            for choice in item.choices:
+                if choice not in {item.default, 'filterpy'}:  # which calls no kernel of ours
+                    yield {item.name: choice} | TOGETHER.get(choice, {})
+
+
+def clouds() -> Iterator[Points]:
+    """Make clouds of few points, of both kinds of scanners, with what makes neighbours odd."""
+    for size in SIZES:
+        for make in (neighbour_clouds.scattered, neighbour_clouds.stacks):
+            xyz = make(np.random.default_rng(size))[:size]
+            t = np.arange(size) * 1000
+            yield Points(xyz, t, np.arange(size) // 20, np.ones(size, np.bool_))
+    yield sweeps.sweep(1, 0.1, columns=40)
+    yield profile_drives.Drive(1, 0.1, 3, 40).points
+
+
+def main() -> None:
+    """Judge."""
+    warnings.simplefilter('ignore')  # numpy's: kernels divide by zero, and may overflow
+    for module in pkgutil.walk_packages(core.__path__, f'{core.__name__}.'):
+        import_module(module.name)
+    made, why = list(clouds()), explanations()
+    for name in DETECTORS:
+        for values in settings(name):
+            given = {'chain': [name], 'scores': True, **values}
+            parameters = FilterParameters().changed(given)
+            for points in made:
+                Chain(parameters).judge(points)
+                if name in why and len(points) > 1:
+                    every = np.ones(len(points), np.bool_)
+                    why[name].explain(Seen(points, parameters, 20), parameters, every)
+    left = (name for name in known - called if name.startswith(f'{core.__name__}.detectors.'))
+    sys.stdout.writelines(f'{name}\n' for name in sorted(left))
+
+
+if __name__ == '__main__':
+    main()
