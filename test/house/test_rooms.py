@@ -54,7 +54,7 @@ OUTSIDE = {
     'evaluation': ('matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),
     'tuning': ('numpy', 'rosbags', 'rich', 'scipy', 'yaml'),
     'report': ('matplotlib', 'numpy', 'scipy'),
-    'cli': ('numpy', 'rich', 'yaml'),
+    'cli': ('argcomplete', 'numpy', 'rich', 'yaml'),
     'lab.simulation': ('numpy', 'rich', 'rosbags', 'scipy'),
     'lab.training': ('numpy', 'rosbags', 'yaml', 'scipy', 'sklearn'),
     'lab.results': ('PIL', 'matplotlib', 'numpy', 'open3d', 'rich', 'rosbags', 'scipy', 'sklearn'),

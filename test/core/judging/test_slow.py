@@ -201,17 +201,17 @@ def test_compiling_is_not_slow() -> None:
         np.zeros((1, 3)), np.zeros(1, np.int64), np.zeros(1, np.int64), np.ones(1, bool)
     )
     said: list[SlowDetector] = []
-    heard = threading.Event()
+    reported = threading.Event()
 
     def say(one: SlowDetector) -> None:
         said.append(one)
-        heard.set()
+        reported.set()
 
     before = list(listeners)
     with watched('compiling', 0.1, points, say):
         for listener in tuple(listeners):
             listener('a module')
         with watched('next', 0.2, points, say):
-            assert heard.wait(LONGEST)
+            assert reported.wait(LONGEST)
     assert [one.name for one in said] == ['next']
     assert listeners == before
