@@ -11,6 +11,7 @@ import signal
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+import distributed  # noqa: F401  brings its settings, before a test changes one
 import pytest
 from dask import config
 from helpers.clusters import (
