@@ -170,7 +170,7 @@ def _counts(topic: TopicReport) -> dict[str, Any]:
     return {
         'messages': topic.messages,
         'points': topic.points,
-        'kept': topic.points - topic.rejected,
+        'kept': topic.points - topic.rejected - topic.dropped,
         'rejected': topic.rejected,
         'untested': topic.untested,
         'untested_because': topic.untested_because,
