@@ -19,21 +19,22 @@ from helpers.clusters import COMMAND, cluster, program, worker_processes
 from helpers.drives import hashes
 from repeated_drives import sweeps_of, write_repeated
 
-from lidar_outlier_filter.archive.engine import Engine
 from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import NAME, opened_manifest
 from lidar_outlier_filter.archive.order import Order
+from lidar_outlier_filter.archive.replayers import Replaying
 from lidar_outlier_filter.archive.run import pending, replay_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.disk.new_files import hidden_folder
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.run import Step
+    from lidar_outlier_filter.archive.step import Step
 
 SENSORS = ('vlp16_mrpt_mcap', 'hdl32_mrpt_mcap', 'vlp32_nebula_db3', 'os0_32.bag')
 LENGTH = 20.0  # seconds of a recording
@@ -86,25 +87,21 @@ class Killer:
 
 
 def with_kills(
-    drives: Path,
-    output: Path,
-    expected: dict[str, dict[str, str]],
-    seed: int,
-    scratch: Path | None = None,
+    drives: Path, output: Path, expected: dict[str, dict[str, str]], seed: int
 ) -> Iterator[str]:
-    """Replay all with two workers, of which one is killed again and again; say what is there.
-
-    With a folder for what workers write, they replay whole recordings.
-    """
+    """Replay all with two workers, of which one is killed again and again; say what is there."""
     order = Order(parameters=CHAIN)
     tasks = [Task(location_of(path), output / path.name) for path in sorted(drives.iterdir())]
     rng = random.Random(seed)  # noqa: S311  no secret
     total = sum(task.location.size for task in tasks)
     killer = Killer(sorted(rng.uniform(0, LAST * total) for _ in range(KILLS)), rng)
-    with opened_manifest(output) as manifest, local_workers(2) as workers:
+    with (
+        opened_manifest(output) as manifest,
+        hidden_folder(output / 'recordings') as hidden,
+        local_workers(2) as workers,
+    ):
         todo = pending(tasks, order, manifest)
-        engine = Engine(todo, order, workers, folder=scratch)
-        entries = replay_all(todo, engine, order, manifest, killer)
+        entries = replay_all(todo, order, manifest, Replaying(workers, hidden, killer))
     made = made_in(output)
     sources = [json.loads(line)['source'] for line in (output / NAME).read_text().splitlines()]
     done = sum(entry.state == 'done' for entry in entries)
@@ -112,9 +109,8 @@ def with_kills(
     twice = len(sources) - len(set(sources))
     yield f'{len(killer.killed)} workers killed, {len(tasks)} recordings: {done} done'
     yield f'{other} with other bytes or lost, {len(made) - len(expected)} too many, {twice} twice'
-    yield f'blocks judged by who writes: {engine.judged_here} of {engine.judged}'
     if other or twice or len(made) != len(expected) or len(killer.killed) != KILLS:
-        raise SystemExit('workers that are killed must cost their pieces only')
+        raise SystemExit('workers that are killed must cost their recordings only')
 
 
 def made_in(output: Path) -> dict[str, dict[str, str]]:
@@ -147,7 +143,7 @@ def without_scheduler(
     yield f'with another one: exit status {again}, {len(made)} are done, {other} with other bytes'
     torn = any(found != expected[name] for name, found in left.items())
     if (status, again, other) != (1, 0, 0) or torn or 'Traceback' in last:
-        raise SystemExit('a scheduler that goes away must cost what is being written only')
+        raise SystemExit('a scheduler that goes away must cost what is under way only')
 
 
 def done_before(drives: Path, output: Path) -> Iterator[str]:

@@ -1,21 +1,17 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""An archive is replayed to the same bytes, however it is cut, and whatever is killed.
+"""An archive is replayed to the same bytes, whatever is killed.
 
-    python benchmarks/archive_proof.py FOLDER [PART ...] [--data DIR] [--few] [--share K/N]
+    python benchmarks/archive_proof.py FOLDER [PART ...] [--data DIR] [--few]
 
-bytes      real recordings, as they are and repeated, with every chain, detector and file of
-           config/, by 1, 2 and 3 workers, in pieces of 0.1 s, 1 s, 3 s and whole
 kills      200 recordings of 20 s; a worker is killed by SIGKILL ten times, at random moments
-whole      the same, where each worker replays whole recordings
 scheduler  six of them by a Dask cluster whose scheduler is killed, then by another one
 again      the command on all of them, where nothing is left to do
 memory     of a worker, for 20 s and 12 min of one sensor, and for 20 s of the largest
 
 Everything is compared with the hashes of the replay in one process. Exit status 1 if any differs.
 FOLDER is made. ``kills`` leaves its archive there, for those after it, and goes on
-where it was broken off; it needs 8 GB, as ``memory`` does. ``--few`` takes every eighth case and
-12 recordings, for 4 minutes. ``--share 2/5`` takes the second fifth of the cases of ``bytes``.
+where it was broken off; it needs 8 GB, as ``memory`` does. ``--few`` takes 12 recordings.
 """
 
 # ruff: noqa: INP001, T201  a script, no package
@@ -27,7 +23,6 @@ import json
 import os
 import shutil
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -36,61 +31,32 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test'))
 
 import archive_failures as failures  # noqa: E402
-import archive_matrix as matrix  # noqa: E402
 from repeated_drives import sweeps_of, write_repeated  # noqa: E402
 
-from lidar_outlier_filter.archive.engine import Engine  # noqa: E402
 from lidar_outlier_filter.archive.fingerprints import judging_code  # noqa: E402
 from lidar_outlier_filter.archive.locations import location_of  # noqa: E402
 from lidar_outlier_filter.archive.order import Order  # noqa: E402
+from lidar_outlier_filter.archive.replayers import Replaying  # noqa: E402
+from lidar_outlier_filter.archive.run import replay_alone  # noqa: E402
 from lidar_outlier_filter.archive.task import Task  # noqa: E402
 from lidar_outlier_filter.archive.workers import local_workers  # noqa: E402
+from lidar_outlier_filter.disk.new_files import hidden_folder  # noqa: E402
 
 if TYPE_CHECKING:
     import psutil
 
-PARTS = ('bytes', 'kills', 'whole', 'scheduler', 'again', 'memory')
-FEW = 8  # of how many cases one is taken
+PARTS = ('kills', 'scheduler', 'again', 'memory')
 ARCHIVE = 200  # recordings
 LONG = 720.0  # seconds
 MEMORY = (('vlp16_mrpt_mcap', 20.0), ('vlp16_mrpt_mcap', LONG), ('os1_128_db3', 20.0))
 
 
-def bytes_are_equal(options: argparse.Namespace) -> None:
-    """Compare the bytes of many ways to cut and to judge."""
-    first, of = (1, FEW) if options.few else options.share
-    folder, share = options.folder / 'bytes', slice(first - 1, None, of)
-    folder.mkdir()
-    with ExitStack() as stack:
-        pools = {jobs: stack.enter_context(local_workers(jobs)) for jobs in matrix.JOBS}
-        given = (options.data, pools, ROOT / 'config', folder, share)
-        print('| drives | pairs | replays | blocks | judged by who writes | refused | differ |')
-        print('| --- | --- | --- | --- | --- | --- | --- |')
-        for seen in (*matrix.repeated(*given), matrix.as_recorded(*given)):
-            print(seen.row(), flush=True)
-            if seen.different:
-                raise SystemExit('\n'.join(seen.different))
-    shutil.rmtree(folder)
-
-
 def kills(options: argparse.Namespace) -> None:
-    """Replay an archive in pieces, whose workers are killed."""
+    """Replay an archive by workers that are killed."""
     expected = _archive(options)
     output = options.folder / 'cleaned'
     for line in failures.with_kills(options.folder / 'drives', output, expected, options.seed):
         print(line)
-
-
-def whole(options: argparse.Namespace) -> None:
-    """Replay it by workers that are killed while they replay whole recordings."""
-    expected = _archive(options)
-    output, scratch = options.folder / 'cleaned_whole', options.folder / 'scratch'
-    scratch.mkdir(exist_ok=True)
-    given = (options.folder / 'drives', output, expected, options.seed, scratch)
-    for line in failures.with_kills(*given):
-        print(line)
-    shutil.rmtree(output)
-    shutil.rmtree(scratch)
 
 
 def _archive(options: argparse.Namespace) -> dict[str, dict[str, str]]:
@@ -126,8 +92,8 @@ def memory(options: argparse.Namespace) -> None:
         )
         task = Task(location_of(drive), options.folder / 'out')
         order = Order(drop_input=True)
-        with local_workers(2) as workers:
-            Engine([task], order, workers).replay(task, task.output, lambda _done, _all: None)
+        with local_workers(1) as workers, hidden_folder(task.output) as hidden:
+            replay_alone(task, order, Replaying(workers, hidden))
             peaks = [peak(one) for one in failures.worker_processes()]
         size = task.location.size / 1e9
         print(f'{name}, {length:g} s, {size:.2f} GB: a worker {max(peaks):.0f} MB at most')
@@ -152,12 +118,11 @@ def main() -> None:
     )
     parser.add_argument('--data', type=Path, default=ROOT.parent / 'shared' / 'data')
     parser.add_argument('--few', action='store_true')
-    parser.add_argument('--share', type=share, default=(1, 1), metavar='K/N', help='of the bytes')
     parser.add_argument('--seed', type=int, default=1, help='of the moments of the kills')
     options = parser.parse_args()
     options.folder = options.folder.resolve()
     options.folder.mkdir(exist_ok=True)
-    works = dict(zip(PARTS, (bytes_are_equal, kills, whole, scheduler, again, memory), strict=True))
+    works = dict(zip(PARTS, (kills, scheduler, again, memory), strict=True))
     if unknown := set(options.parts) - set(works):
         parser.error(f'PART must be one of {", ".join(works)}, got {", ".join(unknown)}')
     print(f'code {judging_code()}')
@@ -166,12 +131,6 @@ def main() -> None:
         print(f'\n{name}', flush=True)
         works[name](options)
         print(f'{perf_counter() - began:.0f} s, {used() - before:.0f} s of processors', flush=True)
-
-
-def share(text: str) -> tuple[int, int]:
-    """Read ``2/5``: the second of five."""
-    number, _, of = text.partition('/')
-    return int(number), int(of)
 
 
 def used() -> float:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.disk.new_files import new_files
 from lidar_outlier_filter.files.cleaning.clean import clean, list_logs
@@ -56,23 +56,6 @@ class CleanedFile:
     worker: str = HERE
 
 
-class Cleaners(Protocol):
-    """Cleans files, several at once."""
-
-    @property
-    def at_once(self) -> int:
-        """How many files it takes."""
-
-    def submit(self, job: Job) -> Any:
-        """Begin with a file; return what stands for its result."""
-
-    def first_done(self, futures: Collection[Any]) -> Collection[Any]:
-        """Wait for the first of some files, not for long; return those that are done."""
-
-    def take(self, job: Job, future: Any) -> CleanedFile:
-        """Return what became of a file, whose outputs have their names now."""
-
-
 def clean_job(  # noqa: PLR0913  which file, how, three callbacks, and who makes the files
     job: Job,
     wanted: Wanted,
@@ -107,17 +90,17 @@ class ThreadsThatClean:
         self._pool = ThreadPoolExecutor(count)
 
     def submit(self, job: Job) -> Future[CleanedFile]:
-        """See :class:`Cleaners`."""
+        """See :class:`.Hands`."""
         return self._pool.submit(self._work, job)
 
     def first_done(
         self, futures: Collection[Future[CleanedFile]]
     ) -> Collection[Future[CleanedFile]]:
-        """See :class:`Cleaners`."""
+        """See :class:`.Hands`."""
         return wait(futures, STEP, FIRST_COMPLETED).done
 
     def take(self, _job: Job, future: Future[CleanedFile]) -> CleanedFile:
-        """See :class:`Cleaners`."""
+        """See :class:`.Hands`."""
         return future.result()
 
     def end(self) -> None:

@@ -50,7 +50,7 @@ class SentFile:
 
 
 class WorkersThatClean:
-    """Workers of a cluster, each thread of which cleans a file; see :class:`.Cleaners`."""
+    """Workers of a cluster, each thread of which cleans a file; see :class:`.Hands`."""
 
     def __init__(
         self,

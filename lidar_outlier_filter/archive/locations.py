@@ -13,11 +13,10 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from lidar_outlier_filter.disk.new_files import FOLDER, taken
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.recordings.remote_path import RemotePath, reached, written
+from lidar_outlier_filter.recordings.remote_path import RemotePath, reached
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
 METADATA = 'metadata.yaml'  # in the folder of a recording of ROS 2
 SUFFIXES = ('.mcap', '.db3', '.bag')
 MOST_STAGED = 64 * 2**30  # bytes of a recording that is copied to this machine
-PART = 32 * 2**20  # bytes of a part of an upload: S3 takes 10 000 of them
-_COPIED = 2**23  # bytes copied at once
 
 
 class _State(NamedTuple):
@@ -48,6 +45,7 @@ class Location:
     size : bytes of all its files
     state : ``etag:`` and the store's mark of the content, or ``mtime:`` and the times of its files
     by_ranges : whether it can be read where it lies; else :func:`staged` copies it first
+    is_folder : whether it is a folder of files
 
     """
 
@@ -55,6 +53,7 @@ class Location:
     size: int
     state: str
     by_ranges: bool
+    is_folder: bool = False
 
     def check_unchanged(self) -> None:
         """Refuse a recording that is no longer the one that was found.
@@ -117,6 +116,19 @@ def find(addresses: Iterable[str]) -> list[Location]:
     return [found[name] for name in sorted(found)]
 
 
+def listed(folder: RecordingPath) -> dict[str, Location]:
+    """Describe all recordings in a folder, to its depth, by their paths; none if it is not there.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be reached.
+
+    """
+    with reached(folder):
+        return {str(one.path): one for one in _recordings(folder)} if folder.is_dir() else {}
+
+
 def location_of(path: RecordingPath) -> Location:
     """Describe a recording as it is now.
 
@@ -162,33 +174,6 @@ def staged(
         yield target
 
 
-@contextmanager
-def published(path: RecordingPath, scratch: Path | None = None) -> Iterator[Path]:
-    """Give a path of this machine to build a bag folder at; at the end it is at ``path``, whole.
-
-    Where that is on a store, it is uploaded in parts. Nothing is under the final name until all
-    parts are there; ``metadata.yaml``, without which a folder is no recording, comes last. After
-    an error the parts are given up.
-
-    Raises
-    ------
-    RecordingError
-        If something is there already, or it cannot be written.
-
-    """
-    if isinstance(path, Path):
-        yield path
-        return
-    if path.exists():
-        raise taken(path, FOLDER)
-    with TemporaryDirectory(prefix='.lidar_outlier_filter-', dir=scratch) as folder:
-        built = Path(folder, path.name)
-        yield built
-        with written(path):
-            for file in sorted(built.iterdir(), key=lambda file: file.name == METADATA):
-                _upload(file, path / file.name)
-
-
 def _matching(path: RecordingPath) -> list[RecordingPath]:
     """Return the path, or what fits it, if it is a pattern and nothing has it as its name."""
     if not any(letter in str(path) for letter in '*?[') or path.exists():
@@ -228,7 +213,7 @@ def _location(path: RecordingPath, files: dict[RecordingPath, _State]) -> Locati
     else:
         kind = 'etag'
     mark = states[0][-1] if len(states) == 1 else sha256(repr(states).encode()).hexdigest()
-    return Location(path, size, f'{kind}:{mark}', by_ranges)
+    return Location(path, size, f'{kind}:{mark}', by_ranges, path not in files)
 
 
 def _files(path: RecordingPath) -> dict[RecordingPath, _State]:
@@ -261,18 +246,3 @@ def _copy(source: RemotePath, target: Path) -> None:
     for file in source.iterdir():
         if file.is_file():
             source.system.get_file(file.key, str(target / file.name))
-
-
-def _upload(file: Path, target: RemotePath) -> None:
-    """Write a file to a store in parts, and make it one at the end."""
-    with file.open('rb') as source:
-        stream: Any = target.system.open(target.key, 'wb', block_size=PART, autocommit=False)
-        try:
-            while data := source.read(_COPIED):
-                stream.write(data)
-            stream.close()
-        except BaseException:
-            stream.discard()
-            stream.closed = True  # or it would try to write the rest when it is collected
-            raise
-    stream.commit()

@@ -1,40 +1,31 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The manifest of an archive: what became of each recording, a line of JSON each.
-
-An output that it proves to be made of the same source in the same way is not made again.
-"""
+"""The manifest of an archive: what became of each recording, a line of JSON each."""
 
 from __future__ import annotations
 
 import json
-import os
-import sys
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, replace
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import IO, TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from lidar_outlier_filter.archive.fingerprints import content_hash
-from lidar_outlier_filter.archive.locations import location_of
+from lidar_outlier_filter.archive.logs import StoreLog, opened_file
 from lidar_outlier_filter.archive.task import last_parts
-from lidar_outlier_filter.disk.new_files import replaced
-from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
+from lidar_outlier_filter.errors import RecordingError, said_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from lidar_outlier_filter.archive.locations import Location
+    from lidar_outlier_filter.archive.logs import Log
     from lidar_outlier_filter.archive.task import Task
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
-
-if sys.platform != 'win32':
-    import fcntl
 NAME = 'manifest.jsonl'
 DONE, FAILED, NO_CLOUDS = STATES = ('done', 'failed', 'no clouds')
 BROKEN_OFF = 'the run that wrote it must be ended, got broken off'  # until a run writes more
+
+
 # Of the fields of an entry in JSON, and of what is counted for a topic.
 KINDS: Mapping[str, tuple[type, ...]] = {
     'str': (str,),
@@ -96,6 +87,11 @@ class Entry:
         return sum(int(counts['refused']) for counts in self.topics.values())
 
     @property
+    def is_ours(self) -> bool:
+        """Whether a run has written its output, or was about to."""
+        return self.state == DONE or self.error == BROKEN_OFF
+
+    @property
     def untested(self) -> Mapping[str, str]:
         """The topics of which no point could be tested, and why."""
         found = {name: counts.get('untested_because', '') for name, counts in self.topics.items()}
@@ -136,21 +132,18 @@ class Manifest:
     In the file a refusal does not take the place of what was done: that is still there.
     """
 
-    def __init__(
-        self, path: Path, stream: IO[bytes], folder: RecordingPath, sync: Callable[[], object]
-    ) -> None:
-        """Read what is there of the outputs in ``folder``; ``stream`` is for reading and appending.
+    def __init__(self, log: Log, folder: RecordingPath) -> None:
+        """Read what a log says of the outputs in ``folder``.
 
-        ``sync`` is called when the file has changed. What cannot be read of it is left out, and a
-        sentence each in ``unread``; a file without any entry is refused, as it is none of ours.
+        What cannot be read of it is left out, and a sentence each in ``unread``; a log without any
+        entry is refused, as it is none of ours.
         """
-        self._path, self._stream, self._sync = path, stream, sync
+        self._log, self.folder = log, folder
         self.entries: dict[str, Entry] = {}
         self._done: dict[str, Entry] = {}
         self.unread: list[RecordingError] = []
-        stream.seek(0)
         whole, name = 0, folder.resolve().name if isinstance(folder, Path) else folder.name
-        for number, line in enumerate(stream, 1):
+        for number, line in enumerate(log.lines(), 1):
             is_ours = whole > 0 or line[: len(BEGIN)] == BEGIN[: len(line)]
             if is_ours and not line.endswith(b'\n'):
                 break  # the process was killed while it wrote
@@ -163,21 +156,22 @@ class Manifest:
                 self.unread.append(wrong)
         if self.unread and not self.entries:
             raise self.unread[0]
-        stream.truncate(whole)
+        log.keep(whole)
+        noted = (*self._done.values(), *self.entries.values())
+        self._written = {one.output for one in noted if one.is_ours}
 
     def add(self, entry: Entry) -> None:
-        """Note what became of a recording; it is on the disk when this returns."""
+        """Note what became of a recording; it is there for good after :meth:`flush`."""
         self._note(entry)
-        self._stream.write(_line(self._kept(entry.source)[-1]))
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
-        self._sync()
+        self._log.append(_line(self._kept(entry.source)[-1]))
+
+    def flush(self) -> None:
+        """Write what was added."""
+        self._log.flush()
 
     def has_written(self, output: str) -> bool:
-        """Return whether an output is that of a run, done or broken off."""
-        noted = (*self._done.values(), *self.entries.values())
-        ours = (entry for entry in noted if entry.state == DONE or entry.error == BROKEN_OFF)
-        return any(entry.output == output for entry in ours)
+        """Return whether an output is that of an earlier run, done or broken off."""
+        return output in self._written
 
     def _note(self, entry: Entry) -> None:
         self.entries[entry.source] = entry
@@ -194,12 +188,7 @@ class Manifest:
     def tidy(self) -> None:
         """Leave the lines that count, in the order of the names of their sources."""
         kept = (entry for source in sorted(self.entries) for entry in self._kept(source))
-        with replaced(self._path) as built, built.open('wb') as stream:
-            stream.writelines(map(_line, kept))
-            stream.flush()
-            os.fsync(stream.fileno())
-        _sync_folder(self._path.parent)
-        self._sync()
+        self._log.replace(b''.join(map(_line, kept)))
 
 
 def read_entry(line: bytes, folder: str) -> Entry:
@@ -240,59 +229,19 @@ def opened_manifest(
 
     ``inform`` gets a sentence for each line that cannot be read: it costs what it was on.
 
-    That of a store is a file of this machine meanwhile, and goes there whole after each line. So
-    it says there, too, what was begun and what is done, however this run ends.
-
     Raises
     ------
     RecordingError
         If it is no manifest, or another run uses it, or it cannot be written.
 
     """
-    if isinstance(folder, Path):
-        with _opened(folder / NAME, folder, inform, lambda: None) as manifest:
-            yield manifest
-        return
-    with TemporaryDirectory(prefix='.lidar_outlier_filter-') as scratch:
-        there, here = folder / NAME, Path(scratch, NAME)
-        upload = _Upload(here, there)
-        if there.exists():
-            here.write_text(there.read_text('utf-8'), 'utf-8')
-        with _opened(here, folder, inform, upload) as manifest:
-            yield manifest
-
-
-class _Upload:
-    """Writes a file to a store again and again, as long as nobody else does."""
-
-    def __init__(self, here: Path, there: RemotePath) -> None:
-        self._here, self._there = here, there
-        self._state = location_of(there).state
-
-    def __call__(self) -> None:
-        """Write it there, in place of what this run has written or found there."""
-        if location_of(self._there).state != self._state:
-            must_be = 'written by one run at a time'
-            raise RecordingError(f'the manifest {self._there}', must_be, 'two that write')
-        self._there.write_from(self._here)
-        self._state = location_of(self._there).state
-
-
-@contextmanager
-def _opened(
-    path: Path,
-    folder: RecordingPath,
-    inform: Callable[[str], object],
-    sync: Callable[[], object],
-) -> Iterator[Manifest]:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        stream = path.open('ab+')
-    except OSError as err:
-        raise RecordingError(f'the manifest {path}', 'writable', err.strerror) from err
-    with stream:
-        _lock(path, stream)
-        manifest = Manifest(path, stream, folder, sync)
+    with ExitStack() as stack:
+        log: Log = (
+            stack.enter_context(opened_file(folder / NAME))
+            if isinstance(folder, Path)
+            else StoreLog(folder / NAME)
+        )
+        manifest = Manifest(log, folder)
         for wrong in manifest.unread:
             inform(str(wrong))
         yield manifest
@@ -301,62 +250,3 @@ def _opened(
 
 def _line(entry: Entry) -> bytes:
     return json.dumps(asdict(entry), sort_keys=True).encode() + b'\n'
-
-
-def _lock(path: Path, stream: IO[bytes]) -> None:
-    """Refuse a second run; the system lets go of the lock however this one ends."""
-    if sys.platform == 'win32':
-        return
-    try:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as err:
-        raise _two_runs(path) from err
-    if not path.exists() or not os.path.samestat(path.stat(), os.fstat(stream.fileno())):
-        raise _two_runs(path)  # the other one has ended meanwhile, and put a new file there
-
-
-def _two_runs(path: Path) -> RecordingError:
-    return RecordingError(f'the manifest {path}', 'used by one run at a time', 'two')
-
-
-def _sync_folder(folder: Path) -> None:
-    """Have the names in a folder on the disk."""
-    if sys.platform == 'win32':
-        return
-    number = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
-
-
-def is_proved(task: Task, how: How, manifest: Manifest) -> bool:
-    """Return whether the manifest says that this output was made so of this source.
-
-    Or that there is nothing to be made of it, as it has no clouds.
-    """
-    entry, source = manifest.entries.get(task.source), task.location
-    if entry is None or entry.state == FAILED or entry.output != task.made:
-        return False
-    if any(getattr(entry, name) != value for name, value in how._asdict().items()):
-        return False
-    state = entry.output_state
-    try:
-        if not _is_same(source, entry.size, entry.source_state, entry.hash):
-            return False
-        if entry.state == DONE:
-            made = location_of(task.output)
-            state = made.state
-            if not _is_same(made, made.size, entry.output_state, entry.output_hash):
-                return False
-    except (FilterError, OSError):
-        return False
-    if (source.state, state) != (entry.source_state, entry.output_state):
-        # Hashed anew: the times of the files have changed, as by a copy. Not next time.
-        manifest.add(replace(entry, source_state=source.state, output_state=state))
-    return True
-
-
-def _is_same(location: Location, size: int, state: str, known: str) -> bool:
-    """Return whether the content is known: by size and times, or, where those differ, by hash."""
-    return location.size == size and (location.state == state or content_hash(location) == known)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.file_cleaners import JUDGE
@@ -21,8 +20,10 @@ from lidar_outlier_filter.archive.fingerprints import (
     version,
 )
 from lidar_outlier_filter.archive.locations import location_of
-from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How, begun, is_proved
+from lidar_outlier_filter.archive.manifest import BROKEN_OFF, DONE, FAILED, How, begun
+from lidar_outlier_filter.archive.proof import is_proved
 from lidar_outlier_filter.archive.task import Task
+from lidar_outlier_filter.archive.work import work_through
 from lidar_outlier_filter.disk.new_files import FILE, taken
 from lidar_outlier_filter.errors import CloudError, FilterError, SchedulerError, said_by
 from lidar_outlier_filter.files.cleaning.clean import list_logs
@@ -32,8 +33,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Cleaners, Job
+    from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Job
     from lidar_outlier_filter.archive.manifest import Entry, Manifest
+    from lidar_outlier_filter.archive.work import Hands
     from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, Wanted
 
 LEFT = 'done before'
@@ -74,7 +76,7 @@ class ManyFiles:
     def run(
         self,
         jobs: Sequence[Job],
-        cleaners: Cleaners,
+        cleaners: Hands[Job],
         tick: Callable[[], object],
         finished: Callable[[Job], object],
     ) -> list[Result]:
@@ -90,22 +92,22 @@ class ManyFiles:
         """
         _check_outputs(jobs)
         results = self.results = {}
-        running: dict[Any, tuple[Job, Entry | None]] = {}
-        waiting = list(reversed(jobs))
-        while waiting or running:
-            while waiting and len(running) < cleaners.at_once:
-                job = waiting.pop()
-                noted = self._begin(job)
-                if isinstance(noted, Result):
-                    results[job.path] = noted
-                    finished(job)
-                    continue
-                running[cleaners.submit(job)] = job, noted
-            tick()
-            for future in cleaners.first_done(running) if running else ():
-                job, entry = running.pop(future)
-                results[job.path] = self._end(job, entry, partial(cleaners.take, job, future))
-                finished(job)
+        entries: dict[Path, Entry | None] = {}
+
+        def begin(job: Job) -> bool:
+            noted = self._begin(job)
+            if not isinstance(noted, Result):
+                entries[job.path] = noted
+                return True
+            results[job.path] = noted
+            finished(job)
+            return False
+
+        def end(job: Job, take: Callable[[], CleanedFile]) -> None:
+            results[job.path] = self._end(job, entries.pop(job.path), take)
+            finished(job)
+
+        work_through(jobs, cleaners, begin, lambda: None, end, tick)
         return [results[job.path] for job in jobs]
 
     def _begin(self, job: Job) -> Entry | Result | None:
@@ -141,8 +143,9 @@ class ManyFiles:
         if self._manifest is None:
             return False
         others = [] if job.outliers is None else [job.outliers]
-        return all(path.is_file() for path in (*others, *list_logs(job.output))) and is_proved(
-            task, self._how, self._manifest
+        made = (job.output, *others, *list_logs(job.output))
+        return all(path.is_file() for path in made) and is_proved(
+            task, self._how, self._manifest, location_of(job.output)
         )
 
     def _end(self, job: Job, entry: Entry | None, take: Callable[[], CleanedFile]) -> Result:

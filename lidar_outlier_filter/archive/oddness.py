@@ -28,7 +28,8 @@ class DriveCounts:
     """A recording of the archive: the sums over its topics, and what is odd about it.
 
     ``error`` says why there is no output: it failed, or, with ``empty``, it has no clouds. ``odd``
-    has a sentence for each oddness; ``z`` is the largest robust z by its absolute value.
+    has a sentence for each oddness; ``z`` is the largest robust z by its absolute value. ``how`` is
+    the version, and the hash of the parameters.
     """
 
     source: str
@@ -40,6 +41,8 @@ class DriveCounts:
     unread: int
     lost: Sequence[str]
     empty: bool = False
+    finished: str = ''
+    how: tuple[str, str] = ('', '')
     messages: int = 0
     points: int = 0
     rejected: int = 0
@@ -128,6 +131,8 @@ def counts_of(entry: Mapping[str, Any]) -> DriveCounts:
         entry.get('unread', 0),
         entry.get('lost', ()),
         entry['state'] == 'no clouds',
+        entry.get('finished', ''),
+        (entry.get('version', ''), entry.get('parameters', '')),
     )
     for topic, counts in entry['topics'].items():
         for name in ('messages', 'points', 'rejected', 'untested', 'refused', 'gaps'):

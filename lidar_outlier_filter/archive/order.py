@@ -7,7 +7,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.archive.pieces import LENGTH
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.unpack import LARGEST
 
@@ -17,10 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be done with each recording, as :func:`replay` takes it.
-
-    ``length`` is that of the pieces, seconds.
-    """
+    """What is to be done with each recording, as :func:`replay` takes it."""
 
     topics: tuple[str, ...] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
@@ -28,7 +24,6 @@ class Order:
     salvage: bool = False
     resume: bool = False
     largest: int = LARGEST
-    length: float = LENGTH
 
     @property
     def options(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from collections import Counter
 from html import escape
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from lidar_outlier_filter.archive.columns import COLUMNS, REJECTED, length, rejected
 from lidar_outlier_filter.archive.oddness import (
@@ -25,99 +26,22 @@ from lidar_outlier_filter.archive.oddness import (
     share,
     signed,
 )
+from lidar_outlier_filter.archive.page_style import COLOURS, SCRIPT, STYLE
 from lidar_outlier_filter.disk.new_files import replaced
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from lidar_outlier_filter.archive.columns import Column
 
 BARS = 400  # at most, in the picture over the table
 HEIGHT = 60  # of the picture
+SHOWN = 1000  # rows at first: a browser takes seconds to lay out ten times as many
+MOST_WAYS = 3  # versions and parameters that are named
+REPORT = '_report.html'  # behind the name of an output: the page that `report` writes on it
 # Sums that files have not: each is one cloud.
 OF_RECORDINGS = ('length', 'clouds', 'clouds refused', '× real time')
-# Of Okabe and Ito: different for the colour-blind too, on light and on dark ground.
-COLOURS = ('#0072b2', '#e69f00', '#009e73', '#cc79a7', '#56b4e9', '#d55e00', '#b8a900')
-STYLE = """
-:root { color-scheme: light dark; --ground: #fff; --text: #1b1b1b; --soft: #5c5c5c;
-  --line: #d8d8d8; --stripe: #f5f6f7; --odd: #b34a00; --failed: #8a1c5b; --plain: #6f9ec4; }
-@media (prefers-color-scheme: dark) { :root { --ground: #16181b; --text: #e8e8e8; --soft: #a9adb3;
-  --line: #3a3e44; --stripe: #1e2125; --odd: #ffa45c; --failed: #f08cc0; --plain: #4f7ea6; } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 90rem; padding: 1rem; background: var(--ground);
-  color: var(--text); font: 15px/1.4 system-ui, sans-serif; }
-h1 { font-size: 1.4rem; margin: 0 0 .8rem; }
-.totals { display: grid; grid-template-columns: repeat(auto-fit, minmax(12rem, 1fr)); gap: .5rem;
-  margin: 0; }
-.totals div { border: 1px solid var(--line); border-radius: .4rem; padding: .4rem .6rem; }
-.totals .warn dd { color: var(--odd); }
-dt, small, figcaption, .note, .key { color: var(--soft); font-size: .85rem; }
-dd { margin: 0; font-size: 1.15rem; font-variant-numeric: tabular-nums; overflow-wrap: anywhere; }
-figure { margin: 1rem 0; }
-svg { display: block; width: 100%; height: 5rem; border-bottom: 1px solid var(--line); }
-rect.plain, i.plain { fill: var(--plain); background: var(--plain); }
-rect.odd, i.odd { fill: var(--odd); background: var(--odd); }
-rect.failed, i.failed { fill: var(--failed); background: var(--failed); }
-i.plain, i.odd, i.failed, .key i { display: inline-block; width: .8em; height: .8em;
-  margin: 0 .3em 0 .6em; border-radius: .15em; vertical-align: -.05em; }
-.key span { white-space: nowrap; }
-.scroll { overflow-x: auto; border: 1px solid var(--line); border-radius: .4rem; }
-table { border-collapse: collapse; width: 100%; }
-th, td { padding: .35rem .6rem; text-align: right; vertical-align: top;
-  font-variant-numeric: tabular-nums; white-space: nowrap; font-weight: normal; }
-th:first-child { text-align: left; position: sticky; left: 0; background: inherit;
-  min-width: 20rem; white-space: normal; overflow-wrap: anywhere; }
-thead tr { background: var(--ground); }
-thead th { border-bottom: 2px solid var(--line); font-weight: 600; }
-tbody tr { background: var(--ground); }
-tbody tr:nth-child(even) { background: var(--stripe); }
-tbody tr:target { outline: 2px solid var(--odd); outline-offset: -2px; }
-th b { font-weight: 600; }
-th small { display: block; margin-top: .15rem; line-height: 1.25; }
-th small.odd { color: var(--odd); }
-th small.failed { color: var(--failed); }
-td.odd { color: var(--odd); font-weight: 600; }
-td.failed { color: var(--failed); font-weight: 600; }
-thead button { all: unset; cursor: pointer; font-weight: 600; }
-thead button:focus-visible { outline: 2px solid var(--odd); outline-offset: 2px; }
-thead button::after { content: ' ↕'; color: var(--soft); }
-th[aria-sort=ascending] button::after { content: ' ↑'; color: inherit; }
-th[aria-sort=descending] button::after { content: ' ↓'; color: inherit; }
-.bar { display: block; width: 6rem; height: 1em; margin-top: .2em; background: var(--line); }
-.bar span { display: flex; height: 100%; min-width: 1px; }
-.bar i { height: 100%; }
-@media (min-width: 60rem) { .totals { grid-template-columns: repeat(5, 1fr); } }
-@media (min-width: 84rem) { .scroll { overflow-x: visible; }
-  thead th { position: sticky; top: 0; background: var(--ground); z-index: 1; } }
-@media (max-width: 40rem) { body { padding: .6rem; } th:first-child { min-width: 9rem;
-  max-width: 45vw; }
-  .totals { grid-template-columns: repeat(2, 1fr); } }
-"""
-# Buttons in the heads sort the rows; numbers from the largest, at first.
-SCRIPT = """
-const body = document.querySelector('tbody');
-const heads = [...document.querySelectorAll('thead th')];
-heads.forEach((head, column) => {
-  const button = document.createElement('button');
-  button.append(...head.childNodes);
-  head.append(button);
-  const number = head.dataset.kind === 'number';
-  const value = row => {
-    const text = row.cells[column].dataset.sort;
-    return !number ? text : text === undefined ? -1 : text === 'inf' ? Infinity : Number(text);
-  };
-  button.addEventListener('click', () => {
-    const before = head.getAttribute('aria-sort');
-    const up = before ? before === 'descending' : !number;
-    heads.forEach(other => other.removeAttribute('aria-sort'));
-    head.setAttribute('aria-sort', up ? 'ascending' : 'descending');
-    const compare = (a, b) => a < b ? -1 : a > b ? 1 : 0;
-    body.append(...[...body.rows].sort(
-      (a, b) => (up ? 1 : -1) * compare(value(a), value(b))));
-  });
-});
-"""
 
 
 def write_page(entries: Iterable[Mapping[str, Any]], path: Path, what: str = 'recording') -> None:
@@ -131,15 +55,20 @@ def write_page(entries: Iterable[Mapping[str, Any]], path: Path, what: str = 're
         If it cannot be written.
 
     """
-    text = page(entries, what)
+    lines = list(entries)
+    names = {line['output'] for line in lines}
+    reports = {name for name in names if (path.parent / f'{name}{REPORT}').is_file()}
+    text = page(lines, what, reports)
     if path.is_file() and path.read_bytes() == text.encode():
         return
     with replaced(path) as built:
         built.write_bytes(text.encode())
 
 
-def page(entries: Iterable[Mapping[str, Any]], what: str = 'recording') -> str:
-    """Make the page for the lines of a manifest."""
+def page(
+    entries: Iterable[Mapping[str, Any]], what: str = 'recording', reports: Collection[str] = ()
+) -> str:
+    """Make the page for the lines of a manifest; ``reports`` are the outputs that have one."""
     found = drives(entries)
     names = sorted({name for drive in found for name in drive.rejected_by})
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(names)}
@@ -152,9 +81,10 @@ def page(entries: Iterable[Mapping[str, Any]], what: str = 'recording') -> str:
             '<title>Archive</title>',
             f'<style>{STYLE}</style></head><body>',
             f'<h1>{_count(len(found), what)}</h1>',
+            *_made_by(done),
             *_totals(found, done, colours, what),
             *_picture(found, what),
-            *_table(found, colours, what),
+            *_table(found, colours, what, reports),
             *_explanation(len(done), what),
             f'<script>{SCRIPT}</script></body></html>',
             '',
@@ -164,6 +94,23 @@ def page(entries: Iterable[Mapping[str, Any]], what: str = 'recording') -> str:
 
 def _count(number: int, what: str) -> str:
     return f'{number:,} {what}{"" if number == 1 else "s"}'
+
+
+def _made_by(done: Sequence[DriveCounts]) -> Iterator[str]:
+    """Say by which versions and parameters outputs were made, the most first, and when."""
+    ways = Counter(drive.how for drive in done).most_common()
+    days = sorted(drive.finished[:10] for drive in done if drive.finished)
+    texts = [
+        f'{version}, parameters {parameters[:12]}' + f' ({count:,})' * (len(ways) > 1)
+        for (version, parameters), count in ways[:MOST_WAYS]
+        if version
+    ]
+    if len(ways) > MOST_WAYS:
+        texts.append(f'{len(ways) - MOST_WAYS} others')
+    if days:
+        span = days[0] if days[0] == days[-1] else f'{days[0]} to {days[-1]}'
+        texts = [f'done {span}, by version {"; ".join(texts)}' if texts else f'done {span}']
+    yield from (f'<p class="note">{escape(text)}</p>' for text in texts)
 
 
 def _totals(
@@ -239,16 +186,29 @@ def _picture(found: Sequence[DriveCounts], what: str) -> Iterator[str]:
     )
 
 
-def _table(found: Sequence[DriveCounts], colours: Mapping[str, str], what: str) -> Iterator[str]:
+def _table(
+    found: Sequence[DriveCounts],
+    colours: Mapping[str, str],
+    what: str,
+    reports: Collection[str],
+) -> Iterator[str]:
     highest = max((rejected(drive) for drive in found if drive.done), default=0) or 1
     columns = [column for column in COLUMNS if column.is_of(what)]
+    if len(found) > SHOWN:
+        text = f'show all {len(found):,}, not the first {SHOWN:,} only'
+        yield f'<label class="note"><input type="checkbox" id="all"> {text}</label>'
+        behind = f'tr:nth-child(n+{SHOWN + 1}):not(:target)'
+        yield f'<style>body:not(:has(#all:checked)) tbody {behind} {{ display: none; }}</style>'
     yield '<div class="scroll"><table><thead><tr>'
     yield f'<th scope="col" data-kind="text">{what}</th>'
     for name in ('odd', *chain.from_iterable(map(_heads, columns))):
         yield f'<th scope="col" data-kind="number">{name}</th>'
+    yield '<th scope="col" data-kind="text">done</th>'
     yield '</tr></thead><tbody>'
+    folder = '/' if what == 'recording' else ''
     for row, drive in enumerate(found):
-        cells = _cells(drive, columns, colours, highest)
+        links = _links(drive, folder, has_report=drive.output in reports)
+        cells = _cells(drive, columns, colours, highest, links)
         yield f'<tr id="r{row}">{"".join(cells)}</tr>'
     yield '</tbody></table></div>'
 
@@ -258,19 +218,39 @@ def _heads(column: Column) -> tuple[str, ...]:
     return (column.name, 'by detector') if column is REJECTED else (column.name,)
 
 
+def _links(drive: DriveCounts, folder: str, *, has_report: bool) -> str:
+    """Lead to the output, and to the report on it, which lie beside the page."""
+    if not drive.done:
+        return ''
+    address = f'./{quote(drive.output)}'
+    found = f' <a href="{address}{folder}">output</a>'
+    return f'{found} <a href="{address}{REPORT}">report</a>' if has_report else found
+
+
 def _cells(
-    drive: DriveCounts, columns: Sequence[Column], colours: Mapping[str, str], highest: float
+    drive: DriveCounts,
+    columns: Sequence[Column],
+    colours: Mapping[str, str],
+    highest: float,
+    links: str,
 ) -> Iterator[str]:
     name = escape(drive.source)
-    last = escape(drive.source.rstrip('/').rpartition('/')[2])
+    folder, slash, last = map(escape, drive.source.rstrip('/').rpartition('/'))
     kind = 'failed' if drive.failed else 'odd' if drive.done else 'plain'
     lines = [drive.error] if drive.error else drive.odd
-    notes = ''.join(f'<small class="{kind}">{_unbroken(escape(line))}</small>' for line in lines)
-    yield f'<th scope="row" title="{name}" data-sort="{name}"><b>{last}</b>{notes}</th>'
+    notes = ''.join(
+        f'<small class="{kind}" tabindex="0" title="{escape(line)}">'
+        f'{_unbroken(escape(line))}</small>'
+        for line in lines
+    )
+    yield f'<th scope="row" data-sort="{name}">{folder}{slash}<b>{last}</b>{links}{notes}</th>'
+    when = escape(drive.finished)
+    done = f'<td data-sort="{when}" title="{when}">{when[:10]}</td>'
     if not drive.done:
         text, sort = ('failed', 'inf') if drive.failed else ('no clouds', '-1')
         yield f'<td class="{kind}" data-sort="{sort}">{text}</td>'
         yield from ['<td></td>'] * (len(columns) + 1)  # one more says by whom
+        yield done
         return
     mark = ' class="odd"' if abs(drive.z) >= LIMIT else ''
     yield f'<td{mark} data-sort="{abs(drive.z)}">{signed(drive.z)}</td>'
@@ -279,6 +259,7 @@ def _cells(
         yield f'<td data-sort="{value}">{column.text(value)}</td>'
         if column is REJECTED:
             yield f'<td data-sort="{value}">{_bar(drive, colours, highest)}</td>'
+    yield done
 
 
 def _unbroken(line: str) -> str:

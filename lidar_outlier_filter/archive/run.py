@@ -4,23 +4,19 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.archive.fingerprints import (
-    content_hash,
-    model_hash,
-    parameters_hash,
-    version,
-)
-from lidar_outlier_filter.archive.locations import location_of, published
-from lidar_outlier_filter.archive.manifest import DONE, FAILED, NO_CLOUDS, How, begun, is_proved
-from lidar_outlier_filter.archive.task import Step
-from lidar_outlier_filter.disk.new_files import FOLDER, replaced, taken
+from lidar_outlier_filter.archive.fingerprints import model_hash, parameters_hash, version
+from lidar_outlier_filter.archive.locations import listed, location_of
+from lidar_outlier_filter.archive.manifest import DONE, NO_CLOUDS, How, begun
+from lidar_outlier_filter.archive.one_recording import give_name
+from lidar_outlier_filter.archive.proof import is_proved
+from lidar_outlier_filter.archive.step import Progress
+from lidar_outlier_filter.archive.work import work_through
+from lidar_outlier_filter.disk.new_files import FOLDER, taken
 from lidar_outlier_filter.errors import (
     FilterError,
     NoCloudsError,
@@ -28,33 +24,29 @@ from lidar_outlier_filter.errors import (
     SchedulerError,
     said_by,
 )
-from lidar_outlier_filter.recordings.message_times import count_times
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
-    from lidar_outlier_filter.archive.engine import Engine
     from lidar_outlier_filter.archive.manifest import Entry, Manifest
+    from lidar_outlier_filter.archive.one_recording import ReplayedRecording
     from lidar_outlier_filter.archive.order import Order
+    from lidar_outlier_filter.archive.replayers import Replaying
     from lidar_outlier_filter.archive.task import Task
-    from lidar_outlier_filter.recordings.bags import Topic
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
-    from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
 
 
 def pending(tasks: Sequence[Task], order: Order, manifest: Manifest) -> list[Task]:
     """Choose the recordings whose outputs the manifest does not prove."""
-    how = _how(order)
-    return [task for task in tasks if not is_proved(task, how, manifest)]
+    how, made = _how(order), listed(manifest.folder)
+    return [
+        task for task in tasks if not is_proved(task, how, manifest, made.get(str(task.output)))
+    ]
 
 
 def replay_all(
-    tasks: Sequence[Task],
-    engine: Engine,
-    order: Order,
-    manifest: Manifest,
-    show: Callable[[Step], object],
+    tasks: Sequence[Task], order: Order, manifest: Manifest, by: Replaying
 ) -> list[Entry]:
     """Replay recordings, and write into the manifest what became of each.
 
@@ -66,109 +58,115 @@ def replay_all(
         If the scheduler goes away.
 
     """
-    entries, how = [], _how(order)
-    total, before = sum(task.location.size for task in tasks), 0
-    for number, task in enumerate(tasks, 1):
-
-        def progress(done: int, messages: int, task: Task = task, number: int = number) -> None:
-            share = done / max(messages, done, 1)
-            at = before + share * task.location.size  # noqa: B023  called within this turn only
-            name = task.output.name
-            show(Step(name, number, len(tasks), done, messages, at, total))
-
-        progress(0, 0)
-        entries.append(_replay_one(task, engine, how, manifest, progress))
-        before += task.location.size
-    return entries
+    progress = Progress({task.source: task.location.size for task in tasks})
+    run = _Run(_how(order), manifest, progress)
+    tick = by.tick(progress)
+    hands = by.hands(order, progress, tick)
+    work_through(tasks, hands, run.begin, manifest.flush, run.end, tick)
+    return [manifest.entries[task.source] for task in tasks]
 
 
-def _replay_one(
-    task: Task,
-    engine: Engine,
-    how: How,
-    manifest: Manifest,
-    progress: Callable[[int, int], object],
-) -> Entry:
-    began = perf_counter()
-    known = manifest.has_written(task.made)
-    entry = begun(task, how)
-    try:
-        _refuse_unknown(task.output, known=known)
-        manifest.add(entry)
-        entry = replace(entry, hash=content_hash(task.location))
-        times = _Times()
-        with _built(task.output) as output:
-            report, worker = engine.replay(task, output, progress, times.note)
-        entry = replace(entry, **_counted(report, times), worker=worker, state=DONE, error=None)
-        made = location_of(task.output)
-        entry = replace(entry, output_hash=content_hash(made), output_state=made.state)
-    except SchedulerError:
-        raise
-    except NoCloudsError as err:
-        entry = replace(entry, state=NO_CLOUDS, error=str(err))
-    except FilterError as err:
-        entry = replace(entry, state=FAILED, error=str(err))
-    except Exception as err:  # noqa: BLE001  whatever it is, the next recording is replayed
-        wrong = RecordingError(f'the recording {task.location.path}', 'replayed', said_by(err))
-        entry = replace(entry, state=FAILED, error=str(wrong))
-    finished = datetime.now(UTC).isoformat(timespec='seconds')
-    entry = replace(entry, seconds=round(perf_counter() - began, 3), finished=finished)
-    manifest.add(entry)
-    return entry
+def replay_alone(task: Task, order: Order, by: Replaying) -> ReplayReport:
+    """Replay a single recording, without a manifest.
+
+    Raises
+    ------
+    FilterError
+        If it cannot be replayed, or something has the name of the output.
+
+    """
+    if task.output.exists():
+        raise taken(task.output, FOLDER)
+    progress = Progress({task.source: task.location.size})
+    found: list[ReplayedRecording] = []
+
+    def end(_task: Task, take: Callable[[], ReplayedRecording]) -> None:
+        found.append(take())
+        give_name(task, found[0].built)
+
+    tick = by.tick(progress)
+    hands = by.hands(order, progress, tick)
+    work_through([task], hands, lambda _task: True, lambda: None, end, tick)
+    return replace(found[0].report, output=task.output)
 
 
-def _refuse_unknown(output: RecordingPath, *, known: bool) -> None:
-    """Refuse to write over what no run has written."""
-    if not known and output.exists():
-        raise taken(output, f'{FOLDER}, or one of the manifest')
+class _Run:
+    """Notes of each recording that it is begun, and what became of it."""
+
+    def __init__(self, how: How, manifest: Manifest, progress: Progress) -> None:
+        self._how, self._manifest, self._progress = how, manifest, progress
+        self._begun: dict[Task, tuple[Entry, float, bool]] = {}
+
+    def begin(self, task: Task) -> bool:
+        """Note that a recording is begun; return whether its output may have its name."""
+        entry, began = begun(task, self._how), perf_counter()
+        try:
+            is_there = task.output.exists()
+            if is_there and not self._manifest.has_written(task.made):
+                raise taken(task.output, f'{FOLDER}, or one of the manifest')
+        except FilterError as err:
+            self._note(replace(entry, error=str(err)), began)
+            return False
+        self._manifest.add(entry)
+        self._begun[task] = entry, began, is_there
+        return True
+
+    def end(self, task: Task, take: Callable[[], ReplayedRecording]) -> None:
+        """Note what became of a recording, whose output gets its name."""
+        entry, began, replaces = self._begun.pop(task)
+        try:
+            found = take()
+            give_name(task, found.built, replaces=replaces)
+            self._note(_done(entry, task, found), began)
+        except SchedulerError:
+            raise
+        except NoCloudsError as err:
+            self._note(replace(entry, state=NO_CLOUDS, error=str(err)), began)
+        except FilterError as err:
+            self._note(replace(entry, error=str(err)), began)
+        except Exception as err:  # noqa: BLE001  whatever it is, the next recording is replayed
+            wrong = RecordingError(f'the recording {task.location.path}', 'replayed', said_by(err))
+            self._note(replace(entry, error=str(wrong)), began)
+
+    def _note(self, entry: Entry, began: float) -> None:
+        finished = datetime.now(UTC).isoformat(timespec='seconds')
+        seconds = entry.seconds or round(perf_counter() - began, 3)
+        entry = replace(entry, seconds=seconds, finished=finished)
+        self._manifest.add(entry)
+        self._progress.finish(entry.source)
 
 
-@contextmanager
-def _built(output: RecordingPath) -> Iterator[Path]:
-    """Give a path to build an output at; it takes the place of an older one at the end."""
-    if not isinstance(output, Path):
-        if output.exists():
-            output.system.rm(output.key, recursive=True)
-        with published(output) as path:
-            yield path
-        return
-    output.parent.mkdir(parents=True, exist_ok=True)
-    with replaced(output) as built:
-        yield built
+def _done(entry: Entry, task: Task, found: ReplayedRecording) -> Entry:
+    """Say in the entry of a recording what was made of it."""
+    made = location_of(task.output)
+    return replace(
+        entry,
+        **_counted(found.report),
+        hash=found.hash,
+        output_hash=found.output_hash or made.state,
+        output_state=made.state,
+        worker=found.worker,
+        seconds=round(found.seconds, 3),
+        state=DONE,
+        error=None,
+    )
 
 
 def _how(order: Order) -> How:
     return How(parameters_hash(order.filter, **order.options), version(), model_hash())
 
 
-class _Times:
-    """The bag times of the clouds of each topic."""
-
-    def __init__(self) -> None:
-        self._times: dict[str, list[int]] = {}
-
-    def note(self, topic: Topic | None, time: int) -> None:
-        """Note the time of a message, ns."""
-        if topic is not None:
-            self._times.setdefault(topic.name, []).append(time)
-
-    def gaps(self, topic: str) -> int:
-        """Count where clouds are missing; pieces of a recording come in any order."""
-        return count_times(sorted(self._times.get(topic, []))).gaps
-
-
-def _counted(report: ReplayReport, times: _Times) -> dict[str, Any]:
+def _counted(report: ReplayReport) -> dict[str, Any]:
     """Give the counts of a report as an entry has them."""
-    topics = {topic.topic: _counts(topic, times.gaps(topic.topic)) for topic in report.topics}
     return {
-        'topics': topics,
+        'topics': {topic.topic: _counts(topic) for topic in report.topics},
         'unread': report.unread,
         'lost': report.lost.said(),
         'duration': report.recorded,
     }
 
 
-def _counts(topic: TopicReport, gaps: int) -> dict[str, Any]:
+def _counts(topic: TopicReport) -> dict[str, Any]:
     return {
         'messages': topic.messages,
         'points': topic.points,
@@ -178,5 +176,5 @@ def _counts(topic: TopicReport, gaps: int) -> dict[str, Any]:
         'untested_because': topic.untested_because,
         'refused': topic.refused,
         'rejected_by': dict(topic.rejected_by),
-        'gaps': gaps,
+        'gaps': topic.gaps,
     }

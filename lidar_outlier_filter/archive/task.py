@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording or a file, where its output goes, and how far a run over several of them is."""
+"""A recording or a file, where its output goes, and what a manifest calls the two."""
 
 from __future__ import annotations
 
@@ -41,20 +41,3 @@ class Task:
 def last_parts(path: RecordingPath | str, count: int) -> str:
     """Return the last parts of a path: they stay the same wherever its folder is moved to."""
     return '/'.join(str(path).split('/')[-count:])
-
-
-@dataclass(frozen=True)
-class Step:
-    """How far a run is: recording ``number`` of ``total``, and messages of it.
-
-    Of files ``messages`` are points, as ``unit`` says.
-    """
-
-    recording: str
-    number: int
-    total: int
-    done: int
-    messages: int
-    bytes_done: float
-    bytes_total: int
-    unit: str = 'messages'

@@ -14,7 +14,7 @@ from lidar_outlier_filter.stream.memory import keep_memory
 if TYPE_CHECKING:
     from distributed import Worker
 
-NICER = 2  # than the process that writes, which shall not wait for what it need not
+NICER = 2  # than the process that gives names, which shall not wait for what it need not
 
 
 def name_of_worker() -> str:

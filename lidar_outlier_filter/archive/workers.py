@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that judge pieces, or clean files: of this machine, or of a cluster that runs.
+"""Processes that replay recordings, or clean files: of this machine, or of a cluster that runs.
 
 Dask, whose both are, sends work to another worker when one dies or fails, starts workers of this
 machine anew, and gives up on what several workers died of.
@@ -18,17 +18,13 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from lidar_outlier_filter.archive import worker_start
-from lidar_outlier_filter.archive.fingerprints import judging_code
-from lidar_outlier_filter.archive.pieces import JudgedPiece, judge_piece
 from lidar_outlier_filter.errors import FilterError, RecordingError, SchedulerError, said_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
-    from lidar_outlier_filter.archive.pieces import Piece
-
-RETRIES = 2  # of a piece that failed on a worker, as for want of a network
-AHEAD = 2  # pieces of each worker that are judged, or wait, while one is written
+RETRIES = 2  # of work that failed on a worker, as for want of a network
+AHEAD = 2  # files of each worker that are cleaned, or wait
 PATIENCE = 30.0  # seconds for a scheduler to answer
 # Dask looks at what its processes do a hundred times in a second: 2 % of their time.
 QUIET = {
@@ -46,53 +42,28 @@ class Workers:
     ) -> None:
         """Take Dask's client of the scheduler at an address.
 
-        ``keep`` is called while a piece is waited for, and starts workers that have gone for good.
+        ``keep`` is called while work is waited for, and starts workers that have gone for good.
         """
         self.client, self._address, self._keep = client, address, keep
         self._run, self._numbers = uuid4().hex[:8], count()
 
     @property
     def count(self) -> int:
-        """How many pieces they judge, or files they clean, at once."""
+        """How many recordings they replay, or files they clean, at once."""
         with self._answering():
             threads: dict[str, int] = self.client.nthreads()
         return sum(threads.values())
 
     @property
     def ahead(self) -> int:
-        """How many pieces or files they shall have at once, with those that are done."""
+        """How many files they shall have at once, with those that are done."""
         return AHEAD * self.count + 1
-
-    def submit(self, piece: Piece) -> Any:
-        """Send a piece to be judged; what comes first is judged first."""
-        return self.send(judge_piece, piece)
 
     def send(self, work: Callable[..., object], *given: object) -> Any:
         """Send work to be done with what is given; return the future of what comes of it."""
         key = f'{work.__name__}-{self._run}-{next(self._numbers)}'
         with self._answering():
             return self.client.submit(work, *given, key=key, retries=RETRIES, pure=False)
-
-    def wait(self, future: Any, piece: Piece, tick: Callable[[], object]) -> JudgedPiece:
-        """Wait for a piece; ``tick`` is called now and then, and may leave by an exception.
-
-        Raises
-        ------
-        RecordingError
-            If several workers died of the piece, or it failed on each that tried.
-        SchedulerError
-            If the scheduler has gone, or the worker is of another version.
-
-        """
-        while not future.done():
-            tick()
-            self.first_done([future])
-        what = f'a piece of {piece.recording.path}'
-        judged = self.result(future, what)
-        if not isinstance(judged, JudgedPiece):
-            raise RecordingError(what, 'judged by this version', type(judged).__name__)
-        check_code(judged.worker, judged.code, judging_code())
-        return judged
 
     def first_done(self, futures: Collection[Any]) -> list[Any]:
         """Wait for the first of some futures, not for long; return those that are done.
@@ -157,7 +128,7 @@ class Workers:
             raise SchedulerError(*self._gone())
 
     def give_up(self, future: Any) -> None:
-        """Forget a piece or a file; where nobody answers, there is nothing to forget."""
+        """Forget a recording or a file; where nobody answers, there is nothing to forget."""
         with suppress(SchedulerError), self._answering():
             self.client.cancel([future], force=True)
 

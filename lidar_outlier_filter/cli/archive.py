@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""``replay`` of many recordings, and of one with several processes."""
+"""``replay`` of many recordings, and of one by whoever has time."""
 
 # ruff: noqa: PLC0415  help is instant
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,16 +27,17 @@ from lidar_outlier_filter.errors import FilterError, RecordingError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Sequence
-    from contextlib import AbstractContextManager
+    from collections.abc import Callable, Iterator, Sequence
 
     from rich.table import Table
 
     from lidar_outlier_filter.archive.locations import Location
-    from lidar_outlier_filter.archive.manifest import Entry
+    from lidar_outlier_filter.archive.manifest import Entry, Manifest
     from lidar_outlier_filter.archive.order import Order
+    from lidar_outlier_filter.archive.step import Step
     from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.archive.workers import Workers
+    from lidar_outlier_filter.cli.terminal import Advance
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
 
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 SHORT = 300_000_000
 MEGABYTE = 1_000_000  # bytes
 PAGE = 'archive.html'
+MOST_NAMES = 5  # of recordings without clouds, in the last line
 
 
 @dataclass(frozen=True)
@@ -97,9 +99,8 @@ def find_all(address: str) -> FoundRecordings:
 
 def replay_archive(options: argparse.Namespace) -> int:
     """Replay all recordings of a folder or a pattern into one folder."""
-    from lidar_outlier_filter.archive.engine import Engine
     from lidar_outlier_filter.archive.manifest import FAILED, opened_manifest
-    from lidar_outlier_filter.archive.run import pending, replay_all
+    from lidar_outlier_filter.archive.run import pending
 
     found = find_all(options.recording)
     order, folder = _order(options), _folder(options, found)
@@ -109,25 +110,39 @@ def replay_archive(options: argparse.Namespace) -> int:
         before = dict(manifest.entries)
 
         def how_far() -> str:
-            now = [manifest.entries.get(task.source) for task in tasks if task in todo]
+            now = [manifest.entries.get(task.source) for task in todo]
             new = (entry for entry in now if entry and entry is not before.get(entry.source))
             done = len(tasks) - len(todo) + sum(entry.state != FAILED for entry in new)
             said = f'{done} of {len(tasks)} recordings are done in {folder}'
             return f'{said}; the same command goes on with the others'
 
         if todo:
-            with (
-                saying_how_far(how_far),
-                progress_of_all(found.root.name) as (show, leave_if_asked),
-                _scratch(options, folder) as scratch,  # there until the workers have ended
-                _workers(options, sum(task.location.size for task in todo)) as workers,
-            ):
-                engine = Engine(todo, order, workers, leave_if_asked, _once(), scratch)
-                replay_all(todo, engine, order, manifest, show)
+            with saying_how_far(how_far):
+                _replay_all(options, found.root.name, todo, order, manifest)
         kept = [manifest.entries[task.source] for task in tasks]
         _write_page(kept, folder)
     _show(tasks, kept, todo, folder)
     return _status(kept)
+
+
+def _replay_all(
+    options: argparse.Namespace,
+    name: str,
+    todo: Sequence[Task],
+    order: Order,
+    manifest: Manifest,
+) -> None:
+    """Replay what is to be done of an archive, and show how far it is."""
+    from lidar_outlier_filter.archive.replayers import Replaying
+    from lidar_outlier_filter.archive.run import replay_all
+
+    with (
+        progress_of_all(name) as (show, leave_if_asked),
+        _hidden(manifest.folder / 'recordings') as hidden,  # there until the workers have ended
+        _workers(options, todo) as workers,
+    ):
+        by = Replaying(workers, hidden, show, leave_if_asked, _once())
+        replay_all(todo, order, manifest, by)
 
 
 def _write_page(entries: Sequence[Entry], folder: RecordingPath) -> None:
@@ -147,25 +162,54 @@ def _write_page(entries: Sequence[Entry], folder: RecordingPath) -> None:
 
 
 def replay_one(options: argparse.Namespace) -> ReplayReport:
-    """Replay one recording, with workers where they are worth it."""
-    from lidar_outlier_filter.archive.engine import Engine
-    from lidar_outlier_filter.archive.locations import location_of, path_at, published
+    """Replay one recording here, with the kernels on all cores, or by a worker of a cluster."""
+    from lidar_outlier_filter.archive.locations import location_of, path_at
+    from lidar_outlier_filter.archive.replayers import Replaying
+    from lidar_outlier_filter.archive.run import replay_alone
     from lidar_outlier_filter.archive.task import Task
 
     path = path_at(options.recording)
     output = _output(options, path)
-    location, order = location_of(path), _order(options)
+    task, order = Task(location_of(path), output), _order(options)
     with (
         saying_how_far(lambda: f'nothing is written to {output}; the same command begins anew'),
         stopping() as leave_if_asked,
-        progress_bar(path.name) as progress,
-        _workers(options, location.size) as workers,
+        progress_bar(path.name) as advance,
     ):
-        task = Task(location, output)
-        engine = Engine([task], order, workers, leave_if_asked, say)
-        with published(output) as built:
-            report, _ = engine.replay(task, built, progress)
-    return replace(report, output=output)
+        if options.scheduler is None:
+            return _replay_here(task, order, leave_if_asked, advance)
+
+        def show(step: Step) -> None:
+            advance(step.done, step.messages)
+
+        with _hidden(output) as hidden, _workers(options, [task]) as workers:
+            return replay_alone(task, order, Replaying(workers, hidden, show, leave_if_asked, say))
+
+
+def _replay_here(
+    task: Task, order: Order, leave_if_asked: Callable[[], object], advance: Advance
+) -> ReplayReport:
+    """Replay in this process; a killed run may have left what is beside the output."""
+    from lidar_outlier_filter.archive.locations import staged
+    from lidar_outlier_filter.archive.uploads import published
+    from lidar_outlier_filter.recordings.replay import replay
+
+    def progress(done: int, total: int) -> None:
+        leave_if_asked()
+        advance(done, total)
+
+    with published(task.output) as built, staged(task.location) as path:
+        report = replay(
+            path,
+            built,
+            parameters=order.parameters,
+            resume=order.resume,
+            **order.options,
+            progress=progress,
+            inform=say,
+        )
+        task.location.check_unchanged()
+    return replace(report, output=task.output)
 
 
 def _order(options: argparse.Namespace) -> Order:
@@ -182,40 +226,58 @@ def _order(options: argparse.Namespace) -> Order:
     )
 
 
-def jobs_of(options: argparse.Namespace, size: int) -> int:
-    """Return how many processes judge so many bytes, as far as the options leave it open."""
-    from lidar_outlier_filter.archive.workers import are_available
+@contextmanager
+def _workers(options: argparse.Namespace, todo: Sequence[Task]) -> Iterator[Workers | None]:
+    """Start workers, or use those of a cluster; None: this process replays."""
+    from lidar_outlier_filter.archive.workers import are_available, cluster_workers, local_workers
     from lidar_outlier_filter.core.kernels.threads import cores
 
-    if options.jobs is not None:
-        if options.jobs < 1:
-            raise FilterError('--jobs', 'at least 1', options.jobs)
-        return int(options.jobs)
-    return cores() if are_available() and size >= SHORT else 1
-
-
-def _workers(options: argparse.Namespace, size: int) -> AbstractContextManager[Workers | None]:
-    """Start workers, or use those of a cluster; None: this process judges."""
-    from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
-
+    jobs = options.jobs
+    if jobs is None:
+        size = sum(task.location.size for task in todo)
+        jobs = cores() if are_available() and size >= SHORT else 1
+    jobs = min(jobs, len(todo))
     if options.scheduler is not None:
-        if options.jobs is not None:
-            must_be = 'left out with --scheduler, whose cluster has its own processes'
-            raise FilterError('--jobs', must_be, options.jobs)
-        return cluster_workers(options.scheduler, say)
-    jobs = jobs_of(options, size)
-    return local_workers(jobs) if jobs > 1 else nullcontext()
+        with cluster_workers(options.scheduler, say) as workers:
+            yield workers
+    elif jobs > 1:
+        with local_workers(jobs) as workers:
+            yield workers
+    else:
+        yield None
 
 
-def _scratch(
-    options: argparse.Namespace, folder: RecordingPath
-) -> AbstractContextManager[Path | None]:
-    """Give a hidden folder for what workers of this machine write; None: they write nothing."""
+def check_workers(options: argparse.Namespace) -> None:
+    """Refuse options that no workers can follow.
+
+    Raises
+    ------
+    FilterError
+        If there is one.
+
+    """
+    if options.jobs is not None and options.jobs < 1:
+        raise FilterError('--jobs', 'at least 1', options.jobs)
+    if options.jobs is not None and options.scheduler is not None:
+        must_be = 'left out with --scheduler, whose cluster has its own processes'
+        raise FilterError('--jobs', must_be, options.jobs)
+    if options.resume and options.scheduler is not None and not is_archive(options.recording):
+        raise FilterError('--resume', 'left out with --scheduler for one recording', 'given')
+
+
+@contextmanager
+def _hidden(path: RecordingPath) -> Iterator[Path | None]:
+    """Give a hidden folder beside a path, for what has no name yet; None: that is on a store."""
     from lidar_outlier_filter.disk.new_files import hidden_folder
+    from lidar_outlier_filter.recordings.bags import writable
 
-    if options.scheduler is not None or not isinstance(folder, Path):
-        return nullcontext()
-    return hidden_folder(folder / 'recordings', 'replayed')
+    if not isinstance(path, Path):
+        yield None
+        return
+    with ExitStack() as stack:
+        with writable(path):
+            folder = stack.enter_context(hidden_folder(path, 'replayed'))
+        yield folder
 
 
 def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:
@@ -245,7 +307,7 @@ def _tasks(found: FoundRecordings, folder: RecordingPath) -> list[Task]:
     tasks: dict[RecordingPath, Task] = {}
     for location in found.locations:
         inside = str(location.path)[len(str(found.root)) :].lstrip('/')
-        suffix = '' if location.path.is_dir() else location.path.suffix
+        suffix = '' if location.is_folder else location.path.suffix
         output = folder / inside.removesuffix(suffix)
         if output in tasks:
             got = f'{tasks[output].location.path} and {location.path}'
@@ -281,13 +343,16 @@ def _show(
     for task, entry in zip(tasks, entries, strict=True):
         _say_lacks(task.location, entry)
     done = [entry for entry in entries if entry.state == IS_DONE]
-    empty = sum(entry.state == NO_CLOUDS for entry in entries)
-    both = zip(tasks, entries, strict=True)
-    before = sum(entry.state == IS_DONE and task not in tried for task, entry in both)
+    empty = [entry.source for entry in entries if entry.state == NO_CLOUDS]
+    now = {task.source for task in tried}
+    before = sum(entry.source not in now for entry in done)
     lacking = sum(not entry.is_complete for entry in done)
     counts = f'{len(done) - before} replayed, {before} done before'
-    counts += f', {len(entries) - len(done) - empty} failed, {lacking} incomplete'
-    console.print(f'{counts}, {empty} without clouds' if empty else counts, highlight=False)
+    counts += f', {len(entries) - len(done) - len(empty)} failed, {lacking} incomplete'
+    if empty:
+        more = f' and {len(empty) - MOST_NAMES:,} more' if len(empty) > MOST_NAMES else ''
+        counts += f', {len(empty)} without clouds: {", ".join(empty[:MOST_NAMES])}{more}'
+    console.print(counts, markup=False, highlight=False, soft_wrap=True)
 
 
 def _say_lacks(location: Location, entry: Entry) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from lidar_outlier_filter.archive.task import Step
+    from lidar_outlier_filter.archive.step import Step
 
     ShowStep = Callable[[Step], None]
 

@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Cleaners, Job
+    from lidar_outlier_filter.archive.file_cleaners import CleanedFile, Job
     from lidar_outlier_filter.archive.manifest import Manifest
     from lidar_outlier_filter.archive.many_files import ManyFiles, Result
-    from lidar_outlier_filter.archive.task import Step
+    from lidar_outlier_filter.archive.step import Step
+    from lidar_outlier_filter.archive.work import Hands
     from lidar_outlier_filter.core.judging.slow import SlowDetector
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
     from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
@@ -112,27 +113,21 @@ def _opened(folder: Path | None) -> Iterator[tuple[Manifest | None, Path | None]
 
 
 @contextmanager
-def _threads(count: int, progress: _ManyFilesProgress) -> Iterator[Cleaners]:
+def _threads(count: int, progress: _ManyFilesProgress) -> Iterator[Hands[Job]]:
     from lidar_outlier_filter.archive.file_cleaners import ThreadsThatClean
 
-    cleaners = ThreadsThatClean(count, progress.clean)
-    try:
-        yield cleaners
-    finally:
-        cleaners.end()
+    yield ThreadsThatClean(count, progress.clean)
 
 
 @contextmanager
-def _workers(address: str, wanted: Wanted, look: Watch, hidden: Path | None) -> Iterator[Cleaners]:
+def _workers(
+    address: str, wanted: Wanted, look: Watch, hidden: Path | None
+) -> Iterator[Hands[Job]]:
     from lidar_outlier_filter.archive.file_workers import WorkersThatClean
     from lidar_outlier_filter.archive.workers import cluster_workers
 
     with cluster_workers(address, say) as workers:
-        cleaners = WorkersThatClean(workers, wanted, look, hidden)
-        try:
-            yield cleaners
-        finally:
-            cleaners.end()
+        yield WorkersThatClean(workers, wanted, look, hidden)
 
 
 class _ManyFilesProgress:
@@ -145,12 +140,11 @@ class _ManyFilesProgress:
         leave_if_asked: Callable[[], None],
         look: Watch,
     ) -> None:
+        from lidar_outlier_filter.archive.step import Progress
+
         self._wanted, self._look = wanted, look
-        self._sizes = {job.path: _size(job.path) for job in jobs}
         self._leave_if_asked = leave_if_asked
-        self._done: set[Path] = set()
-        self._last = ''
-        self._shares: dict[Path, tuple[float, int, int]] = {}
+        self._progress = Progress({str(job.path): _size(job.path) for job in jobs}, 'points')
 
     def clean(self, job: Job) -> CleanedFile:
         """Clean a file, and note how far it is."""
@@ -161,9 +155,8 @@ class _ManyFilesProgress:
         def note(done: int, total: int, part: str) -> None:
             self._leave_if_asked()
             share = (PARTS.index(part) + done / max(total, 1)) / len(PARTS)
-            _, _, points = self._shares.get(path, (0.0, 0, 0))
             # In one piece nobody knows how far the judging is.
-            self._shares[path] = share, done, total or points
+            self._progress.note(str(path), done, total, share)
 
         def say_slow(slow: SlowDetector) -> None:
             say(f'{path}: {slow}')
@@ -172,29 +165,12 @@ class _ManyFilesProgress:
 
     def finish(self, job: Job) -> None:
         """Note that nothing more becomes of a file."""
-        self._done.add(job.path)
-        self._last = job.path.name
+        self._progress.finish(str(job.path))
 
     @property
     def step(self) -> Step:
         """All of it together; the file that is named is the one furthest, or the last one done."""
-        from lidar_outlier_filter.archive.task import Step
-
-        running = {path: at for path, at in self._shares.copy().items() if path not in self._done}
-        begun = sum(at[0] * self._sizes[path] for path, at in running.items())
-        bytes_done = begun + sum(self._sizes[path] for path in self._done)
-        path = max(running, key=lambda one: running[one][0], default=None)
-        _, done, total = (0.0, 0, 0) if path is None else running[path]
-        return Step(
-            self._last if path is None else path.name,
-            len(self._done),
-            len(self._sizes),
-            done,
-            total,
-            bytes_done,
-            sum(self._sizes.values()),
-            'points',
-        )
+        return self._progress.step
 
 
 def _size(path: Path) -> int:

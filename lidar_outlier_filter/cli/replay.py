@@ -89,24 +89,31 @@ def add_replay(commands: Commands) -> None:
         '--jobs',
         type=int,
         metavar='N',
-        help='processes that judge; default: as many as there are cores, for 300 MB and more',
+        help='processes, each of which replays whole recordings of an archive; default: as many as '
+        'there are cores, for 300 MB and more',
     )
     parser.add_argument(
         '--scheduler',
         metavar='ADDRESS',
-        help='of a Dask cluster whose workers judge, as tcp://host:8786',
+        help='of a Dask cluster whose workers replay whole recordings, as tcp://host:8786',
     )
     parser.set_defaults(run=_replay)
 
 
 def _replay(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.archive.locations import SUFFIXES, path_at
-    from lidar_outlier_filter.cli.archive import is_archive, replay_archive, replay_one
+    from lidar_outlier_filter.cli.archive import (
+        check_workers,
+        is_archive,
+        replay_archive,
+        replay_one,
+    )
     from lidar_outlier_filter.stream.memory import keep_memory
 
     keep_memory()
     if options.largest_message < 1:
         raise RecordingError('--largest-message', 'at least 1 MB', options.largest_message)
+    check_workers(options)
     if is_archive(options.recording):
         return replay_archive(options)
     try:

@@ -15,6 +15,7 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import CloudError, RecordingError, refused_for
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
+from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.stream.motion import Odometry
 from lidar_outlier_filter.stream.session import Session
 from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, answers, resolve
@@ -38,7 +39,7 @@ class TopicReport:
     """What became of the clouds of one topic.
 
     ``refused`` clouds have no answer; ``refusals`` counts them by what was wrong with them, and
-    ``sentences`` has the first sentence for each.
+    ``sentences`` has the first sentence for each. ``gaps`` is how often clouds are missing.
     ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order.
     """
 
@@ -54,6 +55,7 @@ class TopicReport:
     rejected_by: Mapping[str, int]
     undecided_by: Mapping[str, int]
     sentences: Mapping[str, str]
+    gaps: int = 0
 
     @property
     def refused_because(self) -> str:
@@ -105,17 +107,13 @@ class CloudTopic:
         self._filter.refuse = self._note_refusal
         self._sentences: dict[str, str] = {}
         self._clouds = self._checksum = 0  # read so far
+        self._times = MessageTimes()
         self._answered = 0  # number of the last cloud answered
         self._journal: Journal | None = None
         self._done = Done(0, 0, 0, {})  # by a killed run
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._take: Callable[[StreamCloud, Any, int], object] | None = None
         self._shown: list[tuple[StreamCloud, Any]] = []  # and not taken yet
-
-    @property
-    def settled(self) -> bool:
-        """Whether the first clouds have decided all that they decide for those to come."""
-        return self._filter.settled
 
     @property
     def convention(self) -> str:
@@ -165,6 +163,7 @@ class CloudTopic:
     def feed(self, time: int, data: bytes) -> None:
         """Filter a cloud with its bag time, and write the answers that are finished by it."""
         self._clouds += 1
+        self._times.add(time)
         self._check_input(data)
         try:
             cloud = self._types.deserialize_cdr(data, CLOUD)
@@ -269,4 +268,5 @@ class CloudTopic:
             {name: counts.rejected[name] for name in chain},
             {name: counts.undecided[name] for name in chain},
             dict(self._sentences),
+            self._times.gaps,
         )

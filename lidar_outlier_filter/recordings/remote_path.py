@@ -38,6 +38,8 @@ def written(address: object) -> Iterator[None]:
     """Refuse, in one sentence, what could not be written to an address."""
     try:
         yield
+    except FilterError:
+        raise
     except Exception as err:  # as above
         raise RecordingError(f'the output {address}', 'written in full', said_by(err)) from err
 

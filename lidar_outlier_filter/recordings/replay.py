@@ -11,7 +11,6 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.judging.stream_cloud import END
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new
 from lidar_outlier_filter.errors import NoCloudsError, ParameterError, RecordingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -29,7 +28,6 @@ OWN_CHUNK = 2**21  # bytes: a chunk that we write, beside a message that is long
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from lidar_outlier_filter.core.judging.chain import Chain
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
@@ -69,8 +67,6 @@ def replay(  # noqa: PLR0913  what the command line offers
     largest: int = LARGEST,
     progress: Callable[[int, int], object] | None = None,
     inform: Callable[[str], object] = str,
-    chain: Chain | None = None,
-    begin: Callable[[Topic | None, int], object] = lambda _topic, _time: None,
 ) -> ReplayReport:
     """Write a copy of a recording, with the cleaned and the outlier clouds added.
 
@@ -89,9 +85,6 @@ def replay(  # noqa: PLR0913  what the command line offers
     largest : bytes that a message, or a chunk of messages, may have
     progress : is called after each message: how many of how many have been read
     inform : is called with a sentence on how the clouds of a topic are read, once for each layout
-    chain : stands in for that of the parameters; it must give the same verdicts
-    begin : is called before each message with its topic and its bag time (ns), and at the end
-        with None and ``END``
 
     Raises
     ------
@@ -120,14 +113,14 @@ def replay(  # noqa: PLR0913  what the command line offers
         bag = stack.enter_context(NewBag(output, source.custom_data))
         chosen = choose_clouds(source, topics, 'a topic to filter')
         _check_motion(source, chosen, given)
-        streams = {topic: CloudTopic(topic, given, inform, chain) for topic in chosen}
+        streams = {topic: CloudTopic(topic, given, inform) for topic in chosen}
         with writable(output):
             journal = Journal(bag.folder, head, left)
         stack.callback(journal.stop)
         for stream in streams.values():
             stream.keep(journal)
         started = perf_counter()
-        done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress, begin)
+        done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress)
         elapsed = perf_counter() - started
         reports = tuple(stream.report() for stream in streams.values())
         _check_answered(source, reports)
@@ -175,13 +168,12 @@ def _left(
     return left
 
 
-def _copy(  # noqa: PLR0913  what `replay` takes
+def _copy(
     source: Recording,
     bag: NewBag,
     streams: Mapping[Topic, CloudTopic],
     dropped: Collection[Topic],
     progress: Callable[[int, int], object] | None,
-    begin: Callable[[Topic | None, int], object],
 ) -> int:
     """Write what is not dropped, and the answers of all streams; count the messages read."""
     for topic in source.topics:
@@ -194,7 +186,6 @@ def _copy(  # noqa: PLR0913  what `replay` takes
         listeners.update(stream.listeners)
     done = 0
     for topic, time, data in source.messages():
-        begin(topic, time)
         if topic not in dropped:
             bag.write(topic, time, data)
         listener = listeners.get((topic.name, topic.msgtype))
@@ -203,7 +194,6 @@ def _copy(  # noqa: PLR0913  what `replay` takes
         done += 1
         if progress is not None:
             progress(done, source.message_count)
-    begin(None, END)
     for stream in streams.values():
         stream.finish()
     return done

@@ -234,11 +234,6 @@ class Session:
         self._stream.chain = self._chain = chain
 
     @property
-    def settled(self) -> bool:
-        """Whether the first clouds have decided how all that follow are read and cut."""
-        return self._decoder.convention is not None and self._stream.choice.settled
-
-    @property
     def convention(self) -> str:
         """How clouds are read, for people; empty: none had a valid point yet."""
         return str(self._decoder.convention or '')

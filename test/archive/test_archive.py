@@ -16,7 +16,7 @@ import pytest
 from helpers import ROOT
 from helpers.drives import FAST, hashes, write_drive
 
-from lidar_outlier_filter.archive import fingerprints, manifest, run, workers
+from lidar_outlier_filter.archive import fingerprints, manifest, one_recording, proof, run, workers
 from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import NAME, opened_manifest
 from lidar_outlier_filter.cli import archive as command
@@ -93,8 +93,8 @@ def test_what_is_done_is_left(
     def refuse(*_: object) -> str:
         pytest.fail('a file was read')
 
-    monkeypatch.setattr(run, 'content_hash', refuse)
-    monkeypatch.setattr(run, '_replay_one', refuse)
+    monkeypatch.setattr(proof, 'content_hash', refuse)
+    monkeypatch.setattr(run, 'replay_all', refuse)
     capsys.readouterr()
     assert clean(drives) == 0
     assert times(tmp_path / 'drives_cleaned') == before
@@ -262,7 +262,7 @@ def test_any_error_costs_its_recording_only(
             raise MemoryError
         return known(location)
 
-    monkeypatch.setattr(run, 'content_hash', full)
+    monkeypatch.setattr(one_recording, 'content_hash', full)
     assert clean(drives) == 3
     assert 'must be replayed, got' in lines(tmp_path / 'drives_cleaned')[0]['error']
 
@@ -281,7 +281,7 @@ def test_a_recording_that_changes_meanwhile(
             os.utime(next(location.path.glob('*.mcap')))
         return found
 
-    monkeypatch.setattr(run, 'content_hash', change)
+    monkeypatch.setattr(one_recording, 'content_hash', change)
     assert clean(drives) == 3
     entry = lines(tmp_path / 'drives_cleaned')[0]
     assert 'must be unchanged while it is read' in entry['error']

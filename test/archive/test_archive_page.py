@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser
 
+PATIENCE = 300_000  # ms, on a machine with much other work
 CHROMIUM = '/usr/bin/chromium'
 ARGUMENTS = (
     '--no-sandbox',
@@ -50,7 +51,7 @@ def test_files_are_clouds_without_a_length() -> None:
     """Their page speaks of files, and has no column or sum that only recordings have."""
     text = page(archive(40), 'file')
     heads = re.findall(r'<th scope="col"[^>]*>([^<]*)', text)
-    assert heads == ['file', 'odd', 'points', 'rejected', 'by detector', 'untested']
+    assert heads == ['file', 'odd', 'points', 'rejected', 'by detector', 'untested', 'done']
     cells = [row.count('<td') for row in text.split('<tr id=')[1:]]
     assert cells == [len(heads) - 1] * 40
     assert [
@@ -133,7 +134,52 @@ def test_nothing_is_fetched_and_nothing_is_markup() -> None:
     text = page([entry('<script>alert(1)</script>&"\'.mcap'), failed('b', '<img src=x>')])
     assert '<script>alert' not in text
     assert '<img' not in text
-    assert not re.search(r'(src|href)="(?!#)|@import|url\(', text)
+    assert not re.search(r'(src|href)="(?!#|\./)|@import|url\(', text)
+
+
+def test_names_lead_to_what_was_made(tmp_path: Path) -> None:
+    """Folder and name, the output, the report on it; when all was done, and by what."""
+    lines = [entry('day 1/a.mcap', output='day 1/a'), entry('b', output='b', version='2.0.0+d')]
+    lines += [entry('c', output='c', finished='2026-03-04T01:02:03+00:00')]
+    lines += [failed('d', 'no <way>')]
+    (tmp_path / 'b_report.html').touch()
+    write_page(lines, tmp_path / 'archive.html')
+    text = (tmp_path / 'archive.html').read_text()
+    assert 'day 1/<b>a.mcap</b> <a href="./day%201/a/">output</a><' in text
+    assert '<b>b</b> <a href="./b/">output</a> <a href="./b_report.html">report</a><' in text
+    assert '<b>d</b><small class="failed" tabindex="0" title="no &lt;way&gt;">no' in text
+    assert (
+        '>done 2026-03-01 to 2026-03-04, by version 1.0.0+abc, parameters 0123456789ab (2); '
+        '2.0.0+d, parameters 0123456789ab (1)<'
+    ) in text
+    assert '<td data-sort="2026-03-04T01:02:03+00:00"' in text
+    assert '>2026-03-04</td>' in text
+    assert '<a href="./out/e">output</a>' in page([entry('e')], 'file')
+
+
+@pytest.mark.parametrize('width', [390, 1280])
+def test_ten_thousand_recordings(browser: Browser, tmp_path: Path, width: int) -> None:
+    """The first 1000 are shown, all on demand; each bar leads to its row; all of them sort."""
+    lines = archive(10_000)
+    lines[9] = failed(lines[9]['source'], 'a sentence that is longer than its line ' * 9)
+    write_page(lines, tmp_path / 'archive.html')
+    tab = browser.new_page(viewport={'width': width, 'height': 900})
+    tab.set_default_timeout(PATIENCE)
+    tab.goto((tmp_path / 'archive.html').as_uri())
+    shown = "[...document.querySelectorAll('tbody tr')].filter(row => row.offsetHeight).length"
+    assert tab.evaluate(shown) == 1000
+    assert tab.evaluate('document.documentElement.scrollWidth') == width
+    wide = tab.eval_on_selector('table', 'table => table.offsetWidth')
+    assert wide < 1280 or width < 1280
+    lines_high = 'node => node.offsetHeight / parseFloat(getComputedStyle(node).lineHeight)'
+    assert tab.eval_on_selector('tbody small.failed', lines_high) < 1.5
+    tab.evaluate("location.hash = '#r9000'")
+    assert tab.evaluate(shown) == 1001
+    tab.locator('thead button').nth(1).press('Enter')
+    assert tab.evaluate(shown) in (1000, 1001)
+    tab.locator('#all').check()
+    assert tab.evaluate(shown) == 10_000
+    tab.close()
 
 
 def test_many_recordings_share_bars(tmp_path: Path) -> None:
@@ -176,7 +222,7 @@ def test_it_sorts_in_a_browser(browser: Browser, tmp_path: Path) -> None:
             values = tab.eval_on_selector_all(
                 'tbody tr', f'rows => rows.map(row => row.cells[{column}].dataset.sort)'
             )
-            if column:
+            if 0 < column < heads.count() - 1:
                 numbers = [-1.0 if value is None else float(value) for value in values]
                 assert numbers == sorted(numbers, reverse=click == 0)
             else:

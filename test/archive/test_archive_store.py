@@ -5,16 +5,26 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace as changed
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import fsspec
 import pytest
+from helpers.drives import write_drive
 from helpers.stores import Store, running_store
 
-from lidar_outlier_filter.archive import locations, run
+from lidar_outlier_filter.archive import one_recording, run, uploads
 from lidar_outlier_filter.archive.fingerprints import content_hash
-from lidar_outlier_filter.archive.manifest import BROKEN_OFF
+from lidar_outlier_filter.archive.locations import path_at
+from lidar_outlier_filter.archive.manifest import (
+    BROKEN_OFF,
+    Entry,
+    How,
+    _line,
+    begun,
+    opened_manifest,
+)
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.replay import replay
@@ -23,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from lidar_outlier_filter.archive.locations import Location
+    from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
     Capture = pytest.CaptureFixture[str]
@@ -61,8 +72,11 @@ def archive(store: Store, recordings: Path) -> list[str]:
 
 
 def entries(store: Store) -> dict[str, dict[str, str]]:
-    """Read the manifest: what became of each recording, by its name."""
-    lines = store.get('s3://cleaned/all/manifest.jsonl').splitlines()
+    """Read the manifest, and what a run has added: what became of each recording, by its name."""
+    names = [key for key in store.keys('cleaned') if '/.manifest/' in key]
+    if 'all/manifest.jsonl' in store.keys('cleaned'):
+        names.insert(0, 'all/manifest.jsonl')
+    lines = b''.join(store.get(f's3://cleaned/{name}') for name in names).splitlines()
     return {Path(entry['source']).stem: entry for entry in map(json.loads, lines)}
 
 
@@ -86,17 +100,16 @@ def test_from_store_to_store(  # noqa: PLR0913  fixtures
     capsys: Capture,
 ) -> None:
     """Two processes give the bytes of a replay here; what changes meanwhile fails alone."""
-    monkeypatch.setattr(locations, 'PART', 5 * 2**20)
 
-    def change(location: Location) -> str:
-        if location.path.name == 'two.bag':
+    def change(task: Task, how: How) -> Entry:
+        if task.location.path.name == 'two.bag':
             data = (recordings / 'bags' / BAG).read_bytes()
             store.put('s3://drives/two.bag', data + data[-1:])
-        return content_hash(location)
+        return begun(task, how)
 
     before = len(store.requests.lines)
     with monkeypatch.context() as patch:
-        patch.setattr(run, 'content_hash', change)
+        patch.setattr(run, 'begun', change)
         assert main([*archive, '--jobs', '2']) == 3
     for source, name in ((MCAP, 'one'), (LARGE, 'large')):
         replay(recordings / 'bags' / source, tmp_path / name, parameters={'chain': [CHAIN]})
@@ -110,7 +123,7 @@ def test_from_store_to_store(  # noqa: PLR0913  fixtures
     }
     assert 'two.bag must be unchanged while it is read' in found['two']['error']
     assert ':' in found['large']['worker']
-    check_uploads(store.requests.lines[before:], 'all/large/large.mcap', 2)
+    check_uploads(store.requests.lines[before:], 'all/large/large.mcap', 1)
     assert store.uploads('cleaned') == []
     assert not any(key.startswith('all/two/') for key in store.keys('cleaned'))
     store.put('s3://drives/two.bag', (recordings / 'bags' / BAG).read_bytes())
@@ -136,7 +149,7 @@ def check_uploads(lines: list[str], key: str, parts: int) -> None:
     assert done > max(lines.index(line) for line in puts)
     (last,) = numbers(lines, f'POST /cleaned/{key.rpartition("/")[0]}/metadata.yaml?uploadId')
     assert last > done
-    noted = numbers(lines, 'PUT /cleaned/all/manifest.jsonl')
+    noted = numbers(lines, 'PUT /cleaned/all/.manifest/')
     assert noted[0] < min(lines.index(line) for line in mine)
     assert noted[-1] > last
 
@@ -156,9 +169,12 @@ def test_ctrl_c_leaves_its_manifest(
             raise KeyboardInterrupt
         return content_hash(location)
 
+    monkeypatch.setattr(uploads, 'PART', 5 * 2**20)
+    before = len(store.requests.lines)
     with monkeypatch.context() as patch:
-        patch.setattr(run, 'content_hash', interrupt)
+        patch.setattr(one_recording, 'content_hash', interrupt)
         assert main(archive) == 130
+    check_uploads(store.requests.lines[before:], 'all/large/large.mcap', 2)
     assert {name: (entry['state'], entry['error']) for name, entry in entries(store).items()} == {
         'large': ('done', None),
         'one': ('failed', BROKEN_OFF),
@@ -169,20 +185,64 @@ def test_ctrl_c_leaves_its_manifest(
     assert {entry['state'] for entry in entries(store).values()} == {'done'}
 
 
+@pytest.mark.parametrize('key', ['manifest.jsonl', '.manifest/000000001', '.manifest/000000002'])
 def test_two_runs_that_write(
-    archive: list[str], store: Store, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+    archive: list[str], store: Store, monkeypatch: pytest.MonkeyPatch, capsys: Capture, key: str
 ) -> None:
     """A run ends when another one has written the manifest, which stays as that wrote it."""
+    address = f's3://cleaned/all/{key}'
 
     def other(location: Location) -> str:
-        store.put('s3://cleaned/all/manifest.jsonl', b'')
+        if key != '.manifest/000000001':
+            store.put(address, b'')
         return content_hash(location)
 
-    monkeypatch.setattr(run, 'content_hash', other)
+    def before(task: Task, how: How) -> Entry:
+        if key == '.manifest/000000001':
+            store.put(address, b'')
+        return begun(task, how)
+
+    monkeypatch.setattr(one_recording, 'content_hash', other)
+    monkeypatch.setattr(run, 'begun', before)
     assert main(archive) == 1
     said = capsys.readouterr().err.splitlines()[-1]
     assert 'manifest.jsonl must be written by one run at a time, got two that write' in said
-    assert store.get('s3://cleaned/all/manifest.jsonl') == b''
+    assert store.get(address) == b''
+    names = {name.split('/')[1] for name in store.keys('cleaned')}
+    assert ('large' in names) == (key != '.manifest/000000001')
+
+
+def test_an_answer_that_is_lost(store: Store) -> None:
+    """An object that is there already is ours, if it has our bytes: the store was asked twice."""
+    folder = path_at(f'{store.new_bucket("asked-twice")}/out')
+    with opened_manifest(folder) as manifest:
+        manifest.add(entry := Entry('a', 1, 'h', 'p', 'v', 'm', 'a', 'done'))
+        store.put('s3://asked-twice/out/.manifest/000000001', _line(entry))
+        manifest.flush()
+    with opened_manifest(folder) as manifest:
+        assert manifest.entries == {'a': changed(entry, lost=[])}
+
+
+def test_requests_are_as_many_as_recordings(store: Store, tmp_path: Path) -> None:
+    """Requests, and bytes of the manifest, grow no faster than recordings; again, not at all."""
+    drive = next(write_drive(tmp_path / 'drive', 6).glob('*.mcap')).read_bytes()
+    asked: list[tuple[int, int, int]] = []
+    for number in (10, 40):
+        drives = store.new_bucket(f'tiny{number}')
+        for one in range(number):
+            store.put(f'{drives}/in/{one:05}.mcap', drive)
+        words = ['replay', f'{drives}/in', '--output', f'{drives}/out', *FAST]
+        for times in (1, 0):
+            before = len(store.requests.lines)
+            assert main(words) == 0
+            lines = store.requests.lines[before:]
+            puts = sum('PUT' in line and '.manifest/' in line for line in lines)
+            assert puts == (number + 1) * times
+            asked.append((number, len(lines), len(store.get(f'{drives}/out/manifest.jsonl'))))
+    (_, few, small), (_, few_again, _), (_, many, large), (_, many_again, _) = asked
+    assert 20 * 30 < many - few <= few / 10 * 30
+    assert many_again == few_again < 30
+    assert 3.9 < large / small < 4.1
 
 
 def test_one_recording(store: Store, recordings: Path, tmp_path: Path, capsys: Capture) -> None:

@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import distributed  # noqa: F401  brings its settings, before a test changes one
 import pytest
 from dask import config
 from helpers.clusters import cluster

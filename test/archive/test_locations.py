@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, cast
 import pytest
 from helpers.stores import Store, running_store
 
-from lidar_outlier_filter.archive import locations
+from lidar_outlier_filter.archive import locations, uploads
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings import remote_path
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
@@ -169,10 +169,10 @@ def test_publish_whole_or_not(store: Store, recordings: Path, tmp_path: Path) ->
     """A bag appears at the end, metadata last; after an error nothing is there, nor any part."""
     store.new_bucket('cleaned')
     target = locations.path_at('s3://cleaned/2026/drive')
-    with pytest.raises(ZeroDivisionError), locations.published(target, tmp_path) as path:
+    with pytest.raises(ZeroDivisionError), uploads.published(target, tmp_path) as path:
         _replay_and_fail(recordings / 'bags' / MCAP, path)
     assert (store.keys('cleaned'), store.uploads('cleaned')) == ([], [])
-    with locations.published(target, tmp_path) as path:
+    with uploads.published(target, tmp_path) as path:
         replay(recordings / 'bags' / MCAP, path, parameters=FAST)
         expected = content(path)
         assert store.keys('cleaned') == []
@@ -186,7 +186,7 @@ def test_publish_whole_or_not(store: Store, recordings: Path, tmp_path: Path) ->
     ]
     assert not list(tmp_path.iterdir())
     refused = pytest.raises(RecordingError, match=r'a new folder, got s3://cleaned/2026/drive, w')
-    with refused, locations.published(target, tmp_path):
+    with refused, uploads.published(target, tmp_path):
         pass
 
 
@@ -208,12 +208,12 @@ class _TornFile:
 
 def test_an_upload_that_fails_is_given_up(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that fails while parts are sent leaves nothing on the store, nor any part."""
-    monkeypatch.setattr(locations, 'PART', 5 * 2**20)
+    monkeypatch.setattr(uploads, 'PART', 5 * 2**20)
     target = locations.path_at(f'{store.new_bucket("full")}/drive/a.mcap')
     assert isinstance(target, RemotePath)
     sent = store.requests.count('PUT /full/drive/a.mcap?partNumber=')
     with pytest.raises(OSError, match='Input/output error'):
-        locations._upload(cast('Path', _TornFile()), target)
+        uploads._send(cast('Path', _TornFile()), target)
     assert store.requests.count('PUT /full/drive/a.mcap?partNumber=') > sent
     assert (store.keys('full'), store.uploads('full')) == ([], [])
 
@@ -222,12 +222,12 @@ def test_what_fails_to_be_published_is_no_recording(store: Store, tmp_path: Path
     """An error between two files costs one sentence; without metadata there is no recording."""
     target = locations.path_at(f'{store.new_bucket("half")}/drive')
     refused = pytest.raises(RecordingError, match='s3://half/drive must be written in full, got')
-    with refused, locations.published(target, tmp_path) as path:
+    with refused, uploads.published(target, tmp_path) as path:
         path.mkdir()
-        (path / 'a.mcap').write_bytes(b'')
+        (path / 'a.mcap').write_bytes(b'a')
         (path / 'b.mcap').mkdir()  # no file
         (path / 'metadata.yaml').write_bytes(b'')
-    assert store.keys('half') == ['drive/a.mcap']
+    assert (store.keys('half'), store.uploads('half')) == ([], [])
 
 
 @pytest.mark.parametrize(
@@ -250,6 +250,6 @@ def test_what_is_not_there(address: str, sentence: str) -> None:
 
 def test_local_output_is_built_in_place(tmp_path: Path) -> None:
     """A folder of this machine is written as ever: the bag itself hides until it is whole."""
-    with locations.published(tmp_path / 'out') as path, NewBag(path):
+    with uploads.published(tmp_path / 'out') as path, NewBag(path):
         assert path == tmp_path / 'out'
     shutil.rmtree(path)

@@ -13,7 +13,7 @@ import pytest
 from helpers.drives import FAST, write_drive
 from helpers.many_clouds import write_clouds
 
-from lidar_outlier_filter.archive import manifest
+from lidar_outlier_filter.archive import logs, manifest
 from lidar_outlier_filter.archive.manifest import NAME, Entry, opened_manifest
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import RecordingError
@@ -294,13 +294,13 @@ def test_a_manifest_that_was_replaced_meanwhile(
 ) -> None:
     """Who opened it just before another run ended would write into a file without a name."""
     (tmp_path / NAME).touch()
-    lock = manifest._lock
+    lock = logs._lock
 
     def late(path: Path, stream: Any) -> None:
         path.with_name('new').touch()
         path.with_name('new').replace(path)
         lock(path, stream)
 
-    monkeypatch.setattr(manifest, '_lock', late)
+    monkeypatch.setattr(logs, '_lock', late)
     with pytest.raises(RecordingError, match='must be used by one run at a time, got two'):
         opened_manifest(tmp_path).__enter__()

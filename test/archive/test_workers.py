@@ -9,44 +9,44 @@ import os
 import shutil
 import signal
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import distributed  # noqa: F401  brings its settings, before a test changes one
 import pytest
 from dask import config
 from helpers.clusters import (
     OWN,
     cluster,
-    kill_a_worker,
     signalling,
     survivors,
     worker_processes,
 )
-from helpers.drives import FAST, die_of, faults_of_a_cloud, hashes, replayed, write_drive
+from helpers.drives import FAST, die_at_first, die_of, faults_of_a_cloud, hashes, write_drive
 
-from lidar_outlier_filter.archive import worker_start
+from lidar_outlier_filter.archive import replayers, worker_start
 from lidar_outlier_filter.archive import workers as module
-from lidar_outlier_filter.archive.engine import Engine
-from lidar_outlier_filter.archive.locations import Location, location_of, path_at
+from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import opened_manifest
 from lidar_outlier_filter.archive.order import Order
-from lidar_outlier_filter.archive.run import pending, replay_all
+from lidar_outlier_filter.archive.replayers import Replaying
+from lidar_outlier_filter.archive.run import pending, replay_all, replay_alone
 from lidar_outlier_filter.archive.task import Task
-from lidar_outlier_filter.archive.whole_recordings import choose
 from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.errors import SchedulerError
+from lidar_outlier_filter.disk.new_files import hidden_folder
+from lidar_outlier_filter.errors import RecordingError, SchedulerError
+from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from lidar_outlier_filter.archive.manifest import Entry
-    from lidar_outlier_filter.archive.task import Step
+    from lidar_outlier_filter.archive.step import Step
     from lidar_outlier_filter.archive.workers import Workers
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings('ignore:.*:ResourceWarning')]
 SET = f'--set=chain={json.dumps(FAST["chain"])}'
-LENGTH = 0.5  # seconds of a piece
 NICEST = 19  # of what the system has; who is that already, as beside other work, stays so
 
 
@@ -83,20 +83,15 @@ def ignore(_step: Step) -> None:
 
 
 def run(
-    drives: Path,
-    output: Path,
-    workers: Workers,
-    show: Callable[[Step], object] = ignore,
-    folder: Path | None = None,
+    drives: Path, output: Path, workers: Workers | None, show: Callable[[Step], object] = ignore
 ) -> list[Entry]:
-    """Replay what is pending of an archive; with a folder, whole recordings if there are enough."""
-    order = Order(parameters=FAST, length=LENGTH)
+    """Replay what is pending of an archive; without workers, in this process."""
+    order = Order(parameters=FAST)
     tasks = [Task(location_of(path), output / path.name) for path in sorted(drives.iterdir())]
-    with opened_manifest(output) as manifest:
+    with opened_manifest(output) as manifest, hidden_folder(output / 'recordings') as hidden:
         todo = pending(tasks, order, manifest)
-        engine = Engine(todo, order, workers, folder=folder)
-        entries = replay_all(todo, engine, order, manifest, show)
-        assert engine.judged_here == 0
+        entries = replay_all(todo, order, manifest, Replaying(workers, hidden, show))
+    assert not any(path.name.startswith('.') for path in output.iterdir())
     return entries
 
 
@@ -108,54 +103,32 @@ def made(output: Path) -> dict[str, dict[str, str]]:
 def test_three_workers_give_the_same_bytes(
     drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
 ) -> None:
-    """All judge, nothing is judged by who writes, and a second run has nothing to do."""
-    entries = run(drives, tmp_path, three)
-    assert made(tmp_path) == expected
-    judges = {name for entry in entries for name in entry.worker.split(', ')}
-    assert len(judges) == 3
-    assert run(drives, tmp_path, three) == []
-
-
-def test_whole_recordings(
-    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
-) -> None:
-    """Each worker replays one: the bytes and the manifest are those of replays in pieces."""
-    folder = tmp_path / 'scratch'
-    folder.mkdir()
-    steps: list[tuple[str, int, int]] = []
-    pieces = run(drives, tmp_path / 'pieces', three)
-    whole = run(
-        drives,
-        tmp_path / 'whole',
-        three,
-        lambda step: steps.append((step.recording, step.done, step.messages)),
-        folder,
-    )
-    assert made(tmp_path / 'whole') == expected
-    assert not any(folder.iterdir())
-    assert len({entry.worker for entry in whole}) == 3
+    """Each replays a whole one; the manifest is that of one process; again, nothing is to do."""
+    found = run(drives, tmp_path / 'out', three)
+    assert made(tmp_path / 'out') == expected
+    assert len({entry.worker for entry in found}) == 3
+    alone = run(drives, tmp_path / 'alone', None)
+    assert made(tmp_path / 'alone') == expected
     apart = {'output', 'output_state', 'worker', 'seconds', 'finished'}
-    for one, other in zip(whole, pieces, strict=True):
+    for one, other in zip(found, alone, strict=True):
         left, right = asdict(one), asdict(other)
         assert {k: v for k, v in left.items() if k not in apart} == {
             k: v for k, v in right.items() if k not in apart
         }
+    assert run(drives, tmp_path / 'out', three) == []
 
 
-def test_workers_that_are_killed_cost_their_recordings(
-    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
+def test_killed_workers_cost_their_recordings(
+    drives: Path,
+    expected: dict[str, Any],
+    tmp_path: Path,
+    three: Workers,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """SIGKILL while they replay whole ones: every recording is there once, byte for byte."""
-    folder = tmp_path / 'scratch'
-    folder.mkdir()
-    killed: list[int] = []
-
-    def kill(step: Step) -> None:
-        if step.number > len(killed):
-            kill_a_worker(killed)
-
-    entries = run(drives, tmp_path / 'out', three, kill, folder)
-    assert len(killed) == 3
+    """SIGKILL in the middle of each: every recording is there once, byte for byte."""
+    monkeypatch.setattr(replayers, 'replay_on_worker', die_at_first)
+    entries = run(drives, tmp_path / 'out', three)
+    assert len(list(tmp_path.glob('*.again'))) == 3
     assert [entry.state for entry in entries] == ['done'] * 3
     assert made(tmp_path / 'out') == expected
 
@@ -163,36 +136,23 @@ def test_workers_that_are_killed_cost_their_recordings(
 def test_a_damaged_recording_fails_alone(
     drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
 ) -> None:
-    """With the sentence of the worker that was to replay it as a whole."""
+    """With the sentence of the worker that was to replay it."""
     copied = tmp_path / 'drives'
     shutil.copytree(drives, copied)
     file = copied / 'drive1' / 'drive1.mcap'
     file.write_bytes(file.read_bytes()[:-1000])
-    (tmp_path / 'scratch').mkdir()
-    entries = run(copied, tmp_path / 'out', three, folder=tmp_path / 'scratch')
+    entries = run(copied, tmp_path / 'out', three)
     assert [entry.state for entry in entries] == ['done', 'failed', 'done']
     assert 'drive1 must be readable, got' in str(entries[1].error)
     assert made(tmp_path / 'out') == {name: expected[name] for name in ('drive0', 'drive2')}
 
 
-@pytest.mark.parametrize(
-    ('sizes', 'workers', 'count'),
-    [
-        ((5, 5, 5), 3, 3),
-        ((5, 5, 5), 2, 2),  # the last by both workers
-        ((1, 10), 2, 0),  # one would be idle for most of the time
-        ((10, 5, 5), 2, 3),
-        ((5,), 1, 1),
-        ((), 2, 0),
-    ],
-)
-def test_choice_of_whole_recordings(sizes: tuple[int, ...], workers: int, count: int) -> None:
-    """Those of which every worker has its share; on a store, none."""
-    locations = [Location(Path(f'/{n}'), size, '', by_ranges=True) for n, size in enumerate(sizes)]
-    tasks = [Task(location, Path('/out') / location.path.name) for location in locations]
-    assert len(choose(tasks, workers)) == count
-    store = path_at('memory://out')
-    assert not choose([Task(task.location, store) for task in tasks], workers)
+def test_workers_that_cannot_write_there(drives: Path, tmp_path: Path, three: Workers) -> None:
+    """Each recording fails with the folder and the worker."""
+    gone = tmp_path / 'gone'
+    task = Task(location_of(drives / 'drive0'), tmp_path / 'out')
+    with pytest.raises(RecordingError, match=f'{gone} must be a folder that .* can write to, got'):
+        replay_alone(task, Order(parameters=FAST), Replaying(three, gone))
 
 
 def test_workers_keep_memory_and_leave_the_writer_first(three: Workers) -> None:
@@ -207,25 +167,9 @@ def test_workers_of_other_code_are_refused(
     drives: Path, tmp_path: Path, three: Workers, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever they judge; in one sentence that says both versions."""
-    monkeypatch.setattr(module, 'judging_code', lambda: '0.0.1+abc')
+    monkeypatch.setattr(replayers, 'judging_code', lambda: '0.0.1+abc')
     with pytest.raises(SchedulerError, match=r'the worker .* must be of version 0\.0\.1\+abc'):
         run(drives, tmp_path, three)
-
-
-def test_killed_workers_cost_their_pieces(
-    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers
-) -> None:
-    """SIGKILL, again and again: every recording is there once, byte for byte."""
-    killed: list[int] = []
-
-    def kill(step: Step) -> None:
-        if step.done % 80 == 25:
-            kill_a_worker(killed)
-
-    entries = run(drives, tmp_path, three, kill)
-    assert len(killed) >= 4
-    assert [entry.state for entry in entries] == ['done'] * 3
-    assert made(tmp_path) == expected
 
 
 def test_one_worker_that_never_comes_back(drives: Path, tmp_path: Path) -> None:
@@ -235,15 +179,19 @@ def test_one_worker_that_never_comes_back(drives: Path, tmp_path: Path) -> None:
         check_moving(drives / 'drive2', tmp_path, workers, worker_processes()[0].kill)
 
 
-def test_a_piece_that_kills_its_workers(
-    drives: Path, expected: dict[str, Any], tmp_path: Path, three: Workers, monkeypatch: Any
+def test_a_recording_that_kills_its_workers(
+    drives: Path,
+    expected: dict[str, Any],
+    tmp_path: Path,
+    three: Workers,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Its recording fails alone, with a sentence."""
-    monkeypatch.setattr(module, 'judge_piece', die_of)
-    entries = run(drives, tmp_path, three)
+    """It fails alone, with a sentence; none that was beside it does."""
+    monkeypatch.setattr(replayers, 'replay_on_worker', die_of)
+    entries = run(drives, tmp_path / 'out', three)
     assert [entry.state for entry in entries] == ['done', 'failed', 'done']
     assert 'must be judged without a worker that dies, got 4 that died' in str(entries[1].error)
-    assert made(tmp_path) == {name: expected[name] for name in ('drive0', 'drive2')}
+    assert made(tmp_path / 'out') == {name: expected[name] for name in ('drive0', 'drive2')}
 
 
 def check_moving(
@@ -251,11 +199,13 @@ def check_moving(
 ) -> None:
     """Compare the bytes by message and moving with those of this process; do something first."""
     given = {**FAST, 'motion.source': 'odometry', 'blocks': 'auto'}
-    order = Order(parameters=given, length=1.0)
     task = Task(location_of(drive), folder / 'bag')
     first()
-    Engine([task], order, workers).replay(task, folder / 'bag', lambda _done, _all: None)
-    assert hashes(folder / 'bag') == replayed(drive, folder / 'alone', given)[0]
+    with hidden_folder(folder / 'bag') as hidden:
+        replay_alone(task, Order(parameters=given), Replaying(workers, hidden))
+    (folder / 'alone').mkdir()
+    replay(drive, folder / 'alone' / 'bag', parameters=given)
+    assert hashes(folder / 'bag') == hashes(folder / 'alone' / 'bag')
 
 
 def test_moving(drives: Path, tmp_path: Path, three: Workers) -> None:
@@ -299,8 +249,7 @@ def test_ctrl_c_stops_and_goes_on(drives: Path, expected: dict[str, Any], tmp_pa
     assert workers
     assert not survivors(workers)
     left = made(tmp_path)
-    # The second may be whole as well, when Ctrl-C is looked at: a worker has replayed it.
-    assert set(left) in ({'drive0'}, {'drive0', 'drive1'})
+    assert 1 <= len(left) < 3
     assert all(hashed == expected[name] for name, hashed in left.items())
     assert main([*words, '1']) == 0
     assert made(tmp_path) == expected

@@ -26,14 +26,14 @@ import psutil
 from lidar_outlier_filter.archive import run
 from lidar_outlier_filter.cli.main import main
 number, group, last, *arguments = sys.argv[1:]
-plain, done = run._replay_one, []
-def replay_one(*given):
-    done.append(plain(*given))
+plain, done = run._Run.end, []
+def end(*given):
+    plain(*given)
+    done.append(given)
     if len(done) == int(last):
         print(*(one.pid for one in psutil.Process().children(recursive=True)), flush=True)
         os.killpg(int(group), int(number))
-    return done[-1]
-run._replay_one = replay_one
+run._Run.end = end
 sys.exit(main(arguments))
 """
 PATIENCE = 300.0  # seconds for an end that comes, on a machine with much other work
@@ -121,17 +121,6 @@ def _is_worker(process: psutil.Process) -> bool:
         return any('spawn_main' in word for word in process.cmdline())
     except psutil.NoSuchProcess:  # it ends at this moment
         return False
-
-
-def kill_a_worker(killed: list[int]) -> None:
-    """End another one of the workers that this process has started; note it with those before.
-
-    There is one where what was asked for since the last kill is there: the dead have taken theirs
-    with them.
-    """
-    process = next(one for one in worker_processes() if one.pid not in killed)
-    process.kill()
-    killed.append(process.pid)
 
 
 def survivors(numbers: Iterable[int]) -> list[psutil.Process]:

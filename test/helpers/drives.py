@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.archive.known_chain import KnowingChain
-from lidar_outlier_filter.archive.locations import location_of
-from lidar_outlier_filter.archive.pieces import cut, judge_piece, starts
-from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.archive.one_recording import replay_recording
+from lidar_outlier_filter.archive.replayers import replay_on_worker
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
-from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.pieces import JudgedPiece, Piece
+    from lidar_outlier_filter.archive.one_recording import ReplayedRecording
+    from lidar_outlier_filter.archive.order import Order
+    from lidar_outlier_filter.archive.task import Task
+    from lidar_outlier_filter.errors import FilterError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 SECOND = 10**9
@@ -134,11 +134,29 @@ def write_drive(  # noqa: PLR0913  what may differ
     return path
 
 
-def die_of(piece: Piece) -> JudgedPiece:
-    """Judge a piece; that of one recording kills its process."""
-    if 'drive1' in str(piece.recording.path):
+def die_of(
+    task: Task, order: Order, folder: Path, prefix: str, topic: str
+) -> ReplayedRecording | FilterError:
+    """Replay on a worker; one recording kills each process that tries it, in the middle of it."""
+    if task.output.name == 'drive1':
+        replay_recording(task, order, folder, die, str, prefix)
+    return replay_on_worker(task, order, folder, prefix, topic)
+
+
+def die_at_first(
+    task: Task, order: Order, folder: Path, prefix: str, topic: str
+) -> ReplayedRecording | FilterError:
+    """Replay on a worker; the first that tries a recording is killed in the middle of it."""
+    if not list(folder.glob(f'{prefix}*')):
+        replay_recording(task, order, folder, die, str, prefix)
+    (folder.parents[1] / f'{task.output.name}.again').touch()
+    return replay_on_worker(task, order, folder, prefix, topic)
+
+
+def die(done: int, total: int) -> None:
+    """End this process when half of the messages are done."""
+    if 2 * done > total:
         os.kill(os.getpid(), signal.SIGKILL)
-    return judge_piece(piece)
 
 
 def faults_of_a_cloud() -> int:
@@ -152,22 +170,3 @@ def faults_of_a_cloud() -> int:
 def hashes(path: Path) -> dict[str, str]:
     """Hash the files of a bag."""
     return {file.name: sha256(file.read_bytes()).hexdigest() for file in sorted(path.iterdir())}
-
-
-def replayed(
-    path: Path, output: Path, given: Mapping[str, object], length: float | None = None
-) -> tuple[dict[str, str], Any, int]:
-    """Replay in one process, or, with ``length`` in seconds, in pieces.
-
-    Return the hashes of the output, the counts, and how many blocks no piece has judged.
-    """
-    output.mkdir()
-    if length is None:
-        report = replay(path, output / 'bag', parameters=given)
-        return hashes(output / 'bag'), report.topics, 0
-    pieces = cut(location_of(path), (), given, length)
-    judged = [judge_piece(piece).verdicts for piece in reversed(pieces)][::-1]
-    filter_parameters = FilterParameters().changed(given)
-    chain = KnowingChain(filter_parameters, starts(pieces), judged.__getitem__)
-    report = replay(path, output / 'bag', parameters=given, chain=chain, begin=chain.begin)
-    return hashes(output / 'bag'), report.topics, chain.judged_here

@@ -15,7 +15,6 @@ import pytest
 from helpers.drives import BEGIN, FAST, PERIOD, cloud_bytes, rows_of_turn, topic_of
 from matplotlib import colormaps
 
-from lidar_outlier_filter.archive.run import _Times
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.evidence.explain.explanation import EXPLANATION
 from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import REASONS
@@ -244,11 +243,9 @@ def test_gaps_are_those_of_info(tmp_path: Path) -> None:
     known = gather(source, ALL_BUT_0, MOST)
     shown = header(known, cut(known), pack(known, cut(known)))
     (counted,) = look(tmp_path / 'drive').topics.values()
-    noted = _Times()
-    for time in times:
-        noted.note(topic, time)
+    report = replay(tmp_path / 'drive', tmp_path / 'out', parameters=FAST)
     assert shown['gaps'] == [[pytest.approx(1.28), 0.45], [pytest.approx(0.77), 0.21]]
-    assert counted.gaps == noted.gaps('/lidar') == len(shown['gaps'])
+    assert counted.gaps == report.topics[0].gaps == len(shown['gaps'])
     assert 1 / shown['period'] == counted.rate == pytest.approx(10, rel=0.0003)
     assert sum(known.found.refusals.values()) == 1
 

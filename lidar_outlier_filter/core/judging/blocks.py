@@ -347,11 +347,6 @@ class BlockChoice:
         self.by_message = self._blocks == 'message'
         self._left = FIRST if self._blocks == 'auto' else 0
 
-    @property
-    def settled(self) -> bool:
-        """Whether messages to come decide nothing."""
-        return not self._left
-
     def becomes_message(self, first: int, last: int) -> bool:
         """Look at the times of the next message, ns; return whether from it on messages are blocks.
 
