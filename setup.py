@@ -73,7 +73,8 @@ setup(
     name=NAME,
     version='0.1.0',  # also in package.xml and in the package itself; a test compares the three
     description='Clean lidar clouds from a moving vehicle, the same live and offline',
-    long_description=(ROOT / 'README.md').read_text(encoding='utf-8'),
+    # Beside this very file: `colcon build --symlink-install` runs a link to it.
+    long_description=(Path(__file__).resolve().parent / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     author='The lidar_outlier_filter authors',
     maintainer='The lidar_outlier_filter authors',
