@@ -97,13 +97,6 @@ def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
     return known + [one.load() for one in found]
 
 
-if __name__ == '__main__':
-    from lidar_outlier_filter.cli.compile_notice import say_what_is_compiled
-
-    say_what_is_compiled()
-    sys.exit(main())
-
-
 def hint(options: argparse.Namespace, err: FilterError) -> str:
     """Name the command that takes what was given; empty where it was the right one."""
     given = next((getattr(options, name) for name in GIVEN if hasattr(options, name)), None)
@@ -169,3 +162,10 @@ def _readable() -> tuple[str, ...]:
     from lidar_outlier_filter.files.cloud_file import SUFFIXES  # noqa: PLC0415  help is instant
 
     return SUFFIXES
+
+
+if __name__ == '__main__':
+    from lidar_outlier_filter.cli.compile_notice import say_what_is_compiled
+
+    say_what_is_compiled()
+    sys.exit(main())

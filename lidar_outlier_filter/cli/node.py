@@ -95,10 +95,6 @@ def _own(arguments: Sequence[str]) -> list[str]:
     return own
 
 
-if __name__ == '__main__':
-    sys.exit(main())
-
-
 def serve_page(node: OutlierFilterNode, port: int = 0) -> PageServer:
     """Serve the page of a node that is not started yet, and log its address once."""
     # Without a page none of this is loaded.
@@ -110,3 +106,7 @@ def serve_page(node: OutlierFilterNode, port: int = 0) -> PageServer:
     server.start()
     node.get_logger().info(f'page: {server.address}')
     return server
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -307,10 +307,6 @@ def _executor(context: Context) -> Executor:
     return EventsExecutor(context=context)
 
 
-if __name__ == '__main__':
-    sys.exit(main())
-
-
 def ready_line(parameters: FilterParameters, topics: Iterable[str]) -> str:
     """Say in one line what has started: version, inputs, chain, blocks, threads."""
     length = f' ({parameters.block:g} s)' if parameters.blocks != 'message' else ''
@@ -319,3 +315,7 @@ def ready_line(parameters: FilterParameters, topics: Iterable[str]) -> str:
         f'chain {", ".join(parameters.chain)}; blocks {parameters.blocks}{length}; '
         f'threads {parameters.threads or cores()}'
     )
+
+
+if __name__ == '__main__':
+    sys.exit(main())

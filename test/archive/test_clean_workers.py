@@ -8,9 +8,9 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import distributed  # noqa: F401  brings its settings, before a test changes one
 import pytest
 from dask import config
+from distributed import LocalCluster  # noqa: F401  brings its settings, before a test changes one
 from helpers.clusters import cluster
 from helpers.many_clouds import (
     arguments,

@@ -11,9 +11,9 @@ import signal
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-import distributed  # noqa: F401  brings its settings, before a test changes one
 import pytest
 from dask import config
+from distributed import LocalCluster  # noqa: F401  brings its settings, before a test changes one
 from helpers.clusters import (
     OWN,
     cluster,

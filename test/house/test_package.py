@@ -78,6 +78,7 @@ PIP_ONLY = {
     'atheris',
     'boto3',
     'dask',
+    'distributed',
     'filterpy',
     'fsspec',
     'laspy',

@@ -292,3 +292,13 @@ def test_plain_words() -> None:
         for found in PRIVATE_WORDS.finditer(path.read_text('utf-8'))
     ]
     assert not wrong
+
+
+def test_programs_end_with_their_call() -> None:
+    """Where a module is a program, too, nothing is defined behind the call: too late."""
+    early = []
+    for module in modules().values():
+        body = module.tree.body
+        calls = [one for one in body if ast.unparse(one).startswith("if __name__ == '__main__'")]
+        early += [module.name for one in calls if one is not body[-1]]
+    assert not early
