@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from itertools import count
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from lidar_outlier_filter.archive.fingerprints import judging_code
 from lidar_outlier_filter.archive.one_recording import ReplayedRecording, replay_recording
+from lidar_outlier_filter.archive.sent_work import Sent, SentWork
 from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.archive.workers import check_code
 from lidar_outlier_filter.errors import FilterError, RecordingError
@@ -125,21 +125,10 @@ class ThisProcess:
         """See :class:`.Hands`."""
 
 
-@dataclass(eq=False)
-class SentRecording:
-    """A recording that was sent to the workers; the folders of all attempts at it begin alike."""
-
-    task: Task
-    prefix: str
-    future: Any
-    is_anew: bool = False
-
-
-class OnWorkers:
+class OnWorkers(SentWork['Task']):
     """Workers of this machine or of a cluster, each thread of which replays a recording.
 
-    Each has no more than it is at: Dask blames a worker's death on all that it had, and the death
-    of one that had only begun, too. A recording of which not so many have died is sent again.
+    Each has no more than it is at: then few recordings are blamed for the death of a worker.
     """
 
     def __init__(
@@ -150,16 +139,11 @@ class OnWorkers:
         note: Note,
         inform: Callable[[str], object],
     ) -> None:
-        """See :class:`ThisProcess`; ``note`` may be called from a thread of Dask's.
-
-        Workers reach all recordings, and ``folder``, by the same paths as this process.
-        """
+        """See :class:`ThisProcess`; ``note`` may be called from a thread of Dask's."""
+        super().__init__(workers, folder)
         make_ready(order.filter)  # before workers would compile the same at once
-        self._workers, self._note, self._inform = workers, note, inform
-        self._folder = None if folder is None else folder.absolute()
+        self._note, self._inform = note, inform
         self._order = replace(order, parameters={**order.parameters, 'threads': 1})
-        self._sent: set[SentRecording] = set()
-        self._numbers = count()
         self._topic = f'replay-{uuid4().hex[:8]}'
         workers.client.subscribe_topic(self._topic, lambda event: note(*event[1]))
 
@@ -168,37 +152,23 @@ class OnWorkers:
         """How many recordings they take."""
         return max(1, self._workers.count)
 
-    def submit(self, task: Task) -> SentRecording:
+    def submit(self, task: Task) -> Sent[Task]:
         """See :class:`.Hands`."""
-        prefix = f'{next(self._numbers)}-'
-        sent = SentRecording(task, prefix, self._send(task, prefix))
+        sent = super().submit(task)
         self._note(task.source, 0, 0)
-        self._sent.add(sent)
         return sent
 
     def _send(self, task: Task, prefix: str) -> Any:
         given = (task, self._order, self._folder, prefix, self._topic)
         return self._workers.send(replay_on_worker, *given)
 
-    def first_done(self, futures: Collection[SentRecording]) -> Collection[SentRecording]:
-        """See :class:`.Hands`."""
-        self._workers.first_done([sent.future for sent in futures])
-        for sent in futures:
-            if sent.future.done() and self._is_innocent(sent):
-                sent.future, sent.is_anew = self._send(sent.task, sent.prefix), True
-        return [sent for sent in futures if sent.future.done()]
-
-    def _is_innocent(self, sent: SentRecording) -> bool:
-        """Return whether more deaths are blamed on a recording than there were attempts at it.
-
-        They leave their folders. Of a recording that goes to a store, one more is tried.
-        """
-        deaths = self._workers.deaths(sent.future)
+    def _is_innocent(self, sent: Sent[Task]) -> bool:
+        """See :class:`.SentWork`; of a recording that goes to a store, one more is tried."""
         if self._folder is None:
-            return deaths > 0 and not sent.is_anew
-        return deaths > len(list(self._folder.glob(f'{sent.prefix}*')))
+            return self._workers.deaths(sent.future) > 0 and not sent.is_anew
+        return super()._is_innocent(sent)
 
-    def take(self, task: Task, future: SentRecording) -> ReplayedRecording:
+    def take(self, task: Task, sent: Sent[Task]) -> ReplayedRecording:
         """Return what a worker made of a recording, which has no name yet.
 
         Raises
@@ -210,21 +180,13 @@ class OnWorkers:
 
         """
         what = f'the recording {task.location.path}'
-        self._sent.discard(future)
-        found = self._workers.result(future.future, what)
-        if isinstance(found, FilterError):
-            raise found
+        found = self._result(sent, what)
         if not isinstance(found, ReplayedRecording):
             raise RecordingError(what, 'replayed by this version', type(found).__name__)
         check_code(found.worker, found.code, judging_code())
         for sentence in found.said:
             self._inform(sentence)
         return found
-
-    def end(self) -> None:
-        """See :class:`.Hands`."""
-        for sent in self._sent:
-            self._workers.give_up(sent.future)
 
 
 def replay_on_worker(
