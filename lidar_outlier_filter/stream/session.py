@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable
 
-    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.core.judging.slow import SlowDetector
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -344,8 +343,7 @@ class Session:
                 self.statistics.count_passed(cloud.count, 'failure')
             else:
                 self.statistics.count(cloud.verdict, len(cloud.points))
-                if (dropped := _dropped(cloud)) is not None:
-                    self.statistics.dropped += int(np.count_nonzero(dropped))
+                self.statistics.dropped += cloud.count - len(cloud.points) if _drops(cloud) else 0
                 if self.show is not None:
                     self.show(cloud, cloud.msg)
             answers.append(_answer(cloud, self.wanted))
@@ -360,24 +358,22 @@ def _answer(cloud: _FilteredCloud, wanted: tuple[bool, bool]) -> Answer:
         scores=cloud.form.scores,
         wanted=wanted,
     )
-    if cleaned is not None and (dropped := _dropped(cloud)) is not None:
-        cleaned = leave_out(cleaned, dropped[~cloud.verdict.rejected])
+    if cleaned is not None and _drops(cloud):
+        absent = np.ones(cloud.count, bool)
+        absent[cloud.where] = False
+        cleaned = leave_out(cleaned, absent[~cloud.verdict.rejected])
     return Answer(as_given(cleaned), as_given(outliers), cloud.tag)
 
 
-def _dropped(cloud: _FilteredCloud) -> Bools | None:
-    """Mark the missing returns that are in neither answer; None: all are in the cleaned one.
+def _drops(cloud: _FilteredCloud) -> bool:
+    """Return whether its missing returns are in neither answer; else all are in the cleaned one.
 
-    Clouds that passed unfiltered were not looked at: they keep theirs.
+    A cloud that passed unfiltered was not looked at: it keeps them.
     """
     form = cloud.form
     if form.missing == 'keep' or cloud.passed or cloud.error is not None:
-        return None
-    if form.keep_organized and is_organised(cloud.msg):
-        return None
-    dropped = np.ones(cloud.count, bool)
-    dropped[cloud.where] = False
-    return dropped
+        return False
+    return not (form.keep_organized and is_organised(cloud.msg))
 
 
 def _short(chain: Chain) -> Chain | None:
