@@ -102,7 +102,8 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         metres = _metres(file, coordinates, wanted.unit)
         loaded = _load(file, coordinates, metres, wanted, parameters, allocate, progress)
     with timed(seconds, 'judge'):
-        loaded, ignored = _without(loaded, wanted.ignore)
+        codes = _codes(loaded) if file.classes else None
+        loaded, ignored = _without(loaded, codes, wanted.ignore)
         loaded = points.recovered(file, loaded, parameters)
         judged = partial(
             judge,
@@ -114,8 +115,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         )
         everything = _judge_strips(loaded, judged, strips=wanted.strips)
         verdict, counted = everything, {}
-        if file.classes:
-            codes = cloud_file.filled(loaded.more[CLASSIFICATION]).astype(np.uint8)
+        if codes is not None:
             if wanted.only or wanted.keep:
                 verdict = spare(verdict, untouched(codes, wanted.only, wanted.keep))
             counted = by_class(codes, verdict.rejected)
@@ -193,12 +193,19 @@ def _load(  # noqa: PLR0913  of what, which points, and where to
     return loaded
 
 
-def _without(loaded: points.Loaded, ignore: Sequence[int]) -> tuple[points.Loaded, int]:
+def _codes(loaded: points.Loaded) -> Bytes:
+    """Return the classes that points have in the file."""
+    return cloud_file.filled(loaded.more[CLASSIFICATION]).astype(np.uint8)
+
+
+def _without(
+    loaded: points.Loaded, codes: Bytes | None, ignore: Sequence[int]
+) -> tuple[points.Loaded, int]:
     """Make points of some classes invalid, so that nobody sees them; count those that were not."""
-    if not ignore:
+    if codes is None or not ignore:
         return loaded, 0
     valid = loaded.points.valid
-    ignored = valid & np.isin(cloud_file.filled(loaded.more[CLASSIFICATION]), ignore)
+    ignored = valid & np.isin(codes, ignore)
     rest = replace(loaded.points, valid=valid & ~ignored)
     return replace(loaded, points=rest), int(np.count_nonzero(ignored))
 
