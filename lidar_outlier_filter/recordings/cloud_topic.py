@@ -12,7 +12,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.errors import CloudError, RecordingError, refused_for
+from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
 from lidar_outlier_filter.recordings.message_times import MessageTimes
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.judging.chain import Chain
     from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.recordings.bags import NewBag
+    from lidar_outlier_filter.parameters.node import MotionParameters
+    from lidar_outlier_filter.recordings.bags import NewBag, Recording
     from lidar_outlier_filter.recordings.journal import Journal
     from lidar_outlier_filter.stream.session import Answer
     from lidar_outlier_filter.stream.statistics import Statistics
@@ -270,3 +271,24 @@ class CloudTopic:
             dict(self._sentences),
             self._times.gaps,
         )
+
+
+def check_motion(source: Recording, motion: MotionParameters) -> None:
+    """Refuse motion that a recording does not hold.
+
+    Raises
+    ------
+    ParameterError
+        If the poses would come from tf.
+    RecordingError
+        If the recording has no such odometry.
+
+    """
+    if motion.source == 'tf':
+        must_be = "'none' or 'odometry' for a recording"
+        raise ParameterError('motion.source', must_be, repr(motion.source))
+    topic = resolve(motion.topic)
+    names = [channel.name for channel in source.topics if channel.msgtype == ODOMETRY]
+    if motion.source == 'odometry' and topic not in names:
+        must_be = 'one of the odometry topics ' + (', '.join(names) or '(none)')
+        raise RecordingError('motion.topic', must_be, repr(topic))

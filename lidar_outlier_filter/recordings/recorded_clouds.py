@@ -11,11 +11,11 @@ import numpy as np
 
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
+from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
 from lidar_outlier_filter.stream.motion import Odometry
-from lidar_outlier_filter.stream.topics import CLEANED, CLOUD, ODOMETRY, OUTLIERS, resolve
+from lidar_outlier_filter.stream.topics import CLEANED, CLOUD, OUTLIERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.parameters.node import MotionParameters
     from lidar_outlier_filter.recordings.bags import Topic
 
 
@@ -181,24 +180,3 @@ def _choose(source: Recording, topic: str | None) -> Topic:
         must_be = f'one of its topics of clouds ({known})'
         raise RecordingError(f'the topic to learn from in {source.path}', must_be, repr(topic))
     return names[topic]
-
-
-def check_motion(source: Recording, motion: MotionParameters) -> None:
-    """Refuse motion that a recording does not hold.
-
-    Raises
-    ------
-    ParameterError
-        If the poses would come from tf.
-    RecordingError
-        If the recording has no such odometry.
-
-    """
-    if motion.source == 'tf':
-        must_be = "'none' or 'odometry' for a recording"
-        raise ParameterError('motion.source', must_be, repr(motion.source))
-    topic = resolve(motion.topic)
-    names = [channel.name for channel in source.topics if channel.msgtype == ODOMETRY]
-    if motion.source == 'odometry' and topic not in names:
-        must_be = 'one of the odometry topics ' + (', '.join(names) or '(none)')
-        raise RecordingError('motion.topic', must_be, repr(topic))
