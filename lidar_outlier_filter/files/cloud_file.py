@@ -31,6 +31,7 @@ FORMATS = {
     '.laz': ('las', 'files'),
     '.pcd': ('pcd', 'files'),
     '.ply': ('ply', ''),
+    '.ptx': ('ptx', ''),
     '.csv': ('text', ''),
     '.tsv': ('text', ''),
     '.txt': ('text', ''),
@@ -81,6 +82,8 @@ class CloudFile(Protocol):
     ----------
     columns : the columns that hold one number a point, and their types, in the order of the file
     classes : whether points have a classification
+    gaps : whether a point that is left out of a copy becomes a missing return, as its grid stays
+        whole, and a copy can have no more columns
     whole : why no point can be left out of a copy; empty: any can
 
     """
@@ -88,6 +91,7 @@ class CloudFile(Protocol):
     path: Path
     columns: Mapping[str, np.dtype[Any]]
     classes: bool
+    gaps: bool
     whole: str
 
     @property

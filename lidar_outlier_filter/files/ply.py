@@ -85,6 +85,7 @@ class PlyFile:
     """A PLY file; see :class:`CloudFile`."""
 
     classes = False
+    gaps = False
     metres: Mapping[str, float] = MappingProxyType({})
 
     def __init__(self, path: Path) -> None:

@@ -167,6 +167,7 @@ FORMATS = (
     'ply ascii',
     'ply binary_little_endian',
     'ply binary_big_endian',
+    'ptx',
     'csv',
     'parquet',
     'db',
@@ -206,6 +207,14 @@ def whole_file(kind: str, path: Path) -> None:
         head = f'ply\nformat {form} 1.0\nelement vertex {COUNT}\n{properties}element face 1\n'
         head += 'property list uchar int vertex_indices\nend_header\n'
         path.write_bytes(head.encode() + body + faces)
+    elif name == 'ptx':
+        head = (
+            b'%d\n%d\n' + b'0 0 0\n1 0 0\n0 1 0\n0 0 1\n' + b'1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n'
+        )
+        half = COUNT // 2
+        lines = text.replace(b'\n', b' 0.25\n').splitlines(keepends=True)
+        parts = (b''.join(lines[:half]), b''.join(lines[half:]))
+        path.write_bytes(b''.join(head % (half // 5, 5) + part for part in parts))
     elif name == 'csv':
         path.write_bytes(b'x y z\n' + text)
     elif name == 'parquet':

@@ -21,7 +21,6 @@ from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cleaning.clean_log import (
     CLASS,
     MARK,
-    REMOVE,
     SEPARATE,
     WITHHELD,
     CleanReport,
@@ -72,7 +71,7 @@ def clean(  # noqa: PLR0913  what is wanted, three callbacks, and who makes the 
 
     Parameters
     ----------
-    path : LAS, LAZ, PCD, PLY, CSV, Parquet, or an SQLite database
+    path : LAS, LAZ, PCD, PLY, PTX, CSV, Parquet, or an SQLite database
     output : new file of the same format (LAS and LAZ are one); the log goes beside it, under the
         same name with ``.log`` and ``.json``
     wanted : what to do
@@ -183,12 +182,12 @@ def changes(judged: JudgedFile) -> list[Change]:
     if judged.parameters.scores:
         scores[REASON] = verdict.reason
     added = scores if judged.parameters.scores else {}
-    if wanted.rejected == MARK:
+    if wanted.rejected == MARK and not judged.file.gaps:
         if judged.file.classes:
             return [_marked(judged, added)]
         return [Change(added={OUTLIER: verdict.rejected.astype(np.uint8), **scores})]
     cleaned = Change(keep=~verdict.rejected, added=added)
-    if wanted.rejected == REMOVE:
+    if wanted.rejected != SEPARATE:
         return [cleaned]
     return [cleaned, Change(keep=verdict.rejected, added=added)]
 
