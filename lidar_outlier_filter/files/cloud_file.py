@@ -32,6 +32,7 @@ FORMATS = {
     '.pcd': ('pcd', 'files'),
     '.ply': ('ply', ''),
     '.ptx': ('ptx', ''),
+    '.e57': ('e57', 'e57'),
     '.csv': ('text', ''),
     '.tsv': ('text', ''),
     '.txt': ('text', ''),
@@ -43,6 +44,7 @@ FORMATS = {
     '.db': ('sqlite', ''),
 }
 SUFFIXES = tuple(FORMATS)
+_COPIES = {'.e57': '.ply'}  # of formats that are only read, the one of their copies
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,11 @@ class Change:
     def count(self, total: int) -> int:
         """Count the points of the copy of a file of so many."""
         return total if self.keep is None else int(np.count_nonzero(self.keep))
+
+    def part(self, rows: slice) -> Change:
+        """Return what becomes of some of the points, in a format without classes."""
+        added = {name: values[rows] for name, values in self.added.items()}
+        return Change(None if self.keep is None else self.keep[rows], added=added)
 
 
 class CloudFile(Protocol):
@@ -150,10 +157,16 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
     return opened
 
 
-def is_same_format(path: Path, other: Path) -> bool:
-    """Return whether two names are those of files of one format."""
-    formats = [FORMATS.get(one.suffix.lower()) for one in (path, other)]
-    return formats[0] == formats[1]
+def copy_suffix(path: Path) -> str:
+    """Return how the name of a copy ends: as that of the file, where its format is written."""
+    return _COPIES.get(path.suffix.lower(), path.suffix)
+
+
+def is_copy_format(path: Path, copy: Path) -> bool:
+    """Return whether a name is that of a file in the format of a file's copies."""
+    suffixes = (copy_suffix(path), copy.suffix)
+    said, got = (FORMATS.get(suffix.lower()) for suffix in suffixes)
+    return said == got
 
 
 def read(file: CloudFile, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:

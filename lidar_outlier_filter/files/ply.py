@@ -171,6 +171,13 @@ class PlyFile:
                 yield line
 
 
+def header_of(count: int, kinds: Mapping[str, np.dtype[Any]]) -> bytes:
+    """Make the header of a new binary file with so many points, and columns of these types."""
+    named = ''.join(f'property {_NAMES[kind.str[1:]][0]} {name}\n' for name, kind in kinds.items())
+    head = f'ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{named}end_header\n'
+    return head.encode()
+
+
 def _header(stream: BinaryIO) -> list[bytes]:
     """Read the lines up to ``end_header``."""
     lines: list[bytes] = []

@@ -18,9 +18,10 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 from rosbags.typesys import Stores, get_typestore
 
+from helpers.e57_files import write_e57
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
-from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+from lidar_outlier_filter.files.cloud_file import Change, copy_suffix, open_cloud
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 
@@ -168,6 +169,7 @@ FORMATS = (
     'ply binary_little_endian',
     'ply binary_big_endian',
     'ptx',
+    'e57',
     'csv',
     'parquet',
     'db',
@@ -215,6 +217,9 @@ def whole_file(kind: str, path: Path) -> None:
         lines = text.replace(b'\n', b' 0.25\n').splitlines(keepends=True)
         parts = (b''.join(lines[:half]), b''.join(lines[half:]))
         path.write_bytes(b''.join(head % (half // 5, 5) + part for part in parts))
+    elif name == 'e57':
+        names = (f'cartesian{axis}' for axis in 'XYZ')
+        write_e57(path, [dict(zip(names, rows.T, strict=True))])
     elif name == 'csv':
         path.write_bytes(b'x y z\n' + text)
     elif name == 'parquet':
@@ -260,6 +265,7 @@ def read_and_copy(path: Path, target: Path) -> bool:
     Return whether it was read.
     """
     begin = perf_counter()
+    target = target.with_suffix(copy_suffix(path))
     try:
         table = 't' if path.suffix == '.db' else None
         file = open_cloud(path, table)

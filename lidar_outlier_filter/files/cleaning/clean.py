@@ -71,9 +71,9 @@ def clean(  # noqa: PLR0913  what is wanted, three callbacks, and who makes the 
 
     Parameters
     ----------
-    path : LAS, LAZ, PCD, PLY, PTX, CSV, Parquet, or an SQLite database
-    output : new file of the same format (LAS and LAZ are one); the log goes beside it, under the
-        same name with ``.log`` and ``.json``
+    path : LAS, LAZ, PCD, PLY, PTX, E57, CSV, Parquet, or an SQLite database
+    output : new file of the same format (LAS and LAZ are one; PLY of E57); the log goes beside
+        it, under the same name with ``.log`` and ``.json``
     wanted : what to do
     outliers : new file for the rejected points, where they are separated
     progress : is called with how many of how many points, and what is done with them
@@ -170,8 +170,9 @@ def list_clouds(file: CloudFile, output: Path, outliers: Path | None, wanted: Wa
         if cloud.name.lower().endswith('.copc.laz'):
             must_be = 'LAZ without an octree, of which untwine or PDAL makes COPC'
             raise CloudError('the output', must_be, cloud)
-        if not cloud_file.is_same_format(file.path, cloud):
-            raise CloudError('the output', f'in the format of {file.path.name}', cloud)
+        if not cloud_file.is_copy_format(file.path, cloud):
+            name = file.path.with_suffix(cloud_file.copy_suffix(file.path)).name
+            raise CloudError('the output', f'in the format of {name}', cloud)
     return clouds
 
 
