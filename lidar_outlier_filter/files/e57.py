@@ -137,7 +137,8 @@ class E57File:
         """Write the points into a binary PLY file, with all columns that are read."""
         names = list(self.columns)
         dtype = np.dtype([(name, kind.newbyteorder('<')) for name, kind in self.columns.items()])
-        kinds = self.columns | {name: values.dtype for name, values in change.added.items()}
+        added = {name: values.dtype for name, values in change.added.items()}
+        kinds = {**self.columns, **added}
         done = 0
         with path.open('wb') as stream:
             stream.write(header_of(change.count(len(self)), kinds))

@@ -49,12 +49,11 @@ def test_scans_are_put_together(tmp_path: Path) -> None:
     assert list(open_cloud(path).columns) == names
     x, y, z, intensity, red, _, _, row, scan = columns(path)
     missing = first['cartesianInvalidState'] != 0
-    near = {'rtol': 0, 'atol': 1e-12}
     of_first = first['cartesianX'], first['cartesianY'], first['cartesianZ'] + 1
     of_second = 10 - second['cartesianY'], second['cartesianX'], second['cartesianZ'] + 1
     for found, one, other in zip((x, y, z), of_first, of_second, strict=True):
-        np.testing.assert_allclose(found[:COUNT], np.where(missing, np.nan, one), **near)
-        np.testing.assert_allclose(found[COUNT:], np.where(missing, np.nan, other), **near)
+        np.testing.assert_allclose(found[:COUNT], np.where(missing, np.nan, one), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found[COUNT:], np.where(missing, np.nan, other), rtol=0, atol=1e-12)
     assert intensity[:COUNT].tolist() == first['intensity'].tolist()
     assert red.tolist() == [*range(0, 5 * COUNT, 5)] * 2
     assert row.tolist() == [*range(300, 300 + COUNT)] * 2
