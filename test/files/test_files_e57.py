@@ -52,8 +52,12 @@ def test_scans_are_put_together(tmp_path: Path) -> None:
     of_first = first['cartesianX'], first['cartesianY'], first['cartesianZ'] + 1
     of_second = 10 - second['cartesianY'], second['cartesianX'], second['cartesianZ'] + 1
     for found, one, other in zip((x, y, z), of_first, of_second, strict=True):
-        np.testing.assert_allclose(found[:COUNT], np.where(missing, np.nan, one), rtol=0, atol=1e-12)
-        np.testing.assert_allclose(found[COUNT:], np.where(missing, np.nan, other), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            found[:COUNT], np.where(missing, np.nan, one), rtol=0, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            found[COUNT:], np.where(missing, np.nan, other), rtol=0, atol=1e-12
+        )
     assert intensity[:COUNT].tolist() == first['intensity'].tolist()
     assert red.tolist() == [*range(0, 5 * COUNT, 5)] * 2
     assert row.tolist() == [*range(300, 300 + COUNT)] * 2
