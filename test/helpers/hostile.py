@@ -210,13 +210,13 @@ def whole_file(kind: str, path: Path) -> None:
         head += 'property list uchar int vertex_indices\nend_header\n'
         path.write_bytes(head.encode() + body + faces)
     elif name == 'ptx':
-        head = (
+        grid = (
             b'%d\n%d\n' + b'0 0 0\n1 0 0\n0 1 0\n0 0 1\n' + b'1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n'
         )
         half = COUNT // 2
         lines = text.replace(b'\n', b' 0.25\n').splitlines(keepends=True)
         parts = (b''.join(lines[:half]), b''.join(lines[half:]))
-        path.write_bytes(b''.join(head % (half // 5, 5) + part for part in parts))
+        path.write_bytes(b''.join(grid % (half // 5, 5) + part for part in parts))
     elif name == 'e57':
         names = (f'cartesian{axis}' for axis in 'XYZ')
         write_e57(path, [dict(zip(names, rows.T, strict=True))])
