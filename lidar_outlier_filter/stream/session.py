@@ -238,6 +238,11 @@ class Session:
         return str(self._decoder.convention or '')
 
     @property
+    def has_rings(self) -> bool:
+        """Whether the scan lines of the last cloud with a valid point are its sensor's rings."""
+        return self._decoder.convention is not None and self._decoder.convention.has_rings
+
+    @property
     def can_shed(self) -> bool:
         """Whether the detectors that look along the line can do without the others."""
         return self._short is not None
@@ -343,7 +348,7 @@ class Session:
                 self.statistics.count_passed(cloud.count, 'failure')
             else:
                 self.statistics.count(cloud.verdict, len(cloud.points))
-                self.statistics.dropped += cloud.count - len(cloud.points) if _drops(cloud) else 0
+                self.statistics.dropped += cloud.absent if _drops(cloud) else 0
                 if self.show is not None:
                     self.show(cloud, cloud.msg)
             answers.append(_answer(cloud, self.wanted))
