@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
+    from lidar_outlier_filter.stream.visibility import SensorWatch
 
 
 @dataclass(eq=False, kw_only=True)
@@ -87,6 +88,8 @@ class Session:
         block, for each such block; ``warn`` is called once for each detector.
     show : callable or None
         Is called with each cloud that was judged, and its message.
+    watch : SensorWatch or None
+        Looks at each cloud that was judged.
     pass_failed : bool
         Whether clouds that could not be judged are passed on, instead of being refused.
     wanted : pair of bool
@@ -110,6 +113,7 @@ class Session:
         self.fail: Callable[[JudgingError], object] = str
         self.slow: Callable[[SlowDetector], object] = str
         self.show: Callable[[StreamCloud, Any], object] | None = None
+        self.watch: SensorWatch | None = None
         self.pass_failed = False
         self.wanted = (True, True)
         self._parameters = parameters
@@ -349,6 +353,8 @@ class Session:
             else:
                 self.statistics.count(cloud.verdict, len(cloud.points))
                 self.statistics.dropped += cloud.absent if _drops(cloud) else 0
+                if self.watch is not None:
+                    self.watch.add(cloud, has_rings=self.has_rings)
                 if self.show is not None:
                     self.show(cloud, cloud.msg)
             answers.append(_answer(cloud, self.wanted))
