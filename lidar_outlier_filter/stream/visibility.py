@@ -208,14 +208,32 @@ def compile_watch() -> None:
     _count(*nothing, _Tally.nothing(0))
 
 
+# Unit vectors at the edges of the sectors, the first again at the end; squares of the ranges at
+# which steps end.
+EDGES = np.array(
+    [
+        (math.cos(k * 2 * math.pi / SECTORS), math.sin(k * 2 * math.pi / SECTORS))
+        for k in (*range(SECTORS), 0)
+    ]
+)
+CLEAR = 1e-9  # rad from an edge, where rounding does not matter
+ENDS = np.array([*(STEP ** (2 * (k + 1)) for k in range(STEPS - 1)), math.inf])
+
+
 @kernel
 def _count(xyz: Floats, line: Ints, rejected: Bools, tally: _Tally) -> None:
+    sector = step = 0
     for i in range(len(line)):
         x, y, z = xyz[i]
-        sector = int(np.floor(np.arctan2(y, x) * (SECTORS / (2 * np.pi)))) % SECTORS
-        distance = np.sqrt(x * x + y * y + z * z)
+        # Mostly it is clearly in the sector of the one before; an arctangent takes longer.
+        clear = CLEAR * (abs(x) + abs(y))
+        left = EDGES[sector, 0] * y - EDGES[sector, 1] * x
+        right = EDGES[sector + 1, 1] * x - EDGES[sector + 1, 0] * y
+        if not (left > clear and right > clear):
+            sector = int(np.floor(np.arctan2(y, x) * (SECTORS / (2 * np.pi)))) % SECTORS
+        square = x * x + y * y + z * z
         band = 0
-        while band + 1 < len(BANDS) and distance >= BANDS[band + 1]:
+        while band + 1 < len(BANDS) and square >= BANDS[band + 1] * BANDS[band + 1]:
             band += 1
         tally.points[sector, band] += 1
         if rejected[i]:
@@ -223,8 +241,11 @@ def _count(xyz: Floats, line: Ints, rejected: Bools, tally: _Tally) -> None:
             continue
         if 0 <= line[i] < len(tally.kept):
             tally.kept[line[i], sector] += 1
-        step = int(np.log(max(distance, 1.0)) / np.log(STEP))
-        tally.steps[sector, min(step, STEPS - 1)] += 1
+        while step > 0 and square < ENDS[step - 1]:
+            step -= 1
+        while square >= ENDS[step] and step < STEPS - 1:
+            step += 1
+        tally.steps[sector, step] += 1
 
 
 def _usual_share(missing: Floats) -> float:
