@@ -229,9 +229,9 @@ def settings(_data: Path, path: Path) -> None:
 DRIVES: Mapping[str, Stage] = {'drives/a': copy(VELODYNE), 'drives/b': copy(VELODYNE)}
 STAGES: Mapping[str, Mapping[str, Stage]] = {
     'README.md': {'my_recording': copy(VELODYNE), **DRIVES},
-    'doc/offline.md': {
-        'my_recording': copy(VELODYNE),
-        **DRIVES,
+    'doc/bags.md': {'my_recording': copy(VELODYNE)},
+    'doc/archives.md': DRIVES,
+    'doc/files.md': {
         'street.laz': points(PATCH),
         'strips/a.laz': points(PATCH),
         'strips/b.laz': points(AIRBORNE),
