@@ -224,7 +224,7 @@ def report_of(
         rings=loaded.rings,
         coarse=say_coarse(file, judged.coordinates, loaded.points, judged.metres),
         chain=judged.parameters.chain,
-        **_counts(judged.verdict, loaded.points.valid, judged.ignored, judged.parameters.chain),
+        **_counts(judged.verdict, loaded.points.valid, judged.ignored, judged.parameters),
         spared=int(np.count_nonzero(judged.everything.rejected & ~judged.verdict.rejected)),
         by_class=judged.by_class,
         low=int(np.count_nonzero(~judged.high)),
@@ -236,26 +236,26 @@ def report_of(
 
 
 def _counts(
-    verdict: Verdict, valid: NDArray[np.bool_], ignored: int, chain: Sequence[str]
+    verdict: Verdict, valid: NDArray[np.bool_], ignored: int, parameters: FilterParameters
 ) -> dict[str, Any]:
     """Count the points, all and by detector."""
 
-    def by_detector(bits: NDArray[np.uint16]) -> dict[str, int]:
-        return {name: int(np.count_nonzero(bits & registry.DETECTORS[name].bit)) for name in chain}
+    def by_name(bits: NDArray[np.uint16], names: Sequence[str]) -> dict[str, int]:
+        return {name: int(np.count_nonzero(bits & registry.bits()[name])) for name in names}
 
     return {
         'points': len(valid),
-        'invalid': int(np.count_nonzero(~valid)) - ignored,
+        'invalid': int(np.count_nonzero(~valid & ~verdict.masked)) - ignored,
         'ignored': ignored,
         'untested': int(np.count_nonzero(np.isnan(verdict.score[valid]))),
         'rejected': int(np.count_nonzero(verdict.rejected)),
-        'rejected_by': by_detector(verdict.detectors),
+        'rejected_by': by_name(verdict.detectors, registry.rejecting(parameters)),
         'extra': {
             name: int(np.count_nonzero(verdict.detectors & bit))
             for one in registry.DETECTORS.values()
             for bit, name in one.extra.items()
         },
-        'undecided_by': by_detector(verdict.undecided),
+        'undecided_by': by_name(verdict.undecided, parameters.chain),
     }
 
 
