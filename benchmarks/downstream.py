@@ -129,10 +129,10 @@ def poses_of(route: Route, seconds: Floats) -> list[Floats]:
     return poses
 
 
-def in_snow(folder: Path) -> DriveOf:
-    """Read the drive in real snow, both returns, without copies."""
+def in_snow(folder: Path, most: int) -> DriveOf:
+    """Read the first sweeps of the drive in real snow, both returns, without copies."""
     sweeps, bad = [], []
-    for one in read_wads(folder, read_rings(ROOT / 'benchmarks' / 'pandar64.csv')):
+    for one in read_wads(folder, read_rings(ROOT / 'benchmarks' / 'pandar64.csv'))[:most]:
         own = ~one.copy
         sweeps.append(
             Points(
@@ -257,12 +257,13 @@ def main() -> int:
     parser.add_argument('--data', type=Path, default=DATA, metavar='FOLDER')
     parser.add_argument('--wads', type=Path, metavar='FOLDER')
     parser.add_argument('--turns', type=int, default=50, help='of the simulated drive')
+    parser.add_argument('--sweeps', type=int, default=20, help='of the drive in real snow')
     parser.add_argument('--write', action='store_true')
     options = parser.parse_args()
     chain = Chain(FilterParameters())
     chain.compile()
     rows = []
-    snow = [in_snow(options.wads)] if options.wads else []
+    snow = [in_snow(options.wads, options.sweeps)] if options.wads else []
     for drives in (simulated(options.turns), snow, recorded(options.data)):
         for drive in drives:
             rows.append(measure(drive, chain))

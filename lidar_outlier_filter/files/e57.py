@@ -55,7 +55,7 @@ def open_file(path: Path, _table: str | None) -> E57File:
 
 
 @dataclass(frozen=True)
-class _Scan:
+class _PosedScan:
     """One scan: its number, its count of points, its fields and their types, and its pose."""
 
     number: int
@@ -108,7 +108,7 @@ class E57File:
                     yield tuple(values[name].astype(self.columns[name]) for name in names)
 
     def _chunks(
-        self, node: Any, scan: _Scan, fields: Sequence[str]
+        self, node: Any, scan: _PosedScan, fields: Sequence[str]
     ) -> Iterator[dict[str, NDArray[Any]]]:
         """Read fields of a scan chunk by chunk."""
         size = min(CHUNK, scan.count)
@@ -167,7 +167,7 @@ def _opened(path: Path) -> Iterator[Any]:
         raise CloudError(f'the file {path}', 'readable', got) from err
 
 
-def _scan(path: Path, node: Any, number: int) -> _Scan:
+def _scan(path: Path, node: Any, number: int) -> _PosedScan:
     """Read what a scan says of itself."""
     what = f'scan {number + 1}'
     prototype = libe57.StructureNode(node['points'].prototype())
@@ -188,7 +188,7 @@ def _scan(path: Path, node: Any, number: int) -> _Scan:
     if not abs(np.sqrt(np.sum(rotation**2)) - 1) <= _UNIT or not np.isfinite(position).all():
         got = f'{rotation.tolist()} and {position.tolist()}'
         raise CloudError(f'the pose of {what} of {path}', 'a unit quaternion and a place', got)
-    return _Scan(number, count, fields, _matrix(rotation), position)
+    return _PosedScan(number, count, fields, _matrix(rotation), position)
 
 
 def _kind(node: Any) -> np.dtype[Any]:
@@ -214,7 +214,7 @@ def _matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _placed(
-    scan: _Scan, chunk: Mapping[str, NDArray[Any]], places: Sequence[str], invalid: str
+    scan: _PosedScan, chunk: Mapping[str, NDArray[Any]], places: Sequence[str], invalid: str
 ) -> Iterator[NDArray[np.float64]]:
     """Yield x, y and z where the pose puts them; NaN where there is no return."""
     x, y, z = (chunk[place] for place in places)

@@ -41,7 +41,7 @@ def open_file(path: Path, _table: str | None) -> PtxFile:
 
 
 @dataclass(frozen=True)
-class _Scan:
+class _GridScan:
     """One scan: its header as it is, its count of lines, and the matrix (4, 4) of its pose."""
 
     header: bytes
@@ -71,7 +71,7 @@ class PtxFile:
     def __init__(self, path: Path) -> None:
         """Find the scans, and check that each has all of its lines."""
         self.path = path
-        self._scans: list[_Scan] = []
+        self._scans: list[_GridScan] = []
         widths: set[int] = set()
         with path.open('rb') as stream:
             while (begin := _next_line(stream)) >= 0:
@@ -115,7 +115,7 @@ class PtxFile:
         )
         stream.seek(begin)
         header = stream.read(offset - begin)
-        self._scans.append(_Scan(header, columns * rows, matrix, lines))
+        self._scans.append(_GridScan(header, columns * rows, matrix, lines))
         stream.seek(lines.end())
         return width
 

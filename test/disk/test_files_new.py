@@ -221,7 +221,7 @@ def test_a_name_that_the_system_refuses(tmp_path: Path) -> None:
 def test_unknown_formats(tmp_path: Path) -> None:
     """A suffix that is unknown, a folder, and a file that is not there are refused."""
     for name, sentence in (
-        ('cloud.e57', r"must be one of \.las \.laz .*, got '\.e57'"),
+        ('cloud.pts', r"must be one of \.las \.laz .*, got '\.pts'"),
         ('cloud', "must be one of .*, got ''"),
         ('cloud.las', r'cloud\.las must be a file, got none'),
         ('folder.las', r'folder\.las must be a file, got a folder'),
