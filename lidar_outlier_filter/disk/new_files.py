@@ -128,11 +128,18 @@ def new_files(paths: Sequence[Path]) -> Iterator[list[Path]]:
     with ExitStack() as stack:
         hidden = [stack.enter_context(_hidden(path)) / path.name for path in paths]
         yield hidden
-        _publish_all(hidden, paths)
+        publish_all(hidden, paths)
 
 
-def _publish_all(hidden: Sequence[Path], paths: Sequence[Path]) -> None:
-    """Give all files their names, or none: where one is refused, those before it lose theirs."""
+def publish_all(hidden: Sequence[Path], paths: Sequence[Path]) -> None:
+    """Give all files their names, or none: where one is refused, those before it lose theirs.
+
+    Raises
+    ------
+    CloudError
+        If a name has been taken meanwhile, or the system refuses.
+
+    """
     with ExitStack() as undo:
         for built, path in zip(hidden, paths, strict=True):
             try:

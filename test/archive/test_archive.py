@@ -94,7 +94,7 @@ def test_what_is_done_is_left(
         pytest.fail('a file was read')
 
     monkeypatch.setattr(proof, 'content_hash', refuse)
-    monkeypatch.setattr(run, 'replay_all', refuse)
+    monkeypatch.setattr(run, 'run_all', refuse)
     capsys.readouterr()
     assert clean(drives) == 0
     assert times(tmp_path / 'drives_cleaned') == before
@@ -195,7 +195,7 @@ def test_another_version_is_another_question(
     """All is replayed."""
     assert clean(drives) == 0
     before = times(tmp_path / 'drives_cleaned')
-    monkeypatch.setattr(run, name, lambda: 'another')
+    monkeypatch.setattr(run, name, lambda *_: 'another')
     assert clean(drives) == 0
     after = times(tmp_path / 'drives_cleaned')
     files = [path for path in after if path.endswith('.mcap')]
