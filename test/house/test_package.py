@@ -93,23 +93,18 @@ PIP_ONLY = {
     'rosbags',
 }
 SINCE_NUMPY_2 = {
-    'astype',
-    'bitwise_count',
-    'bool',
-    'concat',
-    'cumulative_prod',
-    'cumulative_sum',
-    'isdtype',
-    'matrix_transpose',
-    'matvec',
-    'permute_dims',
-    'pow',
-    'trapezoid',
-    'unique_counts',
-    'unique_inverse',
-    'unique_values',
-    'vecdot',
+    'np': """
+        acos acosh asin asinh astype atan atan2 atanh bitwise_count bitwise_invert
+        bitwise_left_shift bitwise_right_shift bool concat cumulative_prod cumulative_sum isdtype
+        long matrix_transpose matvec permute_dims pow strings trapezoid ulong unique_all
+        unique_counts unique_inverse unique_values unstack vecdot vecmat
+    """,
+    'np.linalg': """
+        cross diagonal matmul matrix_norm matrix_transpose outer svdvals tensordot trace vecdot
+        vector_norm
+    """,
 }
+ARRAYS_SINCE_NUMPY_2 = {'device', 'mT', 'to_device'}  # whatever they are attributes of
 # All of the package that the core may know.
 BELOW_CORE = ('errors', 'annotations', 'parameters', 'core')
 BUILD = 'import sys; from colcon_core.command import main; sys.exit(main())'
@@ -182,15 +177,22 @@ def test_rosdep_calls_no_pip() -> None:
 
 
 def test_numpy_is_that_of_ubuntu() -> None:
-    """Nothing of NumPy is used that 1.26 has not, which setup.py allows and Ubuntu packages."""
-    used = {
-        node.attr
-        for path in (ROOT / NAME).rglob('*.py')
+    """No function or attribute of NumPy is used that 1.26 lacks: Ubuntu packages that one."""
+    used = [
+        node
+        for folder in (NAME, LAB)
+        for path in (ROOT / folder).rglob('*.py')
         for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == 'np'
+        if isinstance(node, ast.Attribute)
+    ]
+    assert 'flatnonzero' in {node.attr for node in used if ast.unparse(node.value) == 'np'}
+    newer = {
+        ast.unparse(node)
+        for node in used
+        if node.attr in SINCE_NUMPY_2.get(ast.unparse(node.value), '').split()
+        or node.attr in ARRAYS_SINCE_NUMPY_2
     }
-    assert 'flatnonzero' in used
-    assert used & SINCE_NUMPY_2 == set()
+    assert newer == set()
 
 
 def test_setup_lists_what_is_imported() -> None:

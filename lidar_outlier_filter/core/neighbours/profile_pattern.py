@@ -197,7 +197,7 @@ def _fit(xyz: Floats, turned: Floats) -> Fit:
     """Fit the scanner's position to S returns of L lines: (L, S, 3), (L, S)."""
     centre = xyz.mean(axis=1)
     about = xyz - centre[:, None]
-    _, vector = np.linalg.eigh(about.mT @ about)
+    _, vector = np.linalg.eigh(about.swapaxes(1, 2) @ about)
     first, second = vector[:, :, 2], vector[:, :, 1]
     along = about @ vector
     x, y = along[:, :, 2], along[:, :, 1]
@@ -222,7 +222,7 @@ def _fit_plane(
     count = x.shape[1]
     for _ in range(FITS):
         weighted = rows * weight[:, :, None]
-        value, vector = np.linalg.eigh(weighted.mT @ weighted)
+        value, vector = np.linalg.eigh(weighted.swapaxes(1, 2) @ weighted)
         a, b, c, d = vector[:, :, 0].T
         square = np.maximum(a * a + b * b, np.finfo(float).tiny)
         east, north = (c * a - d * b) / square, (c * b + d * a) / square

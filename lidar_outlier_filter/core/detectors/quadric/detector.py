@@ -184,7 +184,8 @@ def _components(variance: Floats | None, count: int) -> Floats:
 
 def _is_definite(matrix: Floats) -> NDArray[np.bool_]:
     """Return which symmetric matrices (N, 3, 3) are positive definite, by their leading minors."""
-    finite = np.isfinite(matrix).all(axis=(1, 2)) & (matrix == matrix.mT).all(axis=(1, 2))
+    symmetric = (matrix == matrix.swapaxes(1, 2)).all(axis=(1, 2))
+    finite = np.isfinite(matrix).all(axis=(1, 2)) & symmetric
     safe = np.where(finite[:, None, None], matrix, 0.0)
     minors = [np.linalg.det(safe[:, :k, :k]) > 0 for k in (1, 2, 3)]
     definite: NDArray[np.bool_] = finite & np.logical_and.reduce(minors)
