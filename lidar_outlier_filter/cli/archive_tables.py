@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.order import Order
     from lidar_outlier_filter.archive.task import Task
 
+MOST_ROWS = 1000  # of a table: more take a terminal seconds, and nobody reads them
 MOST_NAMES = 5  # of recordings without clouds, in the last line
 
 
@@ -89,14 +90,18 @@ def table_of_all(
 ) -> Table:
     """Make the table, a row for each; of recordings it fits into a terminal of 80 columns.
 
-    Files have a column that says what became of each.
+    Files have a column that says what became of each. Of very many only some are shown, those that
+    failed or lack something first; the page has all.
     """
     from rich import box
 
     from lidar_outlier_filter.archive.columns import in_terminal
     from lidar_outlier_filter.archive.oddness import counts_of
 
-    counted = [counts_of(asdict(entry)) for entry in entries]
+    rows = list(zip(tasks, entries, strict=True))
+    if len(rows) > MOST_ROWS:
+        rows = sorted(rows, key=lambda row: row[1].is_complete)[:MOST_ROWS]
+    counted = [counts_of(asdict(entry)) for _, entry in rows]
     columns = in_terminal(counted, order.what)
     heads = [column.name.replace('real time', 'real\ntime') for column in columns]
     before = _before(entries, tried)
@@ -106,7 +111,9 @@ def table_of_all(
         if of_files
         else numbers(order.what, *heads, box=box.SIMPLE_HEAD, padding=0, show_edge=False)
     )
-    for task, entry, counts in zip(tasks, entries, counted, strict=True):
+    if len(rows) < len(entries):
+        made.caption = f'{len(entries) - len(rows):,} more are on the page'
+    for (task, entry), counts in zip(rows, counted, strict=True):
         cells = [''] * len(columns)
         if entry.error is None:
             cells = [f'{column.value(counts):{column.format}}' for column in columns]

@@ -16,7 +16,7 @@ from helpers.labelled import write
 from lidar_outlier_filter.archive import one_recording
 from lidar_outlier_filter.archive.fingerprints import content_hash
 from lidar_outlier_filter.archive.manifest import NAME
-from lidar_outlier_filter.cli import archive_progress
+from lidar_outlier_filter.cli import archive_progress, archive_tables
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.message_times import count_times
@@ -116,6 +116,22 @@ def test_table_of_80_columns(
     for text in ('123,456', ' 12,345 ', '9,876,543,210', 'recording', 'rejected', 'untested'):
         assert text in table
     assert name in ''.join(line.split()[0] for line in table.splitlines())
+
+
+def test_a_table_of_very_many(
+    drives: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """It has what failed, and says how many rows it leaves out; the page has them all."""
+    write_drive(drives / 'second', 6, seed=2)
+    (drives / 'zz.mcap').write_bytes(b'no recording')
+    monkeypatch.setattr(archive_tables, 'MOST_ROWS', 2)
+    assert main(['replay', str(drives), *FAST]) == 3
+    printed = capsys.readouterr().out
+    assert 'zz ' in printed
+    assert 'second ' not in printed
+    assert '2 more are on the page' in printed
+    page = (drives.with_name('drives_cleaned') / 'archive.html').read_text('utf-8')
+    assert page.count('<tr id=') == 4
 
 
 def test_a_chain_of_replay(drives: Path, tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def die_at_first(
     return make_on_worker(task, order, folder, prefix, topic)
 
 
-def die(done: int, total: int, _share: float | None) -> None:
+def die(done: int, total: int, _share: object) -> None:
     """End this process when half of the messages are done."""
     if 2 * done > total:
         os.kill(os.getpid(), signal.SIGKILL)
