@@ -69,6 +69,7 @@ def peak(process: psutil.Process) -> float:
 
 def by_cluster(folder: Path, number: int) -> None:
     """Let two workers of a cluster replay so many recordings."""
+    folder.mkdir()
     tiny = next(write_drive(folder / 'tiny', CLOUDS).glob('*.mcap'))
     drives, output = folder / 'drives', folder / 'cleaned'
     for one in range(number):
@@ -126,7 +127,8 @@ def traffic() -> Iterator[list[tuple[str, int]]]:
 
 def by_store(folder: Path, numbers: list[int]) -> None:
     """Replay so many from a bucket to the same, and count what the store is asked."""
-    drive = next(write_drive(folder, CLOUDS).glob('*.mcap')).read_bytes()
+    folder.mkdir()
+    drive = next(write_drive(folder / 'tiny', CLOUDS).glob('*.mcap')).read_bytes()
     with traffic() as seen, running_store() as store:
         for number in numbers:
             bucket = store.new_bucket(f'tiny{number}')

@@ -21,7 +21,7 @@ from lidar_outlier_filter.archive.locations import listed, location_of, staged
 from lidar_outlier_filter.archive.order import Made, Order, new_folder
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.uploads import Upload, finish, upload
-from lidar_outlier_filter.disk.new_files import FOLDER, publish, replaced
+from lidar_outlier_filter.disk.new_files import FOLDER, publish, publish_instead
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import writable
 from lidar_outlier_filter.recordings.remote_path import written
@@ -111,8 +111,10 @@ class ReplayOrder(Order[Task]):
         if isinstance(built, Path) and isinstance(task.output, Path):
             with writable(task.output):
                 task.output.parent.mkdir(parents=True, exist_ok=True)
-                with replaced(task.output) as place:
-                    publish(built, place)
+                if replaces:
+                    publish_instead(built, task.output, built.parent / 'older')
+                else:
+                    publish(built, task.output)
             shutil.rmtree(built.parent, ignore_errors=True)
         elif not isinstance(built, Path) and not isinstance(task.output, Path):
             with written(task.output):
