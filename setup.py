@@ -115,6 +115,7 @@ setup(
         # `lidar-outlier-filter clean`: LAS, LAZ, PCD (10 MB); Parquet (170 MB). Others need none.
         'files': ['laspy[lazrs]>=2.5', 'pyproj>=3.6', 'python-neo-lzf>=0.3.5'],
         'parquet': ['pyarrow>=14.0.1'],
+        'e57': ['pye57>=0.4.10'],  # 60 MB; no apt package, so package.xml has none
         # `lidar-outlier-filter replay` with several processes or a cluster, and recordings
         # elsewhere; s3fs for `s3://`.
         'archive': ['dask>=2026.1.1', 'distributed>=2026.1.1', 'fsspec>=2024.3'],
@@ -145,6 +146,7 @@ setup(
             'playwright>=1.45',
             'psutil>=5.9',
             'pyarrow>=14.0.1',
+            'pye57>=0.4.10',
             'pyproj>=3.6',
             'pytest>=7.4',
             'pytest-timeout>=2.2',

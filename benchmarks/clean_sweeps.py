@@ -7,7 +7,7 @@
 The sweeps are those that trees are trained on: the loss is that of the shipped trees on what they
 saw. Speed is the best of three, of one sweep at a time, per second of processor time. A picture
 shows a sweep from above and unrolled, by azimuth and elevation, with what was rejected in red.
-``--write`` puts the table into ``doc/detectors/evidence.md``.
+``--write`` puts the table into ``doc/development/default.md``.
 """
 
 # ruff: noqa: INP001, T201  a script, no package
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / 'shared' / 'data'
-PAGE = ROOT / 'doc' / 'detectors' / 'evidence.md'
+PAGE = ROOT / 'doc' / 'development' / 'default.md'
 SECTION = 'clean sweeps'
 RUNS = 3
 KEPT, REJECTED = '#b8bec6', '#d62728'

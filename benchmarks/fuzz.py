@@ -70,7 +70,7 @@ DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
 BAGS = ('vlp16_mrpt_mcap/vlp16_mrpt_mcap.mcap', 'vlp16_mrpt_db3/vlp16_mrpt_db3.db3', 'os0_32.bag')
 TARGETS = (
     *('decoder', 'cdr'),
-    *('las', 'laz', 'pcd', 'ply', 'csv', 'parquet', 'sqlite'),
+    *('las', 'laz', 'pcd', 'ply', 'ptx', 'csv', 'parquet', 'sqlite'),
     *('mcap', 'db3', 'bag'),
 )
 

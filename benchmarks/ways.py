@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     Judge = Callable[[Points], Bools | None]
 
 COMMAND = 'benchmarks/ways.py --write'
-PAGE = Path(__file__).parents[1] / 'doc' / 'detectors' / 'evidence.md'
+PAGE = Path(__file__).parents[1] / 'doc' / 'development' / 'default.md'
 PARAMETERS = FilterParameters()
 SEEDS = (401, 402, 403)
 STREETS = (16, 32, 64, 128)

@@ -52,10 +52,11 @@ def add_clean(commands: Commands) -> None:
         'clean',
         help='filter clouds that are files',
         description='Judge all points of a file together, and write a copy with every attribute '
-        'kept. Reads and writes LAS, LAZ, PCD, PLY, CSV, Parquet, and tables of SQLite databases. '
-        'Beside each copy goes a log, .log and .json. alpha_beta_gamma needs a time '
-        'and scan lines (LAS: gps_time, and the scan direction, angle or edges; others: columns '
-        'such as time and ring); evidence uses them where there are some. Exit '
+        'kept. Reads and writes LAS, LAZ, PCD, PLY, PTX, CSV, Parquet, and tables of SQLite '
+        'databases; reads E57, and writes PLY of it. Beside each copy goes a log, .log and '
+        '.json. alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan '
+        'direction, angle or edges; others: columns such as time and ring); evidence uses '
+        'them where there are some. Exit '
         'status: 0 all done; 1 refused, nothing is written; 3 some of the files were '
         'refused, or none of the points of one could be tested.',
     )
@@ -124,8 +125,8 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
         '--rejected',
         choices=('mark', 'remove', 'separate'),
         help='mark (default): by classification 7 in LAS, by columns outlier, outlier_score and '
-        'outlier_detectors elsewhere, in a table of their own for a database; remove; or separate: '
-        'put into a file of their own',
+        'outlier_detectors elsewhere, in a table of their own for a database, as missing '
+        'returns in PTX; remove; or separate: put into a file of their own',
     )
     parser.add_argument(
         '--mark',
@@ -351,8 +352,9 @@ def _task(path: Path, options: argparse.Namespace, folder: Path | None, depth: i
     from lidar_outlier_filter.archive.locations import Location, location_of
     from lidar_outlier_filter.archive.one_file import FileTask
     from lidar_outlier_filter.files.cleaning.clean_log import SEPARATE
+    from lidar_outlier_filter.files.cloud_file import copy_suffix
 
-    name = path.stem + CLEANED + path.suffix
+    name = path.stem + CLEANED + copy_suffix(path)
     output = options.output or path.with_name(name)
     if folder is not None:
         output = folder / name

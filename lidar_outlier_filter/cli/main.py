@@ -21,6 +21,7 @@ from lidar_outlier_filter.cli.completion import complete
 from lidar_outlier_filter.cli.evaluate import add_evaluate
 from lidar_outlier_filter.cli.info import add_info
 from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
+from lidar_outlier_filter.cli.mask import add_mask
 from lidar_outlier_filter.cli.replay import add_replay
 from lidar_outlier_filter.cli.report import add_report
 from lidar_outlier_filter.cli.right_verb import hint
@@ -74,6 +75,7 @@ COMMANDS: dict[str, Callable[[Commands], None]] = {
     'clean': add_clean,
     'report': add_report,
     'info': add_info,
+    'mask': add_mask,
     'evaluate': add_evaluate,
     'tune': add_tune,
     'compile': add_compile,

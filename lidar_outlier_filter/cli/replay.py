@@ -170,7 +170,8 @@ def _table(report: ReplayReport) -> Table:
             ('rejected by', [topic.rejected_by for topic in report.topics]),
             ('undecided by', [topic.undecided_by for topic in report.topics]),
         ):
-            table.add_row(f'{text} {name}', *(f'{count[name]:,}' for count in counts))
+            if all(name in count for count in counts):
+                table.add_row(f'{text} {name}', *(f'{count[name]:,}' for count in counts))
     speed = (topic.points / report.elapsed for topic in report.topics)
     table.add_row('points per second', *(f'{value:,.0f}' for value in speed))
     faster = f'{report.recorded / report.elapsed:.1f}'

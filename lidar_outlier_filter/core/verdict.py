@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.kernels.kernels import kernel
-from lidar_outlier_filter.parameters.installed import BITS
+from lidar_outlier_filter.parameters.installed import BITS, MASKED, MASKED_REASON
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.scores import Scores
+    from lidar_outlier_filter.core.points.points import Points
 
     Part = slice | NDArray[np.intp] | NDArray[np.bool_]
 
 ALL = sum(BITS)  # bits for detectors
 # Beside the bit of a detector: it says more of the point, as the detector declares. It says nothing
 # alone, and has no vote.
-EXTRA = 0xFFFF & ~ALL
+EXTRA = 0xFFFF & ~ALL & ~MASKED
 # Rounding to float32 must not make a rejected point look kept.
 ABOVE_ONE = np.nextafter(np.float32(1), np.float32(2))
 
@@ -34,9 +35,11 @@ class Verdict:
     Attributes
     ----------
     score : (N,) float32
-        The largest score any detector gave; NaN for a point that none could test.
+        The largest score any detector gave; NaN for a point that none could test, inf for one on
+        the own vehicle.
     detectors : (N,) uint16
-        The bits of the detectors whose score is greater than 1, and ``EXTRA``.
+        The bits of the detectors whose score is greater than 1, and ``EXTRA``; ``MASKED`` alone for
+        a point on the own vehicle.
     undecided : (N,) uint16
         The bits of the detectors that looked at the point and could not test it.
     rejected : (N,) bool
@@ -71,6 +74,22 @@ class Verdict:
             np.zeros(count, np.uint8),
         )
 
+    @classmethod
+    def beforehand(cls, points: Points) -> Verdict:
+        """Return the verdict before any detector looks: it rejects the own vehicle alone."""
+        verdict = cls.untested(len(points))
+        if points.masked is not None:
+            verdict.score[points.masked] = np.inf
+            verdict.detectors[points.masked] = MASKED
+            verdict.rejected[points.masked] = True
+            verdict.reason[points.masked] = MASKED_REASON
+        return verdict
+
+    @property
+    def masked(self) -> NDArray[np.bool_]:
+        """Which points are on the own vehicle."""
+        return np.not_equal(self.detectors & MASKED, 0)
+
     def __len__(self) -> int:
         """Count the points."""
         return len(self.score)
@@ -97,6 +116,7 @@ class Verdict:
             bits = (self.detectors & ALL).view(np.uint8).reshape(-1, 2)
             votes = np.unpackbits(bits, axis=1).sum(axis=1)
             np.greater_equal(votes, needed, out=self.rejected)
+            self.rejected[self.masked] = True
 
     def take(self, part: Part) -> Verdict:
         """Choose points by index, mask or slice, in that order.

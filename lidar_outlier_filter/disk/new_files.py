@@ -55,10 +55,25 @@ def hidden_folder(path: Path, kind: str = 'partial') -> Iterator[Path]:
     prefix = f'.{path.name}.{kind}-'
     with (
         TemporaryDirectory(prefix=prefix, dir=path.parent, ignore_cleanup_errors=True) as name,
-        Path(name, LOCK).open('wb') as lock,
+        _locked(Path(name)),
     ):
-        _take(lock)
         yield Path(name)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the lock on a new folder.
+
+    The file has its name from when it is locked: another run could take it before, and remove all.
+    """
+    if sys.platform == 'win32':  # where no run takes a lock, and no open file has its name changed
+        with (folder / LOCK).open('wb'):
+            yield
+        return
+    with (folder / f'{LOCK}-to-be').open('wb') as lock:
+        _take(lock)
+        (folder / f'{LOCK}-to-be').rename(folder / LOCK)
+        yield
 
 
 @contextmanager

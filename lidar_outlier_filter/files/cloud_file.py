@@ -31,6 +31,8 @@ FORMATS = {
     '.laz': ('las', 'files'),
     '.pcd': ('pcd', 'files'),
     '.ply': ('ply', ''),
+    '.ptx': ('ptx', ''),
+    '.e57': ('e57', 'e57'),
     '.csv': ('text', ''),
     '.tsv': ('text', ''),
     '.txt': ('text', ''),
@@ -42,6 +44,7 @@ FORMATS = {
     '.db': ('sqlite', ''),
 }
 SUFFIXES = tuple(FORMATS)
+_COPIES = {'.e57': '.ply'}  # of formats that are only read, the one of their copies
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,11 @@ class Change:
         """Count the points of the copy of a file of so many."""
         return total if self.keep is None else int(np.count_nonzero(self.keep))
 
+    def part(self, rows: slice) -> Change:
+        """Return what becomes of some of the points, in a format without classes."""
+        added = {name: values[rows] for name, values in self.added.items()}
+        return Change(None if self.keep is None else self.keep[rows], added=added)
+
 
 class CloudFile(Protocol):
     """A file of points, read chunk by chunk as often as it takes, and copied with changes.
@@ -81,6 +89,8 @@ class CloudFile(Protocol):
     ----------
     columns : the columns that hold one number a point, and their types, in the order of the file
     classes : whether points have a classification
+    gaps : whether a point that is left out of a copy becomes a missing return, as its grid stays
+        whole, and a copy can have no more columns
     whole : why no point can be left out of a copy; empty: any can
 
     """
@@ -88,6 +98,7 @@ class CloudFile(Protocol):
     path: Path
     columns: Mapping[str, np.dtype[Any]]
     classes: bool
+    gaps: bool
     whole: str
 
     @property
@@ -146,10 +157,16 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
     return opened
 
 
-def is_same_format(path: Path, other: Path) -> bool:
-    """Return whether two names are those of files of one format."""
-    formats = [FORMATS.get(one.suffix.lower()) for one in (path, other)]
-    return formats[0] == formats[1]
+def copy_suffix(path: Path) -> str:
+    """Return how the name of a copy ends: as that of the file, where its format is written."""
+    return _COPIES.get(path.suffix.lower(), path.suffix)
+
+
+def is_copy_format(path: Path, copy: Path) -> bool:
+    """Return whether a name is that of a file in the format of a file's copies."""
+    suffixes = (copy_suffix(path), copy.suffix)
+    said, got = (FORMATS.get(suffix.lower()) for suffix in suffixes)
+    return said == got
 
 
 def read(file: CloudFile, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:

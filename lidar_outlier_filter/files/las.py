@@ -97,6 +97,7 @@ class LasFile:
     """A LAS or LAZ file; see :class:`CloudFile`. Columns x, y and z are in the unit of the file."""
 
     classes = True
+    gaps = False
     whole = ''
 
     def __init__(self, path: Path) -> None:

@@ -45,6 +45,7 @@ class ParquetFile:
     """A Parquet file; see :class:`CloudFile`."""
 
     classes = False
+    gaps = False
     metres: Mapping[str, float] = MappingProxyType({})
     whole = ''
 

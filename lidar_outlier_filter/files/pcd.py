@@ -50,6 +50,7 @@ class PcdFile:
     """A PCD file; see :class:`CloudFile`."""
 
     classes = False
+    gaps = False
     metres: Mapping[str, float] = MappingProxyType({})
     whole = ''
 

@@ -85,6 +85,7 @@ class PlyFile:
     """A PLY file; see :class:`CloudFile`."""
 
     classes = False
+    gaps = False
     metres: Mapping[str, float] = MappingProxyType({})
 
     def __init__(self, path: Path) -> None:
@@ -168,6 +169,13 @@ class PlyFile:
                 yield b'element vertex %d' % count + line[len(line.rstrip()) :]
             else:
                 yield line
+
+
+def header_of(count: int, kinds: Mapping[str, np.dtype[Any]]) -> bytes:
+    """Make the header of a new binary file with so many points, and columns of these types."""
+    named = ''.join(f'property {_NAMES[kind.str[1:]][0]} {name}\n' for name, kind in kinds.items())
+    head = f'ply\nformat binary_little_endian 1.0\nelement vertex {count}\n{named}end_header\n'
+    return head.encode()
 
 
 def _header(stream: BinaryIO) -> list[bytes]:

@@ -103,14 +103,15 @@ class TextRows:
         columns: Mapping[str, tuple[int, np.dtype[Any]]],
         *,
         is_last: bool = True,
+        instead: bytes = b'',
     ) -> None:
         """Note where the lines begin, how many there are, and index and type of the columns.
 
         Each line has as many numbers as the ``width``. Behind the last lines of a file no other may
-        stand.
+        stand. What is ``instead`` takes the place of a line that is left out.
         """
         self._path, self._offset, self._count, self._columns = path, offset, count, columns
-        self._width, self._is_last = width, is_last
+        self._width, self._is_last, self._instead = width, is_last, instead
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk, each number in its own type, as PCL does."""
@@ -150,11 +151,16 @@ class TextRows:
                     ]
                 if change.keep is not None:
                     lines = [  # noqa: PLW2901
-                        line for line, keep in zip(lines, change.keep[part], strict=True) if keep
+                        line if keep else self._left_out(line)
+                        for line, keep in zip(lines, change.keep[part], strict=True)
                     ]
                 stream.write(b''.join(lines))
                 done = part.stop
                 yield done
+
+    def _left_out(self, line: bytes) -> bytes:
+        """Return what takes the place of a line; its end stays, if anything does."""
+        return self._instead and self._instead + line[len(line.rstrip(b'\r\n')) :]
 
     def end(self) -> int:
         """Find where the lines end: the offset in the file."""

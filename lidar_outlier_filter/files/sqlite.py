@@ -41,6 +41,7 @@ class SqliteFile:
     """A table of an SQLite database; see :class:`CloudFile`."""
 
     classes = False
+    gaps = False
     metres: Mapping[str, float] = MappingProxyType({})
     whole = 'the verdict on a table is a table of its own'
 

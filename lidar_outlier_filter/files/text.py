@@ -53,6 +53,7 @@ class TextFile:
     """
 
     classes = False
+    gaps = False
     metres: Mapping[str, float] = MappingProxyType({})
     whole = ''
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.verdict import ALL
+from lidar_outlier_filter.core.verdict import EXTRA
 from lidar_outlier_filter.errors import CloudError
 
 if TYPE_CHECKING:
@@ -177,9 +177,11 @@ def plain_rows(msg: Any) -> Rows:
 def first_numbers(detectors: NDArray[np.uint16]) -> NDArray[np.uint8]:
     """Find the first detector in each sum of bits: 1 for bit 1, 2 for 2, 3 for 4; 0 for none.
 
+    15 is the own vehicle.
+
     Viewers give numbers evenly spaced colours; in sums of bits most detectors look alike.
     """
-    bits = detectors & ALL
+    bits = detectors & np.uint16(0xFFFF & ~EXTRA)
     lowest = bits & (~bits + np.uint16(1))
     return np.frexp(lowest.astype(np.float32))[1].astype(np.uint8)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import reads_intensity, sigma_field
+from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, Mask, mask_of, masked
 from lidar_outlier_filter.core.points.points import SECOND, Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.core.points.scan_lines import LineCounter
 from lidar_outlier_filter.errors import CloudError, short
@@ -49,6 +50,11 @@ class Convention:
     line_field: str | None
     missing: str = ''
 
+    @property
+    def has_rings(self) -> bool:
+        """Whether the scan lines are the sensor's rings."""
+        return self.line_source in {'field', 'row'}
+
     def __str__(self) -> str:
         """Say in one sentence what was found."""
         if self.time_field is None:
@@ -78,11 +84,13 @@ class Decoder:
         self._said = 0  # layouts of which it was said how they are read
         self._counter = LineCounter()
         self._before = self._counter
+        self._mask = mask_of(parameters)
         self._coarse = False  # whether it was said that coordinates are
 
     def compile(self) -> None:
         """Run every kernel once on nothing, so that it is ready for the first cloud."""
         returns(np.empty((0, 3)))
+        Mask.nothing(0).covers(_nothing(with_sigma=False), 0.0, rays=False)
         LineCounter().by_angle(np.empty(0), np.empty(0, np.bool_))
 
     # Signalling NaN are NaN like any other: no warning where they are converted or compared.
@@ -123,7 +131,8 @@ class Decoder:
         self._remember(layout, view.dtype, convention)
         if not self._coarse:
             self._look_at_steps(view.dtype, xyz, valid)
-        return Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
+        points = Points(xyz, t, line, valid, sigma, intensity=self._intensity(view))
+        return masked(points, self._mask, self.parameters)
 
     def view(self, msg: Any) -> NDArray[np.void] | None:
         """View the points of a cloud as it is; None where it has none.
@@ -240,7 +249,10 @@ class Decoder:
             source = 'field' if line_field else 'row' if view.shape[0] > 1 else 'message'
             if source != 'field':
                 missing.append(f'no line field: each {source} is a scan line (line_source)')
-        return Convention(time_field, unit, absolute, source, line_field, '; '.join(missing))
+        found = Convention(time_field, unit, absolute, source, line_field, '; '.join(missing))
+        if self._mask is not None and not found.has_rings:
+            raise CloudError('the scan lines', NEEDS_RINGS, f'by {source}')
+        return found
 
     def _time(
         self, view: NDArray[np.void], valid: NDArray[np.bool_], stamp: Any, convention: Convention

@@ -47,3 +47,4 @@ class Kind(IntEnum):
     TERRAIN = 13
     ROOF = 14
     ROUTE = 15  # of a bus
+    OWN = 16  # the vehicle that carries the sensor

@@ -20,6 +20,7 @@ _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxtuple, _SHORT.maxdict = 3, 30, 30, 10
 _SHORT.maxstring = _SHORT.maxother = 100
 _SHORT.maxlong = 500
 LARGEST = 2**63  # of ROS's whole numbers
+OFF = 'off'
 TYPE_NAMES = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
 
 
@@ -62,6 +63,8 @@ class Parameter:
         wanted = type(self.default)
         if wanted is float and type(value) is int and abs(value) < LARGEST:
             value = float(value)
+        if value is False and self.default == OFF:  # what YAML makes of the word
+            value = OFF
         if type(value) is not wanted:
             raise ParameterError(self.name, TYPE_NAMES[wanted], shown(value))
         if wanted is str:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import (
+    OFF,
     Parameter,
     Section,
     declare,
@@ -177,6 +178,21 @@ class FilterParameters:
         'cloud, and counted. keep_organized keeps them in organised clouds.',
         choices=('keep', 'drop'),
     )
+    mask: str = declare(
+        OFF,
+        'The own vehicle: a file that the command mask has learnt, whose points go to the outliers '
+        "unseen by the detectors; 'off': none.",
+        fixed=True,
+    )
+    mask_mode: str = declare(
+        'range',
+        'What is masked in the directions of the vehicle: range: points as far away as it is; ray: '
+        'those behind it, too, such as what mirrors and glass show.',
+        choices=('range', 'ray'),
+    )
+    mask_tolerance: float = declare(
+        0.1, 'How much nearer or farther than in the mask the vehicle may be.', 'm', 0.0, 10.0
+    )
     scores: bool = declare(
         default=False,
         text='Add outlier_score (float32), outlier_detectors (uint16), for viewers '
@@ -292,6 +308,11 @@ def _check_together(parameters: FilterParameters) -> None:
         # A cloud that is late, as it may be, would reset the stream.
         must_be = f'at least lateness = {parameters.lateness:g} s'
         raise ParameterError('time_jump', must_be, f'{parameters.time_jump:g} s')
+    if not parameters.mask:
+        raise ParameterError('mask', "a file, or 'off'", repr(parameters.mask))
+    if parameters.mask != OFF and len(parameters.inputs) > 1:
+        must_be = f"'{OFF}' with several inputs, each of which sees the vehicle from elsewhere"
+        raise ParameterError('mask', must_be, repr(parameters.mask))
     if parameters.vote > len(parameters.chain):
         must_be = f'at most the {len(parameters.chain)} of the chain'
         raise ParameterError('vote', must_be, parameters.vote)

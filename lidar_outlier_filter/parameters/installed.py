@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.declaration import Section
 
 GROUP = 'lidar_outlier_filter.detectors'  # of entry points: declarations of detectors
-BITS = tuple(1 << n for n in range(15))  # that a detector may have
+BITS = tuple(1 << n for n in range(14))  # that a detector may have
+MASK, MASKED = 'mask', 1 << 14  # of points on the own vehicle, which no detector sees
+MASKED_REASON = 255  # in outlier_reason
 
 
 class Declared(Protocol):

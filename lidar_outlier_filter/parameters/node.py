@@ -93,6 +93,12 @@ class HealthLimits:
     untested_error: float = declare(1.0, 'Likewise: an error.', '', 0.0, 1.0)
     silence_warn: float = declare(2.0, 'Time without a cloud.', 's', 0.0, 1e6)
     silence_error: float = declare(10.0, 'Likewise: an error.', 's', 0.0, 1e6)
+    blind: float = declare(
+        0.5, 'Share of the usual returns of a sector that are missing: a warning.', '', 0.0, 1.0
+    )
+    visibility: float = declare(
+        50.0, 'Visibility, where it is less: a warning; 0: never.', 'm', 0.0, 1000.0
+    )
 
     def check(self) -> None:
         """Refuse a warning that comes after the error."""

@@ -10,7 +10,7 @@ from zlib import crc32
 
 from rosbags.serde import SerdeError
 
-from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
 from lidar_outlier_filter.recordings.channels import known_types
@@ -41,7 +41,8 @@ class TopicReport:
 
     ``refused`` clouds have no answer; ``refusals`` counts them by what was wrong with them, and
     ``sentences`` has the first sentence for each. ``gaps`` is how often clouds are missing.
-    ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order.
+    ``rejected_by`` and ``undecided_by`` count points for each detector of the chain, in its order;
+    those on the own vehicle are rejected by ``mask``.
     """
 
     topic: str
@@ -72,7 +73,7 @@ class TopicReport:
             return 'all are missing returns' if self.points else 'its clouds have none'
         needs = [
             f'{name} needs {"longer scan lines" if DETECTORS[name].needs_lines else "more points"}'
-            for name in self.rejected_by
+            for name in self.undecided_by
         ]
         return ', '.join(needs)
 
@@ -120,6 +121,11 @@ class CloudTopic:
     def convention(self) -> str:
         """How the clouds are read, for people; empty: no cloud had a valid point."""
         return self._filter.convention
+
+    @property
+    def has_rings(self) -> bool:
+        """Whether the scan lines are the rings of the sensor."""
+        return self._filter.has_rings
 
     @property
     def unmoved(self) -> int:
@@ -255,7 +261,7 @@ class CloudTopic:
 
     def report(self) -> TopicReport:
         """Say what became of the clouds."""
-        counts, chain = self._counted(), self._parameters.chain
+        counts, parameters = self._counted(), self._parameters
         return TopicReport(
             self.topic.name,
             self._clouds,
@@ -266,8 +272,8 @@ class CloudTopic:
             counts.dropped,
             self._clouds - counts.messages,
             dict(counts.refusals),
-            {name: counts.rejected[name] for name in chain},
-            {name: counts.undecided[name] for name in chain},
+            {name: counts.rejected[name] for name in rejecting(parameters)},
+            {name: counts.undecided[name] for name in parameters.chain},
             dict(self._sentences),
             self._times.gaps,
         )

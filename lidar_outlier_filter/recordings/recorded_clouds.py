@@ -62,6 +62,7 @@ class RecordedClouds:
     refusals : clouds that were refused, by what was wrong with them
     sentences : the first one for each of these
     convention : how the clouds are read, for people; empty: no cloud had a valid point
+    has_rings : whether their scan lines are the rings of the sensor
 
     """
 
@@ -77,6 +78,7 @@ class RecordedClouds:
         self.topic = self.convention = ''
         self.times: list[int] = []
         self.unmoved = 0
+        self.has_rings = False
         self.refusals: Mapping[str, int] = {}
         self.sentences: Mapping[str, str] = {}
         self._recording = recording
@@ -123,6 +125,7 @@ class RecordedClouds:
         report = feed.report()
         self.refusals, self.sentences = report.refusals, report.sentences
         self.unmoved, self.convention = feed.unmoved, feed.convention
+        self.has_rings = feed.has_rings
 
     @property
     def count(self) -> int:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new
 from lidar_outlier_filter.errors import NoCloudsError, ParameterError, RecordingError
+from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic, writable
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
@@ -111,7 +112,7 @@ def replay(  # noqa: PLR0913  what the command line offers
         source = stack.enter_context(Recording(path, largest))
         bag = stack.enter_context(NewBag(output, source.custom_data))
         chosen = choose_clouds(source, topics, 'a topic to filter')
-        _check_motion(source, chosen, given)
+        _check_together(source, chosen, given)
         streams = {topic: CloudTopic(topic, given, inform) for topic in chosen}
         with writable(output):
             journal = Journal(bag.folder, head, left)
@@ -230,10 +231,13 @@ def _check_answered(source: Recording, reports: Sequence[TopicReport]) -> None:
         raise RecordingError(f'the clouds of {source.path}', must_be, got)
 
 
-def _check_motion(
+def _check_together(
     source: Recording, chosen: Collection[Topic], parameters: FilterParameters
 ) -> None:
-    """Refuse motion that the recording does not hold."""
+    """Refuse motion that the recording does not hold, and one mask for several sensors."""
+    if parameters.mask != OFF and len(chosen) > 1:
+        must_be = f"'{OFF}' for several topics, whose sensors see the vehicle from elsewhere"
+        raise ParameterError('mask', must_be, repr(parameters.mask))
     motion = parameters.motion
     if motion.source == 'odometry' and len(chosen) > 1:
         must_be = "'none' for several topics, whose sensors are not at the same place"

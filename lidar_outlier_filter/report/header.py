@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.detectors.registry import DETECTORS, reasons
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, reasons, rejecting
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
+from lidar_outlier_filter.parameters.installed import MASK, MASKED
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, ros_lines
 from lidar_outlier_filter.report.pack import reason_names
 from lidar_outlier_filter.report.reasons import REST, vocabulary
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.tally import Counts
 
 MOST_ON_CURVE = 200
+VEHICLE = '#8c564b'  # of points on the own vehicle
 FARTHEST_ORIGIN = 1000.0  # metres
 MOST_LISTED = 8  # reasons
 SECTION = 1 << 20  # points of a buffer, or one frame that has more
@@ -53,7 +56,7 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'period': None if math.isnan(period) else period,
         'seconds': (found.span[1] - found.span[0]) / SECOND if found.span else None,
         'gaps': [list(gap) for gap in gaps],
-        'chain': list(gathered.parameters.chain),
+        'chain': list(rejecting(gathered.parameters)),
         'ways': list(gathered.ways),
         'hasFrames': gathered.has_frames,
         'together': frames.together,
@@ -89,7 +92,8 @@ def _removed(gathered: Gathered) -> dict[str, Any]:
             [one.name, tally.detectors[one.name]]
             for one in DETECTORS.values()
             if one.name in tally.detectors
-        ],
+        ]
+        + [[MASK, gathered.found.masked]] * (gathered.parameters.mask != OFF),
         'reasons': [[*reasons()[number], count] for number, count in noted[:MOST_LISTED]],
         'others': sum(count for _, count in noted[MOST_LISTED:]),
     }
@@ -105,6 +109,13 @@ def detectors() -> list[dict[str, Any]]:
             'rejects': one.rejects.replace('`', ''),
         }
         for one in DETECTORS.values()
+    ] + [
+        {
+            'name': MASK,
+            'number': MASKED.bit_length(),
+            'colour': VEHICLE,
+            'rejects': 'lies on the own vehicle',
+        }
     ]
 
 

@@ -137,12 +137,13 @@ class LiveClouds:
         self._rng = np.random.default_rng(0)
 
     def add(self, cloud: StreamCloud, intensity: NDArray[np.float32] | None) -> None:
-        """Take the valid points of a judged cloud, with their intensities."""
-        if len(cloud.points) == 0:
+        """Take the points of a judged cloud that are shown, with their intensities."""
+        points, where = cloud.shown
+        if len(points) == 0:
             return
         if self._pending and not 0 <= cloud.first - self._first < WHOLE:
             self._close()
-        verdict = cloud.verdict.take(cloud.where)
+        verdict = cloud.verdict.take(where)
         if intensity is None:
             intensity = np.full(len(verdict), np.nan, np.float32)
         if not self._pending:
@@ -150,13 +151,13 @@ class LiveClouds:
         self._last = max(self._last, cloud.last)
         self._pending.append(
             LivePoints(
-                cloud.points.xyz,
+                points.xyz,
                 verdict.score,
                 verdict.detectors,
                 verdict.rejected,
                 verdict.reason,
                 intensity,
-                cloud.points.line,
+                points.line,
             )
         )
         is_sweep = cloud.last - cloud.first >= SHORT

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.declaration import shown
@@ -125,8 +125,8 @@ class PageServer:
 
     def show(self, topic: str, cloud: StreamCloud, msg: Any) -> None:
         """Take a cloud that was judged."""
-        view = structured(msg).reshape(-1) if len(cloud.points) else None
-        intensity = None if view is None else intensity_of(view, cloud.where)
+        view = structured(msg).reshape(-1) if len(cloud.shown[1]) else None
+        intensity = None if view is None else intensity_of(view, cloud.shown[1])
         self._clouds.setdefault(topic, LiveClouds()).add(cloud, intensity)
 
     def start(self) -> None:
@@ -165,7 +165,7 @@ class PageServer:
         return {
             'node': self.node.name,
             'topics': self.node.topics,
-            'chain': list(self.node.parameters.chain),
+            'chain': list(rejecting(self.node.parameters)),
             'sliders': sliders_of(self.node.parameters),
             'statuses': self.node.statuses(),
         }

@@ -61,6 +61,7 @@ class SourceFacts:
     Attributes
     ----------
     clouds, points, invalid : of the source: clouds taken, their points, and missing returns
+    masked : points on the own vehicle, which are not drawn
     refusals : clouds refused, by what was wrong with them
     sentences : the first one for each of these
     unmoved : clouds that were taken without poses, though there is odometry
@@ -75,6 +76,7 @@ class SourceFacts:
     clouds: int = 0
     points: int = 0
     invalid: int = 0
+    masked: int = 0
     refusals: dict[str, int] = field(default_factory=dict)
     sentences: dict[str, str] = field(default_factory=dict)
     unmoved: int = 0
@@ -88,7 +90,8 @@ class SourceFacts:
         """Count a cloud."""
         self.clouds += 1
         self.points += cloud.count
-        self.invalid += cloud.count - len(cloud.points)
+        self.invalid += cloud.absent
+        self.masked += 0 if cloud.vehicle is None else len(cloud.vehicle)
         if len(cloud.points):
             self.span = (self.span[0] if self.span else cloud.first, cloud.last)
 
@@ -240,7 +243,8 @@ class FileSource:
         for number, chain in enumerate(chains):
             verdict = judge_whole(self._loaded, chain.parameters, chain)
             cloud = ReportCloud(self._loaded, number=0)
-            self.found.invalid = len(self._loaded) - len(cloud.where)
+            self.found.invalid = cloud.absent
+            self.found.masked = int(np.count_nonzero(verdict.masked))
             cloud.verdict = verdict.take(cloud.where)
             if self._intensity is not None:
                 cloud.intensity = self._intensity[cloud.where]

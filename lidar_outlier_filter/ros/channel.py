@@ -17,6 +17,7 @@ from lidar_outlier_filter.ros.receiver import CloudReceiver
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import Worker
 from lidar_outlier_filter.stream.session import Session
+from lidar_outlier_filter.stream.visibility import SensorWatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,6 +62,7 @@ class Channel:
         self._filter.refuse = self._log_refusal
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow
+        self._watch = self._filter.watch = SensorWatch()
         self._clock = DelayClock(node)
         self.publisher = AnswerPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
@@ -110,7 +112,8 @@ class Channel:
         oldest = 0.0 if at is None else (self._clock.now() - at) / SECOND
         backlog = Backlog(inbox.clouds, inbox.size / MEGABYTE, waiting, publishers, oldest)
         limits, max_delay = self._parameters.health, self._parameters.max_delay
-        return self.health.look(seconds, limits, max_delay, backlog, self._remarks())
+        remarks, view = self._remarks(), self._watch.look(limits)
+        return self.health.look(seconds, limits, max_delay, backlog, remarks, view)
 
     def close(self) -> None:
         """Receive no more; what was received is filtered, however much it is."""

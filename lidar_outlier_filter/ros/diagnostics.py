@@ -13,6 +13,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
+from lidar_outlier_filter.stream.visibility import UNSEEN, VIEWED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,6 +37,7 @@ class Diagnostics:
         self._status = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.latest: list[DiagnosticStatus] = []  # what was published last
         self._plotted = node.create_publisher(Float64MultiArray, '~/statistics', 10)
+        self._seen = node.create_publisher(Float64MultiArray, '~/visibility', 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._last = self._steady.now().nanoseconds
         self._timer = node.create_timer(PERIOD, self._look, clock=self._steady)
@@ -43,7 +45,7 @@ class Diagnostics:
     def end(self) -> None:
         """Look no more."""
         self._node.destroy_timer(self._timer)
-        for publisher in (self._status, self._plotted):
+        for publisher in (self._status, self._plotted, self._seen):
             self._node.destroy_publisher(publisher)
 
     def _look(self) -> None:
@@ -59,7 +61,9 @@ class Diagnostics:
         ]
         self._status.publish(array)
         self.latest = array.status
-        self._plotted.publish(self._plot(reports))
+        self._plotted.publish(self._table(PLOTTED, [report.plotted for report in reports]))
+        views = [UNSEEN if one.view is None else one.view.plotted() for one in reports]
+        self._seen.publish(self._table(VIEWED, views))
 
     def _say(self, channel: Channel, report: Report) -> DiagnosticStatus:
         # A detector that is refused may not be missed: no reason to warn in each status.
@@ -74,14 +78,14 @@ class Diagnostics:
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
 
-    def _plot(self, reports: Sequence[Report]) -> Float64MultiArray:
+    def _table(self, names: Sequence[str], rows: Sequence[Sequence[float]]) -> Float64MultiArray:
         """Make a table: a row for each topic, a column for each value."""
         topics = [channel.topic for channel in self._channels]
-        sizes = (len(topics) * len(PLOTTED), len(PLOTTED))
-        labels = (','.join(topics), ','.join(PLOTTED))
+        sizes = (len(topics) * len(names), len(names))
+        labels = (','.join(topics), ','.join(names))
         dimensions = [
             MultiArrayDimension(label=label, size=label.count(',') + 1, stride=stride)
             for label, stride in zip(labels, sizes, strict=True)
         ]
-        data = [value for report in reports for value in report.plotted]
+        data = [value for row in rows for value in row]
         return Float64MultiArray(layout=MultiArrayLayout(dim=dimensions), data=data)

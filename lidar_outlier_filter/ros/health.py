@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.judging.slow import SlowDetector
     from lidar_outlier_filter.parameters.node import HealthLimits
+    from lidar_outlier_filter.stream.visibility import SensorView
 
 OK, WARN, ERROR = 0, 1, 2
 ADVICE = 'for large clouds set config/fastdds_large_clouds.xml for both sides'
@@ -123,6 +124,7 @@ class Report:
     message: str
     values: dict[str, str]
     plotted: tuple[float, ...]
+    view: SensorView | None = None  # None: it has seen no cloud
 
 
 class Health:
@@ -189,17 +191,18 @@ class Health:
                 Loss.UNMOVED: counts.unmoved,
             }
 
-    def look(
+    def look(  # noqa: PLR0913  what others know
         self,
         seconds: float,
         limits: HealthLimits,
         max_delay: float,
         backlog: Backlog,
         remarks: Sequence[str] = (),
+        view: SensorView | None = None,
     ) -> Report:
         """Return what has happened in the seconds since the last look.
 
-        ``remarks`` are warnings of others.
+        ``remarks`` are warnings of others, ``view`` is what the sensor saw.
         """
         with self._lock:
             tally, self._tally = self._tally, _Tally()
@@ -213,12 +216,17 @@ class Health:
         waits = max(backlog.oldest, self._unanswered)
         look = _Look(tally, counts, before, seconds, backlog, self._silent, waits)
         complaints = [*look.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
+        if view is not None:
+            complaints += [(WARN, text) for text in view.complaints(limits)]
         level = max((level for level, _ in complaints), default=OK)
         return Report(
             level,
             '; '.join(text for _, text in complaints) or 'clouds are filtered in time',
-            look.values() | {'lost': str(self._lost), 'dropped': str(self._dropped)},
+            look.values()
+            | {'lost': str(self._lost), 'dropped': str(self._dropped)}
+            | ({} if view is None else view.values()),
             look.plotted(),
+            view,
         )
 
 

@@ -24,6 +24,7 @@ from lidar_outlier_filter.core.neighbours import recovered_rings
 from lidar_outlier_filter.core.points.poses import Track
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.stream.visibility import compile_watch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -57,6 +58,7 @@ def is_ready(parameters: FilterParameters) -> bool:
 def make_ready(parameters: FilterParameters, sensors: Sequence[str] = SENSORS) -> None:
     """Run the kernels of a chain once; what is not on disk is compiled, and written there."""
     Decoder(parameters).compile()
+    compile_watch()
     Track.compile()
     recovered_rings.compile_kernels()
     Chain(parameters).compile(sensors)

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.stream.motion import PoseSource
+    from lidar_outlier_filter.stream.visibility import SensorWatch
 
 
 @dataclass(eq=False, kw_only=True)
@@ -87,6 +88,8 @@ class Session:
         block, for each such block; ``warn`` is called once for each detector.
     show : callable or None
         Is called with each cloud that was judged, and its message.
+    watch : SensorWatch or None
+        Looks at each cloud that was judged.
     pass_failed : bool
         Whether clouds that could not be judged are passed on, instead of being refused.
     wanted : pair of bool
@@ -110,6 +113,7 @@ class Session:
         self.fail: Callable[[JudgingError], object] = str
         self.slow: Callable[[SlowDetector], object] = str
         self.show: Callable[[StreamCloud, Any], object] | None = None
+        self.watch: SensorWatch | None = None
         self.pass_failed = False
         self.wanted = (True, True)
         self._parameters = parameters
@@ -238,6 +242,11 @@ class Session:
         return str(self._decoder.convention or '')
 
     @property
+    def has_rings(self) -> bool:
+        """Whether the scan lines of the last cloud with a valid point are its sensor's rings."""
+        return self._decoder.convention is not None and self._decoder.convention.has_rings
+
+    @property
     def can_shed(self) -> bool:
         """Whether the detectors that look along the line can do without the others."""
         return self._short is not None
@@ -343,7 +352,9 @@ class Session:
                 self.statistics.count_passed(cloud.count, 'failure')
             else:
                 self.statistics.count(cloud.verdict, len(cloud.points))
-                self.statistics.dropped += cloud.count - len(cloud.points) if _drops(cloud) else 0
+                self.statistics.dropped += cloud.absent if _drops(cloud) else 0
+                if self.watch is not None:
+                    self.watch.add(cloud, has_rings=self.has_rings)
                 if self.show is not None:
                     self.show(cloud, cloud.msg)
             answers.append(_answer(cloud, self.wanted))

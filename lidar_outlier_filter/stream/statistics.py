@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.registry import DETECTORS, reasons
+from lidar_outlier_filter.core.detectors.registry import bits, reasons
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,7 +51,7 @@ class Statistics:
     invalid : missing returns (NaN, Inf, 0 0 0), which stay in the cleaned clouds
     dropped : those of them that are in no cloud, as ``missing`` says
     untested : valid points that no detector could test; they stay too
-    rejected : points by the detector that rejected them
+    rejected : points by the detector that rejected them; those on the own vehicle by ``mask``
     reasons : points by the feature that said most against them, where scores are published
     undecided : points by the detector that looked at them and could not test them
     outliers : points that went to the outlier clouds
@@ -118,17 +118,18 @@ class Statistics:
     def count(self, verdict: Verdict, valid: int) -> None:
         """Add a finished cloud."""
         total = len(verdict)
+        masked = int(np.count_nonzero(verdict.masked))
         self.messages += 1
         self.points += total
-        self.invalid += total - valid
-        self.untested += valid - int(np.count_nonzero(~np.isnan(verdict.score)))
+        self.invalid += total - valid - masked
+        self.untested += valid + masked - int(np.count_nonzero(~np.isnan(verdict.score)))
         self.outliers += int(np.count_nonzero(verdict.rejected))
-        for counter, bits in (
+        for counter, found in (
             (self.rejected, verdict.detectors),
             (self.undecided, verdict.undecided),
         ):
-            for name, one in DETECTORS.items():
-                count = int(np.count_nonzero(bits & one.bit))
+            for name, bit in bits().items():
+                count = int(np.count_nonzero(found & bit))
                 if count:
                     counter[name] += count
         for number, count in enumerate(np.bincount(verdict.reason).tolist()):

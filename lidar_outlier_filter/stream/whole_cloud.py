@@ -11,6 +11,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import sigma_fields
 from lidar_outlier_filter.core.judging.whole_cloud import check_chain, judge_whole, with_rings
+from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
@@ -174,7 +175,11 @@ def _points(
     if intensity is not None:
         bright = _column('intensity', intensity, 'iuf', count).astype(np.float32)
     lack = NO_TIME if t is None else NO_LINES if line is None else ''
-    return Points(xyz, time, number, valid, intensity=bright), lack
+    mask = mask_of(parameters)
+    if mask is not None and line is None:
+        raise CloudError('line', 'given, the ring of each point, where there is a mask', 'none')
+    points = Points(xyz, time, number, valid, intensity=bright)
+    return masked(points, mask, parameters), lack
 
 
 def _column(name: str, values: ArrayLike, kinds: str, count: int) -> NDArray[Any]:

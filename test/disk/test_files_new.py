@@ -13,12 +13,20 @@ from typing import TYPE_CHECKING
 import pytest
 
 from lidar_outlier_filter.disk import new_files as new_files_module
-from lidar_outlier_filter.disk.new_files import FILE, FOLDER, new_files, new_output, replaced
+from lidar_outlier_filter.disk.new_files import (
+    FILE,
+    FOLDER,
+    hidden_folder,
+    new_files,
+    new_output,
+    replaced,
+)
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.files.cloud_file import open_cloud
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import IO
 
 
 def names(folder: Path) -> list[str]:
@@ -89,6 +97,22 @@ def renames(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 def no_links(_built: Path, _path: Path) -> None:
     """Refuse a second name, as FAT does."""
     raise PermissionError
+
+
+def test_another_run_takes_no_lock_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that looks for leftovers just before another locks its folder leaves that alone."""
+    take = new_files_module._take
+
+    def late(lock: IO[bytes]) -> bool:
+        monkeypatch.setattr(new_files_module, '_take', take)
+        with hidden_folder(tmp_path / 'out.csv'):
+            pass
+        return take(lock)
+
+    monkeypatch.setattr(new_files_module, '_take', late)
+    with new_files([tmp_path / 'out.csv']) as (hidden,):
+        hidden.write_text('whole')
+    assert (tmp_path / 'out.csv').read_text() == 'whole'
 
 
 @pytest.mark.usefixtures('renames')

@@ -199,6 +199,30 @@ def texts(count: int) -> str:
     return '1.5 2.5 3.5\n' * count
 
 
+POSE = '0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n'
+
+
+@pytest.mark.parametrize('shape', [(1, 1), (10**9, 1), (1, 10**17), (10**9, 10**9), (-2, -150)])
+def test_shape_of_a_ptx_scan(tmp_path: Path, shape: tuple[int, int]) -> None:
+    """A grid of more or fewer lines than there are is refused, behind another scan, too."""
+    lines = texts(COUNT).replace('\n', ' 0.5\n')
+    good = f'30\n10\n{POSE}{lines}'
+    bad = '{}\n{}\n'.format(*shape) + POSE + lines
+    path = tmp_path / 'cloud.ptx'
+    for text, number in ((bad, 1), (good + bad, 2)):
+        path.write_text(text)
+        refused(path, f'of scan {number + (shape == (1, 1))} of')
+    path.write_text(good + good)
+    assert len(columns(path)[0]) == 2 * COUNT
+
+
+def test_a_ptx_line_without_an_end(tmp_path: Path) -> None:
+    """A line of megabytes within a header is refused."""
+    path = tmp_path / 'cloud.ptx'
+    path.write_text('30\n10\n' + POSE.replace('\n', '0' * 10**7, 1))
+    refused(path, 'a line of the pose of scan 1 of')
+
+
 PACKED = struct.pack('<II', 8, 3600)
 
 

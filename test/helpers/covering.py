@@ -55,6 +55,7 @@ FILES = {
     'laz': '.laz',
     'pcd': '.pcd',
     'ply': '.ply',
+    'ptx': '.ptx',
     'csv': '.csv',
     'parquet': '.parquet',
     'sqlite': '.db',

@@ -18,9 +18,10 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 from rosbags.typesys import Stores, get_typestore
 
+from helpers.e57_files import write_e57
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
-from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+from lidar_outlier_filter.files.cloud_file import Change, copy_suffix, open_cloud
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.cloud_filter import CloudFilter
 
@@ -167,6 +168,8 @@ FORMATS = (
     'ply ascii',
     'ply binary_little_endian',
     'ply binary_big_endian',
+    'ptx',
+    'e57',
     'csv',
     'parquet',
     'db',
@@ -206,6 +209,17 @@ def whole_file(kind: str, path: Path) -> None:
         head = f'ply\nformat {form} 1.0\nelement vertex {COUNT}\n{properties}element face 1\n'
         head += 'property list uchar int vertex_indices\nend_header\n'
         path.write_bytes(head.encode() + body + faces)
+    elif name == 'ptx':
+        grid = (
+            b'%d\n%d\n' + b'0 0 0\n1 0 0\n0 1 0\n0 0 1\n' + b'1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n'
+        )
+        half = COUNT // 2
+        lines = text.replace(b'\n', b' 0.25\n').splitlines(keepends=True)
+        parts = (b''.join(lines[:half]), b''.join(lines[half:]))
+        path.write_bytes(b''.join(grid % (half // 5, 5) + part for part in parts))
+    elif name == 'e57':
+        names = (f'cartesian{axis}' for axis in 'XYZ')
+        write_e57(path, [dict(zip(names, rows.T, strict=True))])
     elif name == 'csv':
         path.write_bytes(b'x y z\n' + text)
     elif name == 'parquet':
@@ -251,6 +265,7 @@ def read_and_copy(path: Path, target: Path) -> bool:
     Return whether it was read.
     """
     begin = perf_counter()
+    target = target.with_suffix(copy_suffix(path))
     try:
         table = 't' if path.suffix == '.db' else None
         file = open_cloud(path, table)

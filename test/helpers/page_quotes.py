@@ -140,7 +140,12 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 'Clean recordings in dry air',
             ),
             Quote(
-                'doc/detectors/evidence.md',
+                SHORTLY,
+                'sweeps of twelve real sensors lose {least shipped} to {most shipped}, '
+                'or {least left} to {most left} where',
+            ),
+            Quote(
+                'doc/development/default.md',
                 '`street-16` / `-32` / `-64` / `-128` |\n'
                 '| --- |' + 11 * ' ---: |' + '\n'
                 '{parts}\n\nThe worst sensor is the Ruby Plus',
@@ -188,7 +193,8 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 '| {3D-OutDet last} |\n'
                 '| DROR, at the threshold that is best for these labels | {DROR both} '
                 '| {DROR last} |\n',
-            )
+            ),
+            Quote(SHORTLY, 'labelled, F1 is {default both} with both returns.'),
         ],
     ),
     'numpy': (

@@ -241,7 +241,7 @@ def test_bits_are_one_detectors_own(monkeypatch: pytest.MonkeyPatch) -> None:
     assert set(result.refused) == {*(one.name for one in wrong), 'late'}
     assert str(result.refused['other64']) == (
         'the bit of the detector other64 of an unknown distribution must be one of 256, 512, 1024, '
-        '2048, 4096, 8192, 16384, got 64'
+        '2048, 4096, 8192, got 64'
     )
     assert 'must be one of 256, 512' in str(result.refused['late'])
 

@@ -69,6 +69,7 @@ EXTRAS = {
     'matplotlib': 'lab',
     'open3d': 'bench',
     'pyarrow': 'parquet',
+    'pye57': 'e57',
     'pyproj': 'files',
 }
 # Of ROS, and needed by rclpy itself, or by nav_msgs
@@ -90,6 +91,7 @@ PIP_ONLY = {
     'moto',
     'playwright',
     'pyarrow',
+    'pye57',
     'rosbags',
 }
 SINCE_NUMPY_2 = {

@@ -109,13 +109,12 @@ def test_commands_are_there(page: Path) -> None:
         assert {word for word in words if word.startswith('--')} <= known, line
 
 
-@pytest.mark.parametrize('command', ['replay', 'clean'])
-def test_options_are_listed(command: str) -> None:
-    """The page of bags and files has a row for each option of their commands."""
-    page = (ROOT / 'doc' / 'offline.md').read_text(encoding='utf-8')
-    part = page.partition('\n## Files\n')[0 if command == 'replay' else 2]
+@pytest.mark.parametrize(('command', 'page'), [('replay', 'bags.md'), ('clean', 'files.md')])
+def test_options_are_listed(command: str, page: str) -> None:
+    """The pages of bags and of files have a row for each option of their commands."""
+    text = (ROOT / 'doc' / page).read_text(encoding='utf-8')
     known = {text for action in commands()[command]._actions for text in action.option_strings}
-    listed = set(re.findall(r'^\| `(--\w[\w-]*)', part, re.MULTILINE))
+    listed = set(re.findall(r'^\| `(--\w[\w-]*)', text, re.MULTILINE))
     assert listed == known - {'-h', '--help'}
 
 

@@ -48,7 +48,7 @@ OUTSIDE = {
     'messages': ('numpy',),
     'stream': ('numpy',),
     'recordings': ('lz4', 'numpy', 'rosbags', 'yaml'),
-    'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow', 'pyproj'),
+    'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow', 'pye57', 'pyproj'),
     'ros': ('numpy', 'rclpy', *MESSAGES),
     'archive': ('dask', 'distributed', 'fsspec', 'numpy'),
     'evaluation': ('matplotlib', 'numpy', 'rich', 'rosbags', 'scipy'),

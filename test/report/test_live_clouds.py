@@ -51,6 +51,20 @@ def read(sent: bytes) -> tuple[dict[str, Any], list[np.ndarray]]:
     return header, parts
 
 
+def test_the_own_vehicle_is_drawn() -> None:
+    """Masked points are no points for detectors, and drawn all the same, as such."""
+    count, own = 50, np.arange(50) < 7
+    rng = np.random.default_rng(1)
+    t, line = np.arange(count) * (SECOND // 500), np.zeros(count, np.int64)
+    made = StreamCloud(Points(rng.normal(0, 10, (count, 3)), t, line, ~own, masked=own))
+    assert len(made.points) == 43
+    clouds = LiveClouds()
+    clouds.add(made, None)
+    header, (words,) = read(clouds.since(-1))
+    assert (header['frames'][0]['points'], header['frames'][0]['rejected']) == (50, 7)
+    assert np.count_nonzero((words[:, 2] >> 24) & 0xF == 15) == 7
+
+
 def test_sweeps_are_frames_and_go_when_they_are_old() -> None:
     """Only what is new is sent; what is older than the last seconds is forgotten."""
     clouds = LiveClouds()

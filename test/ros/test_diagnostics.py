@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
+from lidar_outlier_filter.stream.visibility import VIEWED
 
 if TYPE_CHECKING:
     from helpers.nodes import Diagnosis
@@ -195,3 +197,26 @@ def test_the_cleaned_cloud_is_the_same(ros: Ros, sweeps: list[PointCloud2]) -> N
     while len(cleaned) < len(sweeps):
         ros.executor.spin_once(0.05)
     assert cleaned == [answer.cleaned for answer in expected]
+
+
+def test_what_a_sensor_sees(ros: Ros, sweeps: list[PointCloud2]) -> None:
+    """Shares by sector and range have a topic of their own, and stand in the diagnostics."""
+    node = ros.filter()
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    sensor.publish(sweeps[0], expected=1)
+    topic = '/outlier_filter_node/visibility'
+
+    def has_seen(table: Float64MultiArray) -> bool:
+        return bool(np.isfinite(table.data).any())
+
+    table = ros.wait_for_message(Float64MultiArray, topic, has_seen)
+    rows, columns = table.layout.dim
+    assert (rows.label, rows.size, columns.size) == ('points', 1, len(VIEWED))
+    values = dict(zip(columns.label.split(','), table.data, strict=True))
+    assert list(values) == list(VIEWED)
+    # One cloud is not enough to know what is usual.
+    assert math.isnan(values['visibility'])
+    shares = [value for name, value in values.items() if name.startswith('rejected')]
+    assert 0 <= np.nanmin(shares) <= np.nanmax(shares) <= 1

@@ -8,17 +8,31 @@ from functools import cache
 from itertools import chain
 from typing import TYPE_CHECKING, cast
 
+from lidar_outlier_filter.core.detectors.explanation import ReasonName
+from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import installed
+from lidar_outlier_filter.parameters.installed import MASK, MASKED, MASKED_REASON
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from lidar_outlier_filter.core.detectors.declaration import Detector
-    from lidar_outlier_filter.core.detectors.explanation import Explanation, ReasonName
+    from lidar_outlier_filter.core.detectors.explanation import Explanation
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 # By name, in the order of their bits.
 DETECTORS = cast('Mapping[str, Detector]', installed().detectors)
+
+
+@cache
+def bits() -> Mapping[str, int]:
+    """Return the bits of what rejects points: of each detector, and of the mask."""
+    return {**{name: one.bit for name, one in DETECTORS.items()}, MASK: MASKED}
+
+
+def rejecting(parameters: FilterParameters) -> tuple[str, ...]:
+    """Name what rejects points: the detectors of the chain, and the mask, where it is on."""
+    return parameters.chain if parameters.mask == OFF else (*parameters.chain, MASK)
 
 
 def sigma_fields() -> list[str]:
@@ -50,7 +64,8 @@ def explanations() -> Mapping[str, Explanation]:
 def reasons() -> Mapping[int, ReasonName]:
     """Return what the numbers in ``outlier_reason`` mean."""
     every = [one.reasons.items() for one in explanations().values()]
-    return dict(chain.from_iterable(every))
+    vehicle = ReasonName(MASK, 'on the own vehicle')
+    return {**dict(chain.from_iterable(every)), MASKED_REASON: vehicle}
 
 
 def table() -> str:

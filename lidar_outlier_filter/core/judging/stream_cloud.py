@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from lidar_outlier_filter.core.points.points import concatenate
 from lidar_outlier_filter.core.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -42,6 +43,8 @@ class StreamCloud:
         The indices of the valid points in the cloud.
     verdict : Verdict
         Of all N points of the cloud; that of an invalid point is untested.
+    vehicle : Points or None
+        Those on the own vehicle, where there is a mask.
     error : JudgingError or None
         Why the cloud could not be judged: a detector raised an error in a block with points of it.
         Its points are all untested then.
@@ -57,6 +60,7 @@ class StreamCloud:
     known: bool = field(default=False, kw_only=True)
     where: NDArray[np.intp] = field(init=False)
     verdict: Verdict = field(init=False)
+    vehicle: Points | None = field(init=False, default=None)
     error: JudgingError | None = field(init=False, default=None)
     first: int = field(init=False)
     last: int = field(init=False)
@@ -64,7 +68,10 @@ class StreamCloud:
 
     def __post_init__(self) -> None:
         """Choose the valid points, and note the stretch of time that they cover."""
-        self.verdict = Verdict.untested(len(self.points))
+        self.verdict = Verdict.beforehand(self.points)
+        if self.points.masked is not None:
+            self.vehicle = self.points.take(self.points.masked)
+            self.points = replace(self.points, masked=None)
         self.where = np.flatnonzero(self.points.valid)
         if len(self.where) != len(self.points):
             self.points = self.points.take(self.where)
@@ -76,6 +83,23 @@ class StreamCloud:
     def count(self) -> int:
         """Count the points, missing returns too."""
         return len(self.verdict)
+
+    @property
+    def absent(self) -> int:
+        """Count the missing returns."""
+        vehicle = 0 if self.vehicle is None else len(self.vehicle)
+        return self.count - len(self.where) - vehicle
+
+    @property
+    def shown(self) -> tuple[Points, NDArray[np.intp]]:
+        """The valid points and those on the own vehicle, for pictures; and which they are.
+
+        Of a cloud that was moved, the valid ones alone.
+        """
+        if self.vehicle is None or self.points.own is not None:
+            return self.points, self.where
+        where = np.concatenate([self.where, np.flatnonzero(self.verdict.masked)])
+        return concatenate([self.points, replace(self.vehicle, masked=None)]), where
 
     def between(self, begin: int, end: int) -> slice | NDArray[np.intp]:
         """Find the valid points with begin <= t < end."""

@@ -95,7 +95,7 @@ class TiledChain:
     def judge(self) -> Verdict:
         """Judge the cloud; the verdict is in its order, invalid points are untested."""
         parameters, tiles = self._parameters, self._tiles
-        verdict = Verdict.untested(len(self._cloud))
+        verdict = Verdict.beforehand(self._cloud)
         left = np.ones(len(tiles.order), np.bool_)
         for name in parameters.chain:
             detector = DETECTORS[name]

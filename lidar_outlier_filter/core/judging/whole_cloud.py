@@ -85,7 +85,7 @@ def judge_whole(
     if len(where) > parameters.max_points:
         must_be = f'at most max_points = {parameters.max_points}'
         raise CloudError('the number of points judged in one piece', must_be, len(where))
-    verdict = Verdict.untested(len(cloud))
+    verdict = Verdict.beforehand(cloud)
     if len(where):
         chain = chain or Chain(parameters)
         chain.slow, chain.whole = slow, True

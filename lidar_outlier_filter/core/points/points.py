@@ -54,6 +54,8 @@ class Points:
         returns.
     fixed : (N,) bool or None
         Of a cloud that was moved in part: whether ``xyz`` is in the frame that stands still.
+    masked : (N,) bool or None
+        On the own vehicle, where there is a mask: not valid, as no detector sees it.
 
     """
 
@@ -66,6 +68,7 @@ class Points:
     intensity: NDArray[np.float32] | None = None
     ring: NDArray[np.int64] | None = None
     fixed: NDArray[np.bool_] | None = None
+    masked: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         """Count the points."""
@@ -97,6 +100,7 @@ class Points:
             None if self.intensity is None else self.intensity[index],
             None if self.ring is None else self.ring[index],
             None if self.fixed is None else self.fixed[index],
+            None if self.masked is None else self.masked[index],
         )
 
 

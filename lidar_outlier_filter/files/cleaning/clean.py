@@ -21,7 +21,6 @@ from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cleaning.clean_log import (
     CLASS,
     MARK,
-    REMOVE,
     SEPARATE,
     WITHHELD,
     CleanReport,
@@ -72,9 +71,9 @@ def clean(  # noqa: PLR0913  what is wanted, three callbacks, and who makes the 
 
     Parameters
     ----------
-    path : LAS, LAZ, PCD, PLY, CSV, Parquet, or an SQLite database
-    output : new file of the same format (LAS and LAZ are one); the log goes beside it, under the
-        same name with ``.log`` and ``.json``
+    path : LAS, LAZ, PCD, PLY, PTX, E57, CSV, Parquet, or an SQLite database
+    output : new file of the same format (LAS and LAZ are one; PLY of E57); the log goes beside
+        it, under the same name with ``.log`` and ``.json``
     wanted : what to do
     outliers : new file for the rejected points, where they are separated
     progress : is called with how many of how many points, and what is done with them
@@ -171,8 +170,9 @@ def list_clouds(file: CloudFile, output: Path, outliers: Path | None, wanted: Wa
         if cloud.name.lower().endswith('.copc.laz'):
             must_be = 'LAZ without an octree, of which untwine or PDAL makes COPC'
             raise CloudError('the output', must_be, cloud)
-        if not cloud_file.is_same_format(file.path, cloud):
-            raise CloudError('the output', f'in the format of {file.path.name}', cloud)
+        if not cloud_file.is_copy_format(file.path, cloud):
+            name = file.path.with_suffix(cloud_file.copy_suffix(file.path)).name
+            raise CloudError('the output', f'in the format of {name}', cloud)
     return clouds
 
 
@@ -183,12 +183,12 @@ def changes(judged: JudgedFile) -> list[Change]:
     if judged.parameters.scores:
         scores[REASON] = verdict.reason
     added = scores if judged.parameters.scores else {}
-    if wanted.rejected == MARK:
+    if wanted.rejected == MARK and not judged.file.gaps:
         if judged.file.classes:
             return [_marked(judged, added)]
         return [Change(added={OUTLIER: verdict.rejected.astype(np.uint8), **scores})]
     cleaned = Change(keep=~verdict.rejected, added=added)
-    if wanted.rejected == REMOVE:
+    if wanted.rejected != SEPARATE:
         return [cleaned]
     return [cleaned, Change(keep=verdict.rejected, added=added)]
 
@@ -224,7 +224,7 @@ def report_of(
         rings=loaded.rings,
         coarse=say_coarse(file, judged.coordinates, loaded.points, judged.metres),
         chain=judged.parameters.chain,
-        **_counts(judged.verdict, loaded.points.valid, judged.ignored, judged.parameters.chain),
+        **_counts(judged.verdict, loaded.points.valid, judged.ignored, judged.parameters),
         spared=int(np.count_nonzero(judged.everything.rejected & ~judged.verdict.rejected)),
         by_class=judged.by_class,
         low=int(np.count_nonzero(~judged.high)),
@@ -236,26 +236,26 @@ def report_of(
 
 
 def _counts(
-    verdict: Verdict, valid: NDArray[np.bool_], ignored: int, chain: Sequence[str]
+    verdict: Verdict, valid: NDArray[np.bool_], ignored: int, parameters: FilterParameters
 ) -> dict[str, Any]:
     """Count the points, all and by detector."""
 
-    def by_detector(bits: NDArray[np.uint16]) -> dict[str, int]:
-        return {name: int(np.count_nonzero(bits & registry.DETECTORS[name].bit)) for name in chain}
+    def by_name(bits: NDArray[np.uint16], names: Sequence[str]) -> dict[str, int]:
+        return {name: int(np.count_nonzero(bits & registry.bits()[name])) for name in names}
 
     return {
         'points': len(valid),
-        'invalid': int(np.count_nonzero(~valid)) - ignored,
+        'invalid': int(np.count_nonzero(~valid & ~verdict.masked)) - ignored,
         'ignored': ignored,
         'untested': int(np.count_nonzero(np.isnan(verdict.score[valid]))),
         'rejected': int(np.count_nonzero(verdict.rejected)),
-        'rejected_by': by_detector(verdict.detectors),
+        'rejected_by': by_name(verdict.detectors, registry.rejecting(parameters)),
         'extra': {
             name: int(np.count_nonzero(verdict.detectors & bit))
             for one in registry.DETECTORS.values()
             for bit, name in one.extra.items()
         },
-        'undecided_by': by_detector(verdict.undecided),
+        'undecided_by': by_name(verdict.undecided, parameters.chain),
     }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import sigma_field
 from lidar_outlier_filter.core.judging.whole_cloud import with_rings
+from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
@@ -131,7 +132,9 @@ def load(  # noqa: PLR0913  which columns, and where to
 
     """
     of_lines = _others(file, parameters) if timed else []
-    others = list(dict.fromkeys([*of_lines, *more]))
+    mask = mask_of(parameters)
+    ring = [] if mask is None else [_ring(file, parameters)]
+    others = list(dict.fromkeys([*of_lines, *more, *ring]))
     sizes = file.metres if metres is None else metres
     xyz = allocate((len(file), 3))
     columns: dict[str, NDArray[Any]] = {}
@@ -150,9 +153,12 @@ def load(  # noqa: PLR0913  which columns, and where to
             columns[name][part] = values
         done = part.stop
         progress(done)
-    valid = returns(xyz)
     zeros = np.zeros(len(file), np.int64)
-    found = Loaded(Points(xyz, zeros, zeros, valid), '', '')
+    points = Points(xyz, zeros, zeros, returns(xyz))
+    for name in ring:
+        rings = _numbers_of_lines(columns[name], points.valid, name)
+        points = replace(masked(replace(points, line=rings), mask, parameters), line=zeros)
+    found = Loaded(points, '', '')
     if timed:
         # A standard deviation has the unit of the coordinates beside it.
         size = sizes.get(coordinates[0], 1.0)
@@ -193,6 +199,15 @@ def _others(file: CloudFile, parameters: FilterParameters) -> list[str]:
     return list(dict.fromkeys(name for name in named if name))
 
 
+def _ring(file: CloudFile, parameters: FilterParameters) -> str:
+    """Name the column with the ring of each point, which a mask needs."""
+    name = _named(file, parameters.line_field, 'line_field', LINE_NAMES)
+    if not name:
+        must_be = f'one of {", ".join(LINE_NAMES)}, or line_field given, where there is a mask'
+        raise CloudError('the line column', must_be, f'the columns {", ".join(file.columns)}')
+    return name
+
+
 def _named(file: CloudFile, name: str, parameter: str, usual: Sequence[str]) -> str:
     """Return the column that a parameter names; under 'auto' the first usual one, or none."""
     if name == 'auto':
@@ -225,7 +240,7 @@ def _with_lines(
     if found is None:
         return Loaded(points, '', 'no column that says its scan lines')
     sigma = _sigma(columns, points.valid, sigma_field(parameters)[0], size)
-    timed = Points(points.xyz, t, found.line, points.valid, sigma)
+    timed = replace(points, t=t, line=found.line, sigma=sigma)
     return Loaded(timed, f'{time} ({unit}) and {found.found_by}', '')
 
 

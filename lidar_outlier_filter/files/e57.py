@@ -1,0 +1,230 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""E57 files of scanners on tripods, through libE57 (pye57): read only, copied as PLY.
+
+A copy that libE57 writes has other bytes for every point, and its Python side knows neither
+pictures nor extensions. So nothing is written as E57 that looks like the file and is not.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import reduce
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pye57 import libe57
+
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.ply import header_of
+from lidar_outlier_filter.files.rows import BinaryRows
+from lidar_outlier_filter.files.size_check import check_count, check_fits
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.files.cloud_file import Change
+
+_PLACES = ('cartesianX', 'cartesianY', 'cartesianZ')
+_ANGLES = ('sphericalRange', 'sphericalAzimuth', 'sphericalElevation')
+_NAMES = {
+    'intensity': 'intensity',
+    'colorRed': 'red',
+    'colorGreen': 'green',
+    'colorBlue': 'blue',
+    'rowIndex': 'row',
+    'columnIndex': 'column',
+}
+_SCAN = 'scan'
+_UNIT = 1e-3  # that the length of a quaternion may differ from 1
+_FLOAT = np.dtype(np.float64)
+_WHOLE = np.dtype(np.longlong)  # pye57 takes int64, another name of the same, for int32
+_NARROWEST = tuple(map(np.dtype, ('u1', 'u2', 'i4')))
+_BITS = 8  # of a byte; a point is packed into one bit at least
+
+
+def open_file(path: Path, _table: str | None) -> E57File:
+    """Open an E57 file."""
+    return E57File(path)
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """One scan: its number, its count of points, its fields and their types, and its pose."""
+
+    number: int
+    count: int
+    fields: Mapping[str, np.dtype[Any]]
+    rotation: NDArray[np.float64]
+    position: NDArray[np.float64]
+
+
+class E57File:
+    """An E57 file; see :class:`CloudFile`. Points of all scans are in their common frame."""
+
+    classes = False
+    gaps = False
+    metres: Mapping[str, float] = MappingProxyType({})
+    whole = ''
+
+    def __init__(self, path: Path) -> None:
+        """Read what each scan says; nothing is allocated by it."""
+        self.path = path
+        with _opened(path) as data:
+            self._scans = [_scan(path, data[i], i) for i in range(len(data))]
+        self.columns: Mapping[str, np.dtype[Any]] = dict.fromkeys('xyz', _FLOAT)
+        for field, name in _NAMES.items():
+            if self._scans and all(field in scan.fields for scan in self._scans):
+                kinds = (scan.fields[field] for scan in self._scans)
+                self.columns[name] = reduce(np.promote_types, kinds)
+        self.columns[_SCAN] = np.dtype(np.int32)
+
+    def __len__(self) -> int:
+        """Count the points of all scans, missing returns among them."""
+        return sum(scan.count for scan in self._scans)
+
+    def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Read columns chunk by chunk; x, y and z of a missing return are NaN."""
+        fields = [field for field, name in _NAMES.items() if name in names]
+        placed = bool({*'xyz'} & {*names})
+        with _opened(self.path) as data:
+            for scan in self._scans:
+                places = _PLACES if _PLACES[0] in scan.fields else _ANGLES
+                invalid = f'{"cartesian" if places is _PLACES else "spherical"}InvalidState'
+                asked = [*places * placed, *fields]
+                asked += [invalid] * (placed and invalid in scan.fields)
+                for chunk in self._chunks(data[scan.number], scan, asked or list(places)):
+                    values = {_NAMES.get(field, field): chunk[field] for field in chunk}
+                    if placed:
+                        values |= zip('xyz', _placed(scan, chunk, places, invalid), strict=True)
+                    size = len(next(iter(chunk.values())))
+                    values[_SCAN] = np.full(size, scan.number, np.int32)
+                    yield tuple(values[name].astype(self.columns[name]) for name in names)
+
+    def _chunks(
+        self, node: Any, scan: _Scan, fields: Sequence[str]
+    ) -> Iterator[dict[str, NDArray[Any]]]:
+        """Read fields of a scan chunk by chunk."""
+        size = min(CHUNK, scan.count)
+        columns = {
+            field: np.empty(size, _FLOAT if scan.fields[field].kind == 'f' else _WHOLE)
+            for field in fields
+        }
+        buffers = libe57.VectorSourceDestBuffer()
+        for field, column in columns.items():
+            converted_and_scaled = (True, True)
+            buffers.append(
+                libe57.SourceDestBuffer(
+                    node.destImageFile(), field, column, size, *converted_and_scaled
+                )
+            )
+        found, reader = 0, node['points'].reader(buffers)
+        try:
+            while found < scan.count and (count := reader.read()):
+                found += count
+                yield {field: column[:count].copy() for field, column in columns.items()}
+        finally:
+            reader.close()
+        check_count(self.path, scan.count, found)
+
+    def copy(self, path: Path, change: Change) -> Iterator[int]:
+        """Write the points into a binary PLY file, with all columns that are read."""
+        names = list(self.columns)
+        dtype = np.dtype([(name, kind.newbyteorder('<')) for name, kind in self.columns.items()])
+        added = {name: values.dtype for name, values in change.added.items()}
+        kinds = {**self.columns, **added}
+        done = 0
+        with path.open('wb') as stream:
+            stream.write(header_of(change.count(len(self)), kinds))
+            for chunk in self.read(names):
+                rows = np.empty(len(chunk[0]), dtype)
+                for name, values in zip(names, chunk, strict=True):
+                    rows[name] = values
+                part = change.part(slice(done, done + len(rows)))
+                for _ in BinaryRows(rows).write(stream, part):
+                    pass
+                done += len(rows)
+                yield done
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a file for a while; give its scans; say in one line what libE57 says."""
+    try:
+        file = libe57.ImageFile(str(path), 'r')
+        try:
+            yield file.root()['data3D']
+        finally:
+            file.close()
+    except libe57.E57Exception as err:  # what follows its first line is where libE57 was built
+        got = f'"{str(err).strip().partition(chr(10))[0]}"'
+        raise CloudError(f'the file {path}', 'readable', got) from err
+
+
+def _scan(path: Path, node: Any, number: int) -> _Scan:
+    """Read what a scan says of itself."""
+    what = f'scan {number + 1}'
+    prototype = libe57.StructureNode(node['points'].prototype())
+    nodes = [prototype.get(i) for i in range(prototype.childCount())]
+    fields = {one.elementName(): _kind(one) for one in nodes}
+    if not any({*places} <= {*fields} for places in (_PLACES, _ANGLES)):
+        must_be = f'with {", ".join(_PLACES)} or {", ".join(_ANGLES)}'
+        raise CloudError(f'{what} of {path}', must_be, ', '.join(fields) or 'none')
+    count = node['points'].childCount()
+    check_fits(path, f'the points of {what}', count, 1, _BITS * path.stat().st_size)
+    rotation, position = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    if node.isDefined('pose'):
+        pose = node['pose']
+        if pose.isDefined('rotation'):
+            rotation = np.array([float(pose['rotation'][one].value()) for one in 'wxyz'])
+        if pose.isDefined('translation'):
+            position = np.array([float(pose['translation'][one].value()) for one in 'xyz'])
+    if not abs(np.sqrt(np.sum(rotation**2)) - 1) <= _UNIT or not np.isfinite(position).all():
+        got = f'{rotation.tolist()} and {position.tolist()}'
+        raise CloudError(f'the pose of {what} of {path}', 'a unit quaternion and a place', got)
+    return _Scan(number, count, fields, _matrix(rotation), position)
+
+
+def _kind(node: Any) -> np.dtype[Any]:
+    """Return the narrowest type of PLY that a field fits into."""
+    if not isinstance(node, libe57.IntegerNode):
+        return _FLOAT
+    for kind in _NARROWEST:
+        if np.iinfo(kind).min <= node.minimum() and node.maximum() <= np.iinfo(kind).max:
+            return kind
+    return _FLOAT
+
+
+def _matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) of a unit quaternion w, x, y, z."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _placed(
+    scan: _Scan, chunk: Mapping[str, NDArray[Any]], places: Sequence[str], invalid: str
+) -> Iterator[NDArray[np.float64]]:
+    """Yield x, y and z where the pose puts them; NaN where there is no return."""
+    x, y, z = (chunk[place] for place in places)
+    if places is _ANGLES:
+        reach, azimuth, elevation = x, y, z
+        level = reach * np.cos(elevation)
+        x, y = level * np.cos(azimuth), level * np.sin(azimuth)
+        z = reach * np.sin(elevation)
+    missing = chunk[invalid] != 0 if invalid in chunk else np.zeros(len(x), np.bool_)
+    missing = missing | ((x == 0) & (y == 0) & (z == 0))
+    with np.errstate(invalid='ignore', over='ignore'):  # infinite ones are no returns either
+        for row, offset in zip(scan.rotation, scan.position, strict=True):
+            yield np.where(missing, np.nan, row[0] * x + row[1] * y + row[2] * z + offset)

@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learns the own vehicle from a recorded drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.points.mask_learner import CHANGED, STEP, MaskLearner
+from lidar_outlier_filter.core.points.points import SECOND, concatenate
+from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.parameters.declaration import OFF
+from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
+from lidar_outlier_filter.stream.topics import ODOMETRY
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.points.mask import Mask
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+LOOK = SECOND * 9 // 100  # nanoseconds: about a turn
+FEWEST = 10  # looks from elsewhere
+LONGEST_REACH = 30.0  # metres
+
+
+@dataclass(frozen=True)
+class LearntMask:
+    """A mask, and what it was learnt from.
+
+    Attributes
+    ----------
+    topic : of the clouds
+    odometry : topic that said where the sensor was; empty: the scene did
+    looks, taken : turns of the sensor, and those that count, as the vehicle had moved on
+    refused : clouds that were refused
+
+    """
+
+    mask: Mask
+    topic: str
+    odometry: str
+    looks: int
+    taken: int
+    refused: int
+
+
+def learn_mask(
+    recording: Path,
+    parameters: FilterParameters,
+    topic: str | None = None,
+    reach: float = 10.0,
+    progress: Callable[[int, int], object] = lambda _done, _total: None,
+) -> LearntMask:
+    """Learn what stays at its direction and range while the vehicle moves.
+
+    Parameters
+    ----------
+    recording : of a drive, ROS 2 bag folder, ``.mcap``, ``.db3``, or ROS 1 ``.bag``
+    parameters : how its clouds are read; odometry is used where it has one topic of it
+    topic : of the clouds; None: the only one
+    reach : metres from the sensor to the farthest point of the vehicle
+    progress : is called with the looks so far, and 0
+
+    Raises
+    ------
+    FilterError
+        If the recording cannot be read, or its scan lines are no rings, or the vehicle does not
+        move in it.
+
+    """
+    if not 0 < reach <= LONGEST_REACH:
+        must_be = f'above 0 and at most {LONGEST_REACH:g} m'
+        raise RecordingError('the reach of the vehicle', must_be, reach)
+    parameters = _with_odometry(recording, parameters)
+    clouds = RecordedClouds(recording, parameters, topic, with_eyes=True)
+    learner = MaskLearner(reach)
+    for points, place in _looks(clouds):
+        learner.add(points, place)
+        progress(learner.looks, 0)
+    moved = parameters.motion.source == 'odometry'
+    if learner.looks and not clouds.has_rings:
+        must_be = 'the rings of the sensor, by a field or by rows'
+        raise RecordingError(f'the scan lines of {recording}', must_be, clouds.convention)
+    if learner.taken < FEWEST:
+        how = f'{STEP:g} m on by its odometry' if moved else f'{CHANGED:.0%} of what is far changed'
+        must_be = f'a drive with at least {FEWEST} turns of the sensor from elsewhere ({how})'
+        got = f'{learner.taken} of {learner.looks}: the vehicle does not move'
+        raise RecordingError(f'the recording {recording}', must_be, got)
+    return LearntMask(
+        learner.learn(),
+        clouds.topic,
+        parameters.motion.topic if moved else '',
+        learner.looks,
+        learner.taken,
+        sum(clouds.refusals.values()),
+    )
+
+
+def _with_odometry(recording: Path, parameters: FilterParameters) -> FilterParameters:
+    """Use the odometry of a recording, where it has one topic of it; no mask is in force."""
+    values: dict[str, object] = {'mask': OFF}
+    with Recording(recording) as source:
+        topics = [one.name for one in source.topics if one.msgtype == ODOMETRY]
+    if parameters.motion.source == 'none' and len(topics) == 1:
+        values |= {'motion.source': 'odometry', 'motion.topic': topics[0]}
+    return parameters.changed(values)
+
+
+def _looks(clouds: RecordedClouds) -> Iterator[tuple[Points, Floats | None]]:
+    """Join clouds to turns of the sensor; give each with the place of its first point."""
+    parts: list[Points] = []
+    place, first = None, 0
+    for taken in clouds:
+        cloud = taken.cloud
+        if not len(cloud.points):
+            continue
+        if not parts:
+            first = cloud.first
+            place = None if taken.eye is None else np.asarray(taken.eye[0, 0])
+        parts.append(cloud.points.in_own_frame)
+        if not 0 <= cloud.last - first < LOOK:
+            yield concatenate(parts), place
+            parts = []
+    if parts:
+        yield concatenate(parts), place

@@ -1,0 +1,167 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The mask of the own vehicle: what it covers, its file, and how it is learnt."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.own_vehicle import turn
+from naive.mask import covered
+
+from lidar_outlier_filter.core.points.mask import COLUMNS, HEAD, NAMES, Mask, as_text, read_mask
+from lidar_outlier_filter.core.points.mask_learner import MaskLearner
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.errors import CloudError, ParameterError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from lidar_outlier_filter.annotations import Rows
+
+
+def points_of(rows: Rows) -> Points:
+    """Take all for valid points."""
+    xyz = np.stack([rows[axis].astype(np.float64) for axis in 'xyz'], axis=1)
+    line = rows['ring'].astype(np.int64)
+    return Points(xyz, rows['t'].astype(np.int64), line, np.ones(len(rows), np.bool_))
+
+
+def drawn(seed: int) -> tuple[Mask, Points, dict[tuple[int, int], tuple[float, float]]]:
+    """Draw a mask, and points many of which lie at its edges."""
+    rng = np.random.default_rng(seed)
+    cells = {}
+    for _ in range(700):
+        near, ring, first = float(rng.integers(1, 8)), int(rng.integers(0, 4)), rng.integers(0, 720)
+        for column in range(first, first + 3):
+            cells[ring, column % 720] = near, near + rng.integers(0, 2)
+    mask = Mask.nothing(4)
+    for cell, (near, far) in cells.items():
+        mask.near[cell], mask.far[cell] = near, far
+    count = 3000
+    azimuth = np.radians(rng.integers(-360, 361, count) / 2.0)
+    ranges = rng.integers(1, 10, count) + rng.choice([-0.25, 0.0, 0.25, 1e-9, 0.3], count)
+    xyz = np.stack([ranges * np.cos(azimuth), ranges * np.sin(azimuth), np.zeros(count)], axis=1)
+    line = rng.integers(-1, 6, count)
+    xyz[:5] = (0, 0, 0), (-1, -0.0, 0), (-2, 0.0, 0), (3, -1e-300, 0), (0, 0, 4)
+    points = Points(xyz, np.zeros(count, np.int64), line, rng.random(count) < 0.9)
+    return mask, points, cells
+
+
+@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('rays', [False, True])
+def test_covers_as_the_naive_twin(seed: int, rays: bool) -> None:  # noqa: FBT001
+    """Ranges at the tolerance count; rings that the mask has not, and missing returns, do not."""
+    mask, points, cells = drawn(seed)
+    found = mask.covers(points, 0.25, rays=rays)
+    naive = covered(
+        points.xyz.tolist(), points.line.tolist(), points.valid.tolist(), cells, 0.25, rays=rays
+    )
+    assert found.tolist() == naive
+    assert 50 < found.sum() < len(points)
+
+
+def test_file_says_all_of_a_mask(tmp_path: Path) -> None:
+    """A mask is read as it was written, to the millimetre."""
+    mask, *_ = drawn(1)
+    path = tmp_path / 'car.csv'
+    path.write_text(as_text(mask))
+    again = read_mask(path)
+    np.testing.assert_array_equal(again.near, mask.near)
+    np.testing.assert_array_equal(again.far, mask.far)
+    path.write_text(as_text(Mask.nothing(3)))
+    assert read_mask(path).near.shape == (0, COLUMNS)
+
+
+GOOD = f'{HEAD}\n{NAMES}\n'
+
+
+@pytest.mark.parametrize(
+    ('content', 'sentence'),
+    [
+        (None, 'a readable file, got "No such file'),
+        (b'\xff\xfe', 'bytes that are no text'),
+        (b'', 'one that begins with'),
+        (b'ring,column,near,far\n', 'one that begins with'),
+        (f'{GOOD}1,2,3\n', 'line 3 '),
+        (f'{GOOD}1,2,3,4\n1,2,x,4\n', 'line 4 '),
+        (f'{GOOD}1024,2,3,4\n', 'a ring below 1024'),
+        (f'{GOOD}-1,2,3,4\n', 'a ring below 1024'),
+        (f'{GOOD}1.5,2,3,4\n', 'a ring below 1024'),
+        (f'{GOOD}1,720,3,4\n', 'a column below 720'),
+        (f'{GOOD}1,2,4,3\n', 'the nearer first'),
+        (f'{GOOD}1,2,nan,3\n', 'the nearer first'),
+        (f'{GOOD}1,2,3,inf\n', 'up to 100 m'),
+        (f'{GOOD}1,2,3,1e9\n', 'up to 100 m'),
+        (f'{GOOD}1,2,3,4\n1,2,3,4\n', 'another cell'),
+        (f'{GOOD}{"0," * 2000}\n', 'line 3 '),
+        (GOOD + '1,2,3,4\n' * 4_000_001, 'at most 32000000 bytes'),
+    ],
+)
+def test_hostile_files_are_refused(
+    content: str | bytes | None, sentence: str, tmp_path: Path
+) -> None:
+    """A file that holds no mask costs a sentence, and no more."""
+    path = tmp_path / 'mask.csv'
+    if content is not None:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(ParameterError, match=sentence.replace('(', r'\(')):
+        read_mask(path)
+
+
+def test_folder_is_no_mask(tmp_path: Path) -> None:
+    """A folder is refused."""
+    with pytest.raises(ParameterError, match='a readable file'):
+        read_mask(tmp_path)
+
+
+def test_learns_the_vehicle_and_not_the_road() -> None:
+    """The road stays where it is, too, under a vehicle that goes straight on; it is no vehicle."""
+    learner = MaskLearner(10.0)
+    for number in range(12):
+        assert learner.add(points_of(turn(number)))
+    mask = learner.learn()
+    unseen = turn(99)
+    found = mask.covers(points_of(unseen), 0.1, rays=False)
+    np.testing.assert_array_equal(found, unseen['own'] == 1)
+    assert 0.9 < found.sum() / (10 * 40) <= 1.1
+    assert 1.4 < mask.near.min() < mask.far.max() < 1.61
+
+
+def test_what_passes_by_is_no_vehicle() -> None:
+    """What is there in few looks, or half of them at other ranges, does not stay."""
+    learner = MaskLearner(20.0)
+    for number in range(12):
+        rows = turn(number)
+        passing = rows['ring'] == 14
+        scale = (3 + number % 4) / np.linalg.norm([rows[a][passing] for a in 'xyz'], axis=0)
+        for axis in 'xyz':
+            rows[axis][passing] *= scale
+        learner.add(points_of(rows))
+    assert not learner.learn().is_seen[14].any()
+
+
+def test_looks_from_one_place_do_not_count() -> None:
+    """A vehicle that stands learns nothing, though all stays where it is."""
+    learner = MaskLearner(10.0)
+    assert [learner.add(points_of(turn(n, place=0))) for n in range(5)] == [True] + [False] * 4
+    assert (learner.looks, learner.taken) == (5, 1)
+    # Odometry counts before the scene: a road through a desert shows no change.
+    there = MaskLearner(10.0)
+    taken = [
+        there.add(points_of(turn(n, place=0)), np.array([0.4 * n, 0.0, 0.0])) for n in range(8)
+    ]
+    assert taken == [True, False, False, True, False, False, True, False]
+
+
+def test_nothing_is_learnt_of_nothing() -> None:
+    """Without points there is no mask; a line that is no ring is refused."""
+    assert MaskLearner(10.0).learn().near.shape == (0, COLUMNS)
+    learner = MaskLearner(10.0)
+    assert not learner.add(points_of(turn(0)[:0]))
+    rows = turn(0)
+    rows['ring'][7] = 1024
+    with pytest.raises(CloudError, match='the ring of a point must be from 0 to 1023, got 1024'):
+        learner.add(points_of(rows))

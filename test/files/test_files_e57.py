@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""E57: scans in one frame, missing returns that stay, and a copy that is PLY."""
+
+from __future__ import annotations
+
+import tracemalloc
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.cloud_files import VERDICT, columns, copied, every_third, verdict
+from helpers.e57_files import reworded, write_e57
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+COUNT = 50
+LITTLE = 10_000_000  # bytes
+HALF = np.sqrt(0.5)
+
+
+def cartesian(seed: int) -> dict[str, Any]:
+    """Make up a scan, every fifth shot of which has no return."""
+    rng = np.random.default_rng(seed)
+    scan: dict[str, Any] = {f'cartesian{axis}': rng.normal(size=COUNT) for axis in 'XYZ'}
+    scan['intensity'] = rng.random(COUNT)
+    scan |= {f'color{name}': np.arange(COUNT) * 5 for name in ('Red', 'Green', 'Blue')}
+    scan |= {'rowIndex': np.arange(COUNT) + 300, 'nor:normalX': rng.random(COUNT)}
+    scan |= {'cartesianInvalidState': np.arange(COUNT) % 5 // 4 * 2}
+    return scan
+
+
+def write(path: Path) -> Path:
+    """Write two scans; the second stands 10 m farther, and has turned to the left."""
+    poses = ((1.0, 0, 0, 0, 0, 0, 1), (HALF, 0, 0, HALF, 10, 0, 1))
+    return write_e57(path, [cartesian(1), cartesian(2)], poses)
+
+
+def test_scans_are_put_together(tmp_path: Path) -> None:
+    """Poses are applied; what has no return has no place; all else is as the file says."""
+    first, second = cartesian(1), cartesian(2)
+    path = write(tmp_path / 'two.e57')
+    names = ['x', 'y', 'z', 'intensity', 'red', 'green', 'blue', 'row', 'scan']
+    assert list(open_cloud(path).columns) == names
+    x, y, z, intensity, red, _, _, row, scan = columns(path)
+    missing = first['cartesianInvalidState'] != 0
+    of_first = first['cartesianX'], first['cartesianY'], first['cartesianZ'] + 1
+    of_second = 10 - second['cartesianY'], second['cartesianX'], second['cartesianZ'] + 1
+    for found, one, other in zip((x, y, z), of_first, of_second, strict=True):
+        np.testing.assert_allclose(
+            found[:COUNT], np.where(missing, np.nan, one), rtol=0, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            found[COUNT:], np.where(missing, np.nan, other), rtol=0, atol=1e-12
+        )
+    assert intensity[:COUNT].tolist() == first['intensity'].tolist()
+    assert red.tolist() == [*range(0, 5 * COUNT, 5)] * 2
+    assert row.tolist() == [*range(300, 300 + COUNT)] * 2
+    assert scan.tolist() == [0] * COUNT + [1] * COUNT
+    assert columns(path, 'scan')[0].tolist() == scan.tolist()
+
+
+def test_angles(tmp_path: Path) -> None:
+    """Ranges and angles are coordinates, too."""
+    scan = {
+        'sphericalRange': np.array([2.0, 0.0, 3.0]),
+        'sphericalAzimuth': np.array([np.pi / 2, 1, 0]),
+        'sphericalElevation': np.array([0.0, 1, np.pi / 2]),
+    }
+    path = write_e57(tmp_path / 'one.e57', [scan])
+    x, y, z, _ = columns(path)
+    np.testing.assert_allclose(x, [0, np.nan, 0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(y, [2, np.nan, 0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(z, [0, np.nan, 3], rtol=0, atol=1e-12)
+
+
+def test_copy_is_ply(tmp_path: Path) -> None:
+    """With every column that is read, those of the verdict, and without what is left out."""
+    path = write(tmp_path / 'two.e57')
+    keep, added = every_third(2 * COUNT), verdict(2 * COUNT)
+    copy = copied(path, Change(keep, added=added), 'two.ply')
+    assert list(open_cloud(copy).columns) == [*open_cloud(path).columns, *VERDICT]
+    for name, values in zip(open_cloud(path).columns, columns(path), strict=True):
+        np.testing.assert_array_equal(columns(copy, name)[0], values[keep])
+        assert open_cloud(copy).columns[name] == open_cloud(path).columns[name]
+    for name, values in added.items():
+        np.testing.assert_array_equal(columns(copy, name)[0], values[keep])
+
+
+def test_clean(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The copy stands beside the file; a copy that is to be E57 is refused."""
+    path = write(tmp_path / 'two.e57')
+    assert main(['clean', '--chain', 'sor', str(path)]) == 0
+    assert np.isnan(columns(tmp_path / 'two_cleaned.ply', 'x')[0]).sum() == 20
+    assert main(['clean', '--chain', 'sor', str(path), '--output', str(tmp_path / 'new.e57')]) == 1
+    assert 'the output must be in the format of two.ply, got' in capsys.readouterr().err
+
+
+COUNTED = b'recordCount="50"'
+
+
+@pytest.mark.parametrize(
+    ('said', 'sentence'),
+    [
+        ('51', r'must be readable, got "An unrecoverable inconsistent .*\(ErrorInternal\)"$'),
+        ('0', 'of at least one point'),
+        ('-1', 'the points of scan 1 of'),
+        ('999999', 'the points of scan 1 of'),
+        ('999999999999999', 'the points of scan 1 of'),
+    ],
+)
+def test_wrong_counts(tmp_path: Path, said: str, sentence: str) -> None:
+    """More points than there are, or none; that there are fewer, nobody notices."""
+    path = write_e57(tmp_path / 'one.e57', [cartesian(1)])
+    data = path.read_bytes()
+    path.write_bytes(reworded(data, COUNTED, COUNTED))
+    assert len(columns(path)[0]) == COUNT
+    path.write_bytes(reworded(data, COUNTED, f'recordCount="{said}"'.encode()))
+    tracemalloc.start()
+    with pytest.raises(CloudError, match=sentence):
+        columns(path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < LITTLE
+
+
+def test_what_makes_no_sense(tmp_path: Path) -> None:
+    """A quaternion of another length would stretch the cloud; places have three coordinates."""
+    path = write_e57(tmp_path / 'one.e57', [cartesian(1)], [(2.0, 0, 0, 0, 0, 0, 0)])
+    with pytest.raises(CloudError, match=r'the pose of scan 1 of .* must be a unit quaternion'):
+        open_cloud(path)
+    del (scan := cartesian(1))['cartesianZ']
+    write_e57(path, [scan])
+    with pytest.raises(CloudError, match=r'scan 1 of .* must be with cartesianX, cartesianY'):
+        open_cloud(path)

@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The measures of odometry and maps, on clouds and poses that are worked out by hand."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers import ROOT
+
+from lidar_outlier_filter.core.points.points import Points
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+sys.path.insert(0, str(ROOT / 'benchmarks'))
+downstream: Any = import_module('downstream')
+
+AHEAD = np.eye(4)
+LEFT = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def pose(x: float, y: float, turned: NDArray[np.float64] = AHEAD) -> NDArray[np.float64]:
+    """Make a pose at a place."""
+    result = turned.copy()
+    result[:2, 3] = x, y
+    return result
+
+
+def sweep(*xyz: tuple[float, float, float]) -> Points:
+    """Make a sweep of a few points."""
+    zeros = np.zeros(len(xyz), np.int64)
+    return Points(np.array(xyz, np.float64), zeros, zeros, np.ones(len(xyz), np.bool_))
+
+
+def test_drift() -> None:
+    """Where a drive begins, and which way it looked there, is no drift."""
+    truth = [pose(0, 0), pose(3, 0), pose(6, 0)]
+    assert downstream.drift(truth, truth) == 0
+    moved = [pose(9, 9, LEFT), pose(9, 12, LEFT), pose(9, 15, LEFT)]
+    assert downstream.drift(moved, truth) == pytest.approx(0)
+    assert downstream.drift([*truth[:2], pose(6, 0.5)], truth) == pytest.approx(0.5)
+
+
+def test_cells() -> None:
+    """A cell is filled by any point that a vehicle would drive into, wherever the sweep was."""
+    first = sweep((0.1, 0.1, 0), (0.15, 0.1, 1), (0.1, 0.1, -1.9), (0.1, 0.1, 5), (-0.1, 0, 0))
+    second = sweep((0.1, -1.1, 0), (7.1, 0, 0))
+    masks = [np.array([True] * 4 + [False]), np.array([True, True])]
+    found = downstream.cells([first, second], masks, [pose(0, 0), pose(0, 0, LEFT)], ground=-1)
+    assert found == {(0, 0), (5, 0), (0, 35)}
+
+
+def test_ground() -> None:
+    """Most of what is near is the ground; what is bad, or far, says nothing."""
+    cloud = sweep(*((i / 10, 0.0, -1.9) for i in range(20)), (1, 1, -3), (50, 0, -9), (1, 1, 2))
+    good = np.arange(23) != 20
+    assert downstream.ground_of(cloud, good, pose(5, 5)) == pytest.approx(-1.9)
+
+
+def test_the_route_is_the_sensors() -> None:
+    """Poses are those of the sensor on the vehicle, which begins to drive from a stand."""
+    first, later = downstream.poses_of(downstream.ROUTE, np.array([0.0, 2.0]))
+    assert first[2, 3] == pytest.approx(1.9, abs=0.1)
+    assert later[0, 3] - first[0, 3] == pytest.approx(6, abs=0.1)

@@ -1,0 +1,133 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A mask from a recording, and back into a replay."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.clouds import cloud
+from helpers.own_vehicle import stamp, turn
+from helpers.replays import topic_of
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.points.mask import read_mask
+from lidar_outlier_filter.errors import FilterError, ParameterError, RecordingError
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.bags import NewBag, Recording
+from lidar_outlier_filter.recordings.own_vehicle import learn_mask
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TURNS = 14
+
+
+def record(path: Path, *, moves: bool = True, metres: float | None = None, parts: int = 1) -> Path:
+    """Record turns, each cut into messages; with ``metres`` a turn, odometry too."""
+    with NewBag(path) as bag:
+        lidar, odometry = topic_of('/lidar', CLOUD), topic_of('/odom', ODOMETRY)
+        bag.add(lidar)
+        if metres is not None:
+            bag.add(odometry)
+        for number in range(TURNS + 1):
+            time = stamp(number)
+            if metres is not None:
+                pose = Odometry()
+                pose.header.stamp.sec, pose.header.stamp.nanosec = divmod(time, 10**9)
+                pose.pose.pose.position.x = metres * number
+                pose.pose.pose.orientation.w = 1.0
+                bag.write(odometry, time, bytes(serialize_message(pose)))
+            rows = turn(number, place=None if moves else 0)
+            for some in np.array_split(rows, parts) if number < TURNS else ():
+                bag.write(lidar, time, bytes(serialize_message(cloud(some, time))))
+    return path
+
+
+@pytest.mark.parametrize(('metres', 'parts'), [(None, 1), (1.2, 1), (None, 5)])
+def test_learns_of_a_drive(metres: float | None, parts: int, tmp_path: Path) -> None:
+    """Whether odometry says that it moves, or the scene; and however turns were cut."""
+    bag = record(tmp_path / 'drive', metres=metres, parts=parts)
+    found = learn_mask(bag, FilterParameters())
+    assert (found.topic, found.odometry) == ('/lidar', '' if metres is None else '/odom')
+    assert found.looks == found.taken == TURNS
+    assert found.mask.is_seen[2:12].any(axis=1).all()
+    assert not found.mask.is_seen[12:].any()
+
+
+@pytest.mark.parametrize('metres', [None, 0.01])
+def test_a_vehicle_that_stands_is_refused(metres: float | None, tmp_path: Path) -> None:
+    """What stays where it is says nothing then; odometry counts more than the scene."""
+    bag = record(tmp_path / 'stand', moves=metres is not None, metres=metres)
+    with pytest.raises(RecordingError, match=f'got 1 of {TURNS}: the vehicle does not move'):
+        learn_mask(bag, FilterParameters())
+
+
+def test_what_cannot_be_learnt_of(tmp_path: Path) -> None:
+    """Scan lines that are no rings, and a reach that no vehicle has."""
+    bag = record(tmp_path / 'drive')
+    by_message = FilterParameters().changed({'line_source': 'message'})
+    with pytest.raises(FilterError, match='the rings of the sensor'):
+        learn_mask(bag, by_message)
+    for reach in (0.0, -1.0, 31.0, np.nan):
+        with pytest.raises(RecordingError, match='the reach of the vehicle must be above 0'):
+            learn_mask(bag, FilterParameters(), reach=reach)
+
+
+def test_command_and_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command writes a mask and its picture; a replay with it takes the vehicle out."""
+    bag, mask, output = record(tmp_path / 'drive'), tmp_path / 'car.csv', tmp_path / 'cleaned'
+    assert main(['mask', str(bag), '--output', str(mask)]) == 0
+    said = capsys.readouterr().out
+    assert '/lidar: 14 of 14 turns from elsewhere (by the scene)' in said
+    assert read_mask(mask).is_seen.any()
+    assert (tmp_path / 'car.csv.png').read_bytes().startswith(b'\x89PNG')
+    assert main(['mask', str(bag), '--output', str(mask)]) == 1  # never over another
+    options = ['--set', f'mask={mask}', '--chain', 'sor']
+    assert main(['replay', str(bag), '--output', str(output), *options]) == 0
+    assert 'rejected by mask' in capsys.readouterr().out
+    types = get_typestore(Stores.ROS2_JAZZY)
+    found = own = 0
+    with Recording(output) as source:
+        for topic, _, data in source.messages():
+            if topic.name == '/lidar/outliers':
+                rows = structured(types.deserialize_cdr(data, CLOUD))
+                found += int(np.count_nonzero(rows['own']))
+            elif topic.name == '/lidar':
+                own += int(np.count_nonzero(structured(types.deserialize_cdr(data, CLOUD))['own']))
+    assert found == own > 0
+    assert (
+        main(
+            [
+                'replay',
+                str(bag),
+                '--output',
+                str(tmp_path / 'off'),
+                '--set',
+                'mask=off',
+                '--chain',
+                'sor',
+            ]
+        )
+        == 0
+    )
+
+
+def test_one_mask_for_several_topics_is_refused(tmp_path: Path) -> None:
+    """Each sensor sees the vehicle from elsewhere."""
+    path = tmp_path / 'two'
+    with NewBag(path) as bag:
+        for name in ('/left', '/right'):
+            topic = topic_of(name, CLOUD)
+            bag.add(topic)
+            bag.write(topic, stamp(0), bytes(serialize_message(cloud(turn(0)))))
+    with pytest.raises(ParameterError, match="mask must be 'off' for several topics"):
+        replay(path, tmp_path / 'out', parameters={'mask': 'car.csv'})
