@@ -88,7 +88,7 @@ class Verdict:
     @property
     def masked(self) -> NDArray[np.bool_]:
         """Which points are on the own vehicle."""
-        return np.not_equal(self.detectors & MASKED, 0)
+        return np.asarray((self.detectors & MASKED) != 0)
 
     def __len__(self) -> int:
         """Count the points."""

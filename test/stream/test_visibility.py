@@ -47,7 +47,7 @@ def street(seed: int, visibility: float = math.inf) -> Floats:
     echo = bright * np.exp(-2 * (3 / visibility) * distance) / distance**2
     level = distance * np.cos(up)
     xyz = level * np.cos(turned), level * np.sin(turned), distance * np.sin(up)
-    return np.stack([*xyz, ring], axis=1)[echo >= WEAKEST]
+    return np.asarray(np.stack([*xyz, ring], axis=1)[echo >= WEAKEST])
 
 
 def judged(rows: Floats, rejected: slice = slice(0)) -> StreamCloud:

@@ -170,7 +170,7 @@ def _ground(xyz: Floats) -> tuple[Floats, float] | None:
         up /= np.linalg.norm(up)
         height = -float(up @ corner)
         above = xyz @ up + height
-        on = np.count_nonzero(np.abs(above) < FLAT)
+        on = float(np.count_nonzero(np.abs(above) < FLAT))
         if on > best and height > 0 and (above < -FLAT).mean() < BELOW:
             best, found = on, (up, height)
     return found

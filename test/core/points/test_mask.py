@@ -32,11 +32,11 @@ def points_of(rows: Rows) -> Points:
 def drawn(seed: int) -> tuple[Mask, Points, dict[tuple[int, int], tuple[float, float]]]:
     """Draw a mask, and points many of which lie at its edges."""
     rng = np.random.default_rng(seed)
-    cells = {}
+    cells: dict[tuple[int, int], tuple[float, float]] = {}
     for _ in range(700):
         near, ring, first = float(rng.integers(1, 8)), int(rng.integers(0, 4)), rng.integers(0, 720)
         for column in range(first, first + 3):
-            cells[ring, column % 720] = near, near + rng.integers(0, 2)
+            cells[ring, int(column) % 720] = near, near + float(rng.integers(0, 2))
     mask = Mask.nothing(4)
     for cell, (near, far) in cells.items():
         mask.near[cell], mask.far[cell] = near, far
