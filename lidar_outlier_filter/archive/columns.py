@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.oddness import percent, share
@@ -87,7 +88,7 @@ COLUMNS = (
 OF_FILES = (
     Column('points', lambda drive: drive.points, _whole, ','),
     *(
-        Column(name, lambda drive, name=name: getattr(drive, name), _whole, ',', is_rare=True)  # type: ignore[misc]
+        Column(name, attrgetter(name), _whole, ',', is_rare=True)
         for name in ('invalid', 'ignored', 'untested', 'spared')
     ),
     Column('rejected', lambda drive: drive.rejected, _whole, ','),
@@ -108,8 +109,8 @@ def in_terminal(drives: Iterable[DriveCounts], what: str) -> list[Column]:
 def _by_detector(drives: Iterable[DriveCounts]) -> list[Column]:
     """List what each detector rejects; a single one rejects what all reject."""
     names = dict.fromkeys(name for drive in drives for name in drive.rejected_by)
-    return [
-        Column(f'by {name}', lambda drive, name=name: drive.rejected_by[name], _whole, ',')  # type: ignore[misc]
-        for name in names
-        if len(names) > 1
-    ]
+    return [_rejected_by(name) for name in names if len(names) > 1]
+
+
+def _rejected_by(name: str) -> Column:
+    return Column(f'by {name}', lambda drive: drive.rejected_by[name], _whole, ',')
