@@ -25,11 +25,11 @@ from typing import TYPE_CHECKING
 
 import psutil
 
+from lidar_outlier_filter.archive.hands import ByWhom
 from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import opened_manifest
-from lidar_outlier_filter.archive.order import Order
-from lidar_outlier_filter.archive.replayers import Replaying
-from lidar_outlier_filter.archive.run import replay_all
+from lidar_outlier_filter.archive.one_recording import ReplayOrder
+from lidar_outlier_filter.archive.run import run_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-def timed(tasks: Sequence[Task], order: Order, by: Replaying) -> tuple[float, set[str]]:
+def timed(tasks: Sequence[Task], order: ReplayOrder, by: ByWhom) -> tuple[float, set[str]]:
     """Replay; return the seconds, and the hashes of the outputs, which are removed."""
     before, began, first = processor_seconds(), perf_counter(), thread_time()
     with opened_manifest(tasks[0].output.parent) as manifest:
-        replay_all(tasks, order, manifest, by)
+        run_all(tasks, order, manifest, by)
     elapsed = perf_counter() - began
     own, others = (after - then for after, then in zip(processor_seconds(), before, strict=True))
     print(f'  processor seconds: {own:.1f} of this process, {others:.1f} of workers')
@@ -88,20 +88,22 @@ def main() -> None:
     add_parameter_options(parser)
     options = parser.parse_args()
     values = read_parameters(options.params, options.settings)
-    one, many = (Order(parameters={**values, 'threads': count}) for count in (1, options.jobs))
+    one, many = (
+        ReplayOrder(parameters={**values, 'threads': count}) for count in (1, options.jobs)
+    )
     keep_memory()  # as the command does
     make_ready(one.filter)
     hidden = options.folder.resolve() / 'hidden'
     hidden.mkdir(parents=True)
     tasks = _tasks(options.recording.resolve(), hidden.parent, options.recordings)
     print(f'load average {os.getloadavg()[0]:.1f} before')
-    alone, expected = timed(tasks[:1], one, Replaying(None, hidden))
+    alone, expected = timed(tasks[:1], one, ByWhom(None, hidden))
     print(f'in this process: {alone:.1f} s')
-    elapsed, found = timed(tasks[:1], many, Replaying(None, hidden))
+    elapsed, found = timed(tasks[:1], many, ByWhom(None, hidden))
     _show(f'kernels on {options.jobs} threads', elapsed, alone, found == expected)
     with local_workers(options.jobs) as workers:
         workers.client.run(make_ready, one.filter)
-        elapsed, found = timed(tasks, one, Replaying(workers, hidden))
+        elapsed, found = timed(tasks, one, ByWhom(workers, hidden))
         _show(f'{options.jobs} workers', elapsed, alone * len(tasks), found == expected)
         print(f'{memory():.0f} MB of a worker at most')
     print(f'load average {os.getloadavg()[0]:.1f} after')

@@ -19,11 +19,11 @@ from helpers.clusters import COMMAND, cluster, program, worker_processes
 from helpers.drives import hashes
 from repeated_drives import sweeps_of, write_repeated
 
+from lidar_outlier_filter.archive.hands import ByWhom
 from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import NAME, opened_manifest
-from lidar_outlier_filter.archive.order import Order
-from lidar_outlier_filter.archive.replayers import Replaying
-from lidar_outlier_filter.archive.run import pending, replay_all
+from lidar_outlier_filter.archive.one_recording import ReplayOrder
+from lidar_outlier_filter.archive.run import pending, run_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.core.points.points import SECOND
@@ -90,7 +90,7 @@ def with_kills(
     drives: Path, output: Path, expected: dict[str, dict[str, str]], seed: int
 ) -> Iterator[str]:
     """Replay all with two workers, of which one is killed again and again; say what is there."""
-    order = Order(parameters=CHAIN)
+    order = ReplayOrder(parameters=CHAIN)
     tasks = [Task(location_of(path), output / path.name) for path in sorted(drives.iterdir())]
     rng = random.Random(seed)  # noqa: S311  no secret
     total = sum(task.location.size for task in tasks)
@@ -101,7 +101,7 @@ def with_kills(
         local_workers(2) as workers,
     ):
         todo = pending(tasks, order, manifest)
-        entries = replay_all(todo, order, manifest, Replaying(workers, hidden, killer))
+        entries = run_all(todo, order, manifest, ByWhom(workers, hidden, killer))
     made = made_in(output)
     sources = [json.loads(line)['source'] for line in (output / NAME).read_text().splitlines()]
     done = sum(entry.state == 'done' for entry in entries)

@@ -34,10 +34,10 @@ import archive_failures as failures  # noqa: E402
 from repeated_drives import sweeps_of, write_repeated  # noqa: E402
 
 from lidar_outlier_filter.archive.fingerprints import judging_code  # noqa: E402
+from lidar_outlier_filter.archive.hands import ByWhom  # noqa: E402
 from lidar_outlier_filter.archive.locations import location_of  # noqa: E402
-from lidar_outlier_filter.archive.order import Order  # noqa: E402
-from lidar_outlier_filter.archive.replayers import Replaying  # noqa: E402
-from lidar_outlier_filter.archive.run import replay_alone  # noqa: E402
+from lidar_outlier_filter.archive.one_recording import ReplayOrder  # noqa: E402
+from lidar_outlier_filter.archive.run import run_alone  # noqa: E402
 from lidar_outlier_filter.archive.task import Task  # noqa: E402
 from lidar_outlier_filter.archive.workers import local_workers  # noqa: E402
 from lidar_outlier_filter.disk.new_files import hidden_folder  # noqa: E402
@@ -91,9 +91,9 @@ def memory(options: argparse.Namespace) -> None:
             options.folder / 'long', [sweeps_of(options.data / 'bags' / name)], length
         )
         task = Task(location_of(drive), options.folder / 'out')
-        order = Order(drop_input=True)
+        order = ReplayOrder(drop_input=True)
         with local_workers(1) as workers, hidden_folder(task.output) as hidden:
-            replay_alone(task, order, Replaying(workers, hidden))
+            run_alone(task, order, ByWhom(workers, hidden))
             peaks = [peak(one) for one in failures.worker_processes()]
         size = task.location.size / 1e9
         print(f'{name}, {length:g} s, {size:.2f} GB: a worker {max(peaks):.0f} MB at most')

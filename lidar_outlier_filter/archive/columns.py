@@ -83,11 +83,33 @@ COLUMNS = (
 )
 
 
-def in_terminal(drives: Iterable[DriveCounts]) -> list[Column]:
-    """List the columns that a terminal shows of some recordings."""
+# In a terminal.
+OF_FILES = (
+    Column('points', lambda drive: drive.points, _whole, ','),
+    *(
+        Column(name, lambda drive, name=name: getattr(drive, name), _whole, ',', is_rare=True)  # type: ignore[misc]
+        for name in ('invalid', 'ignored', 'untested', 'spared')
+    ),
+    Column('rejected', lambda drive: drive.rejected, _whole, ','),
+    Column('share', rejected, percent, '.3%'),
+)
+SECONDS = Column('seconds', lambda drive: drive.seconds, _one_decimal, '.1f')
+
+
+def in_terminal(drives: Iterable[DriveCounts], what: str) -> list[Column]:
+    """List the columns that a terminal shows of some recordings or files."""
     some = list(drives)
+    columns = [column for column in COLUMNS if column.format]
+    if what == 'file':
+        columns = [*OF_FILES, *_by_detector(some), SECONDS]
+    return [one for one in columns if not (one.is_rare and not any(map(one.value, some)))]
+
+
+def _by_detector(drives: Iterable[DriveCounts]) -> list[Column]:
+    """List what each detector rejects; a single one rejects what all reject."""
+    names = dict.fromkeys(name for drive in drives for name in drive.rejected_by)
     return [
-        column
-        for column in COLUMNS
-        if column.format and not (column.is_rare and not any(map(column.value, some)))
+        Column(f'by {name}', lambda drive, name=name: drive.rejected_by[name], _whole, ',')  # type: ignore[misc]
+        for name in names
+        if len(names) > 1
     ]

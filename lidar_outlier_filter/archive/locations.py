@@ -15,11 +15,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, NamedTuple
 
-from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.recordings.remote_path import RemotePath, reached
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
@@ -55,8 +55,8 @@ class Location:
     by_ranges: bool
     is_folder: bool = False
 
-    def check_unchanged(self) -> None:
-        """Refuse a recording that is no longer the one that was found.
+    def check_unchanged(self, what: str = 'recording') -> None:
+        """Refuse a recording, or whatever it is, that is no longer the one that was found.
 
         Raises
         ------
@@ -67,7 +67,7 @@ class Location:
         now = location_of(self.path)
         if (now.size, now.state) != (self.size, self.state):
             got = f'{now.size} bytes and {now.state} after {self.size} bytes and {self.state}'
-            raise RecordingError(f'the recording {self.path}', 'unchanged while it is read', got)
+            raise RecordingError(f'the {what} {self.path}', 'unchanged while it is read', got)
 
 
 def path_at(address: str) -> RecordingPath:
@@ -114,6 +114,27 @@ def find(addresses: Iterable[str]) -> list[Location]:
             raise RecordingError(f'what is at {address}', must_be, 'no recording')
         found.update((str(location.path), location) for location in locations)
     return [found[name] for name in sorted(found)]
+
+
+def find_files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
+    """Find the files of a folder, to its depth, whose names end so; see :func:`find`.
+
+    Raises
+    ------
+    CloudError
+        If there are none.
+
+    """
+    found = [
+        path
+        for path in sorted(folder.rglob('*'))
+        if path.suffix.lower() in suffixes
+        and path.is_file()
+        and not any(part.startswith('.') for part in path.relative_to(folder).parts)
+    ]
+    if not found:
+        raise CloudError(f'the folder {folder}', f'one with files of {" ".join(suffixes)}', 'none')
+    return found
 
 
 def listed(folder: RecordingPath) -> dict[str, Location]:

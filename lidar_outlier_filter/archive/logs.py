@@ -50,12 +50,32 @@ class Log(Protocol):
         """Leave these lines alone, at the end of a run."""
 
 
+class NoLog:
+    """What is added is nowhere."""
+
+    def lines(self) -> Iterable[bytes]:
+        """See :class:`Log`."""
+        return ()
+
+    def keep(self, size: int) -> None:
+        """See :class:`Log`."""
+
+    def append(self, line: bytes) -> None:
+        """See :class:`Log`."""
+
+    def flush(self) -> None:
+        """See :class:`Log`."""
+
+    def replace(self, lines: bytes) -> None:
+        """See :class:`Log`."""
+
+
 class FileLog:
-    """A file of this machine; a line is on the disk when it is added."""
+    """A file of this machine; a line is there when it is added, also for who kills this process."""
 
     def __init__(self, path: Path, stream: IO[bytes]) -> None:
         """Take a file, and a stream for reading and appending."""
-        self._path, self._stream = path, stream
+        self._path, self._stream, self._is_synced = path, stream, True
 
     def lines(self) -> Iterable[bytes]:
         """See :class:`Log`."""
@@ -70,10 +90,13 @@ class FileLog:
         """See :class:`Log`."""
         self._stream.write(line)
         self._stream.flush()
-        os.fsync(self._stream.fileno())
+        self._is_synced = False
 
     def flush(self) -> None:
-        """See :class:`Log`."""
+        """See :class:`Log`; one wait for the disk serves all lines."""
+        if not self._is_synced:
+            os.fsync(self._stream.fileno())
+            self._is_synced = True
 
     def replace(self, lines: bytes) -> None:
         """See :class:`Log`."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The manifest of an archive: what became of each recording, a line of JSON each."""
+"""The manifest of an archive: what became of each recording or file, a line of JSON each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from lidar_outlier_filter.archive.logs import StoreLog, opened_file
+from lidar_outlier_filter.archive.logs import NoLog, StoreLog, opened_file
 from lidar_outlier_filter.archive.task import last_parts
 from lidar_outlier_filter.errors import RecordingError, said_by
 
@@ -41,7 +41,7 @@ BEGIN = b'{"duration": '  # of each line: its fields are sorted
 
 @dataclass(frozen=True)
 class Entry:
-    """What became of one recording.
+    """What became of one recording, or one file.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Entry:
     output, output_hash : where the result lies below the folder of the manifest, and its SHA-256,
         or ``etag:`` …
     state, error : ``done``; ``failed``, or ``no clouds``, and the sentence that says why
-    topics : of each topic of clouds, counts by their names
+    topics : of each topic of clouds, counts by their names; of a file, its one cloud
     unread : messages that the recording counts, and that were not found in it
     lost : what could not be salvaged of a damaged recording, a sentence each
     seconds, duration : that it took, and of sensor time
@@ -132,8 +132,8 @@ class Manifest:
     In the file a refusal does not take the place of what was done: that is still there.
     """
 
-    def __init__(self, log: Log, folder: RecordingPath) -> None:
-        """Read what a log says of the outputs in ``folder``.
+    def __init__(self, log: Log, folder: RecordingPath | None) -> None:
+        """Read what a log says of the outputs in ``folder``; None: they have none in common.
 
         What cannot be read of it is left out, and a sentence each in ``unread``; a log without any
         entry is refused, as it is none of ours.
@@ -142,7 +142,7 @@ class Manifest:
         self.entries: dict[str, Entry] = {}
         self._done: dict[str, Entry] = {}
         self.unread: list[RecordingError] = []
-        whole, name = 0, folder.resolve().name if isinstance(folder, Path) else folder.name
+        whole, name = 0, _name(folder)
         for number, line in enumerate(log.lines(), 1):
             is_ours = whole > 0 or line[: len(BEGIN)] == BEGIN[: len(line)]
             if is_ours and not line.endswith(b'\n'):
@@ -151,17 +151,17 @@ class Manifest:
             try:
                 self._note(read_entry(line, name))
             except (ValueError, TypeError, LookupError, AttributeError) as err:
-                what = f'line {number} of {folder / NAME}'
+                what = f'line {number} of {folder and folder / NAME}'
                 wrong = RecordingError(what, 'an entry of a manifest', said_by(err))
                 self.unread.append(wrong)
         if self.unread and not self.entries:
             raise self.unread[0]
         log.keep(whole)
         noted = (*self._done.values(), *self.entries.values())
-        self._written = {one.output for one in noted if one.is_ours}
+        self._written = {one.output: one for one in noted if one.is_ours}
 
     def add(self, entry: Entry) -> None:
-        """Note what became of a recording; it is there for good after :meth:`flush`."""
+        """Note what became of one; it is there for good after :meth:`flush`."""
         self._note(entry)
         self._log.append(_line(self._kept(entry.source)[-1]))
 
@@ -169,9 +169,9 @@ class Manifest:
         """Write what was added."""
         self._log.flush()
 
-    def has_written(self, output: str) -> bool:
-        """Return whether an output is that of an earlier run, done or broken off."""
-        return output in self._written
+    def writer(self, output: str) -> Entry | None:
+        """Return what an earlier run said last of an output that is its own, done or broken off."""
+        return self._written.get(output)
 
     def _note(self, entry: Entry) -> None:
         self.entries[entry.source] = entry
@@ -186,9 +186,13 @@ class Manifest:
         return [done, last] if last.error == BROKEN_OFF else [done]
 
     def tidy(self) -> None:
-        """Leave the lines that count, in the order of the names of their sources."""
+        """Leave the lines that count, in the order of the names of their sources.
+
+        Not that of a source that was not there: its name was mistyped.
+        """
         kept = (entry for source in sorted(self.entries) for entry in self._kept(source))
-        self._log.replace(b''.join(map(_line, kept)))
+        lines = (_line(one) for one in kept if one.source_state or one.state != FAILED)
+        self._log.replace(b''.join(lines))
 
 
 def read_entry(line: bytes, folder: str) -> Entry:
@@ -223,9 +227,11 @@ def _named_below(values: dict[str, Any], folder: str) -> dict[str, Any]:
 
 @contextmanager
 def opened_manifest(
-    folder: RecordingPath, inform: Callable[[str], object] = str
+    folder: RecordingPath | None, inform: Callable[[str], object] = str
 ) -> Iterator[Manifest]:
     """Open the manifest of a folder, which is made where there is none; one run at a time.
+
+    Without a folder it is that of one run, and forgotten at its end.
 
     ``inform`` gets a sentence for each line that cannot be read: it costs what it was on.
 
@@ -236,16 +242,22 @@ def opened_manifest(
 
     """
     with ExitStack() as stack:
-        log: Log = (
-            stack.enter_context(opened_file(folder / NAME))
-            if isinstance(folder, Path)
-            else StoreLog(folder / NAME)
-        )
+        log: Log = NoLog()
+        if isinstance(folder, Path):
+            log = stack.enter_context(opened_file(folder / NAME))
+        elif folder is not None:
+            log = StoreLog(folder / NAME)
         manifest = Manifest(log, folder)
         for wrong in manifest.unread:
             inform(str(wrong))
         yield manifest
         manifest.tidy()
+
+
+def _name(folder: RecordingPath | None) -> str:
+    if folder is None:
+        return ''
+    return folder.resolve().name if isinstance(folder, Path) else folder.name
 
 
 def _line(entry: Entry) -> bytes:

@@ -21,11 +21,13 @@ SIGMA = 1.4826  # standard deviation of a normal distribution, in median absolut
 # The least deviation that is assumed, as a share: where most recordings have the same, any other
 # would be infinitely odd.
 LEAST_OF_POINTS, LEAST_OF_CLOUDS = 1e-4, 1e-3
+OF_FILES = ('invalid', 'ignored', 'spared')
+SUMMED = ('messages', 'points', 'rejected', 'untested', 'refused', 'gaps', *OF_FILES)
 
 
 @dataclass
 class DriveCounts:
-    """A recording of the archive: the sums over its topics, and what is odd about it.
+    """A recording or a file of the archive: the sums over its topics, and what is odd about it.
 
     ``error`` says why there is no output: it failed, or, with ``empty``, it has no clouds. ``odd``
     has a sentence for each oddness; ``z`` is the largest robust z by its absolute value. ``how`` is
@@ -49,6 +51,9 @@ class DriveCounts:
     untested: int = 0
     refused: int = 0
     gaps: int = 0
+    invalid: int = 0
+    ignored: int = 0
+    spared: int = 0
     rejected_by: Counter[str] = field(default_factory=Counter)
     untested_because: dict[str, str] = field(default_factory=dict)
     odd: list[str] = field(default_factory=list)
@@ -135,8 +140,8 @@ def counts_of(entry: Mapping[str, Any]) -> DriveCounts:
         (entry.get('version', ''), entry.get('parameters', '')),
     )
     for topic, counts in entry['topics'].items():
-        for name in ('messages', 'points', 'rejected', 'untested', 'refused', 'gaps'):
-            setattr(drive, name, getattr(drive, name) + counts[name])
+        for name in SUMMED:
+            setattr(drive, name, getattr(drive, name) + counts.get(name, 0))
         drive.rejected_by.update(counts['rejected_by'])
         if reason := counts.get('untested_because'):
             drive.untested_because[topic] = reason

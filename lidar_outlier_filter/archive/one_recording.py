@@ -10,127 +10,141 @@ from __future__ import annotations
 
 import shutil
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory, mkdtemp
+from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.archive.file_cleaners import HERE
 from lidar_outlier_filter.archive.fingerprints import content_hash
-from lidar_outlier_filter.archive.locations import location_of, staged
+from lidar_outlier_filter.archive.locations import listed, location_of, staged
+from lidar_outlier_filter.archive.order import Made, Order, new_folder
+from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.uploads import Upload, finish, upload
-from lidar_outlier_filter.archive.worker_start import name_of_worker
-from lidar_outlier_filter.disk.new_files import publish, replaced
+from lidar_outlier_filter.disk.new_files import FOLDER, publish, publish_instead
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings.bags import writable
 from lidar_outlier_filter.recordings.remote_path import written
 from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Self
 
-    from lidar_outlier_filter.archive.order import Order
-    from lidar_outlier_filter.archive.task import Task
+    from lidar_outlier_filter.archive.locations import Location
+    from lidar_outlier_filter.archive.order import NoteDone
+    from lidar_outlier_filter.recordings.cloud_topic import TopicReport
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
 
 
 @dataclass(frozen=True)
-class ReplayedRecording:
-    """What was made of a recording.
+class ReplayOrder(Order[Task]):
+    """What is to be done with each recording, as :func:`replay` takes it."""
 
-    Attributes
-    ----------
-    report : what became of its clouds
-    built : the output, which has no name yet: a folder of this machine, or what is on a store
-    hash, output_hash : of recording and output; a store marks the output when it has its name
-    seconds : that it took
-    said : what is to be said of it
-    worker, code : who replayed it, and by what, as :func:`.fingerprints.judging_code` says
+    what, verb, failed, unit = 'recording', 'replayed', 'failed', 'messages'
+    new, error = FOLDER, RecordingError
+    judge = 'lidar_outlier_filter.recordings.replay'
+    waits = False  # few shall be blamed for the death of a worker
 
-    """
+    topics: tuple[str, ...] = ()
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    drop_input: bool = False
+    salvage: bool = False
+    resume: bool = False
+    largest: int = LARGEST
 
-    report: ReplayReport
-    built: Path | Sequence[Upload]
-    hash: str
-    output_hash: str
-    seconds: float
-    said: Sequence[str] = ()
-    worker: str = HERE
-    code: str = ''
+    @property
+    def values(self) -> Mapping[str, object]:
+        """See :class:`Order`."""
+        return self.parameters
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """See :class:`Order`."""
+        names = ('topics', 'drop_input', 'salvage', 'largest')
+        return {name: getattr(self, name) for name in names}
+
+    def on_one_thread(self) -> Self:
+        """See :class:`Order`."""
+        return replace(self, parameters={**self.parameters, 'threads': 1})
+
+    def make(
+        self,
+        task: Task,
+        folder: Path | None,
+        note: NoteDone,
+        inform: Callable[[str], object],
+        prefix: str = '',
+    ) -> Made:
+        """See :class:`Order`; without a folder, the output goes to a store."""
+        began = perf_counter()
+        with ExitStack() as undo:
+            if folder is None:
+                hidden = TemporaryDirectory(prefix='.lidar_outlier_filter-')
+                built = Path(undo.enter_context(hidden), task.output.name)
+            else:
+                built = new_folder(folder, prefix, undo, RecordingError) / task.output.name
+            known = content_hash(task.location)
+            with staged(task.location) as path:
+                report = replay(
+                    path,
+                    built,
+                    parameters=self.parameters,
+                    **self.options,
+                    progress=lambda done, total: note(done, total, None),
+                    inform=inform,
+                )
+            task.location.check_unchanged()
+            if isinstance(task.output, Path):
+                made = Made(report, built, known, content_hash(location_of(built)))
+                undo.pop_all()
+            else:
+                made = Made(report, upload(built, task.output), known)
+        return replace(made, seconds=perf_counter() - began)
+
+    def give_names(
+        self, task: Task, built: Path | Sequence[Upload], *, replaces: bool = False
+    ) -> None:
+        """See :class:`Order`."""
+        if isinstance(built, Path) and isinstance(task.output, Path):
+            with writable(task.output):
+                task.output.parent.mkdir(parents=True, exist_ok=True)
+                if replaces:
+                    publish_instead(built, task.output, built.parent / 'older')
+                else:
+                    publish(built, task.output)
+            shutil.rmtree(built.parent, ignore_errors=True)
+        elif not isinstance(built, Path) and not isinstance(task.output, Path):
+            with written(task.output):
+                if replaces:
+                    task.output.system.rm(task.output.key, recursive=True)
+            finish(task.output, built)
+
+    def counted(self, report: ReplayReport) -> dict[str, Any]:
+        """See :class:`Order`."""
+        return {
+            'topics': {topic.topic: _counts(topic) for topic in report.topics},
+            'unread': report.unread,
+            'lost': report.lost.said(),
+            'duration': report.recorded,
+        }
+
+    def made(self, _tasks: Sequence[Task], folder: RecordingPath) -> Mapping[str, Location]:
+        """See :class:`Order`; a store lists all by a few requests."""
+        return listed(folder)
 
 
-def replay_recording(  # noqa: PLR0913  which, how, where to, and what is called meanwhile
-    task: Task,
-    order: Order,
-    folder: Path | None,
-    progress: Callable[[int, int], object],
-    inform: Callable[[str], object],
-    prefix: str = '',
-) -> ReplayedRecording:
-    """Replay a recording into a new folder within ``folder``; None: it goes to a store.
-
-    The name of the new folder begins with ``prefix``.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, or has changed meanwhile, or the output cannot be written.
-
-    """
-    began = perf_counter()
-    with ExitStack() as undo:
-        own = _new_folder(folder, prefix, undo)
-        known = content_hash(task.location)
-        with staged(task.location) as path:
-            report = replay(
-                path,
-                own / task.output.name,
-                parameters=order.parameters,
-                **order.options,
-                progress=progress,
-                inform=inform,
-            )
-        task.location.check_unchanged()
-        built: Path | Sequence[Upload] = own / task.output.name
-        made = content_hash(location_of(own / task.output.name))
-        if not isinstance(task.output, Path):
-            built, made = upload(own / task.output.name, task.output), ''
-        if folder is not None:
-            undo.pop_all()
-    return ReplayedRecording(report, built, known, made, perf_counter() - began)
-
-
-def _new_folder(folder: Path | None, prefix: str, undo: ExitStack) -> Path:
-    """Make a folder that hides, for one attempt."""
-    if folder is None:
-        return Path(undo.enter_context(TemporaryDirectory(prefix='.lidar_outlier_filter-')))
-    try:
-        own = Path(mkdtemp(prefix=prefix, dir=folder))
-    except OSError as err:
-        must_be = f'a folder that {name_of_worker()} can write to'
-        raise RecordingError(f'{folder}', must_be, f'"{err.strerror}"') from err
-    undo.callback(shutil.rmtree, own, ignore_errors=True)
-    return own
-
-
-def give_name(task: Task, built: Path | Sequence[Upload], *, replaces: bool = False) -> None:
-    """Put what was built under its name; whether it ``replaces`` an older output is known.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be written, or the name has been taken meanwhile.
-
-    """
-    if isinstance(built, Path) and isinstance(task.output, Path):
-        with writable(task.output):
-            task.output.parent.mkdir(parents=True, exist_ok=True)
-            with replaced(task.output) as place:
-                publish(built, place)
-        shutil.rmtree(built.parent, ignore_errors=True)
-    elif not isinstance(built, Path) and not isinstance(task.output, Path):
-        with written(task.output):
-            if replaces:
-                task.output.system.rm(task.output.key, recursive=True)
-        finish(task.output, built)
+def _counts(topic: TopicReport) -> dict[str, Any]:
+    return {
+        'messages': topic.messages,
+        'points': topic.points,
+        'kept': topic.points - topic.rejected - topic.dropped,
+        'rejected': topic.rejected,
+        'untested': topic.untested,
+        'untested_because': topic.untested_because,
+        'refused': topic.refused,
+        'rejected_by': dict(topic.rejected_by),
+        'gaps': topic.gaps,
+    }

@@ -280,7 +280,8 @@ def _bar(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> str:
 
 
 def _explanation(done: int, what: str) -> Iterator[str]:
-    least, compared, lacking = f'{percent(LEAST_OF_POINTS)} of the points', '', ''
+    least, compared = f'{percent(LEAST_OF_POINTS)} of the points', ''
+    lacking = 'It is odd, too, if none of its points could be tested. '
     if what == 'recording':
         least += f' or {percent(LEAST_OF_CLOUDS)} of the clouds'
         compared = ', and of clouds after a gap'

@@ -4,10 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Self
+
     from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
@@ -37,7 +41,26 @@ class Task:
         """The name of the output, below the folder of all outputs."""
         return last_parts(self.output, self.depth)
 
+    @property
+    def outputs(self) -> Sequence[RecordingPath]:
+        """All that is written of it."""
+        return [self.output]
+
+    @property
+    def label(self) -> str:
+        """What a table calls it."""
+        return self.made
+
+    def absolute(self) -> Self:
+        """Return the same for a process that works in another folder."""
+        location = replace(self.location, path=_absolute(self.location.path))
+        return replace(self, location=location, output=_absolute(self.output))
+
 
 def last_parts(path: RecordingPath | str, count: int) -> str:
     """Return the last parts of a path: they stay the same wherever its folder is moved to."""
     return '/'.join(str(path).split('/')[-count:])
+
+
+def _absolute(path: RecordingPath) -> RecordingPath:
+    return path.absolute() if isinstance(path, Path) else path

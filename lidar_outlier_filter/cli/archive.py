@@ -6,12 +6,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.archive_progress import progress_of_all
+from lidar_outlier_filter.cli.archive_run import go_through, hidden_in, refuse_inside
 from lidar_outlier_filter.cli.archive_tables import show, status
 from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
@@ -21,15 +22,14 @@ from lidar_outlier_filter.cli.terminal import (
     say,
     saying_how_far,
 )
-from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Iterator, Sequence
 
     from lidar_outlier_filter.archive.locations import Location
-    from lidar_outlier_filter.archive.manifest import Entry, Manifest
-    from lidar_outlier_filter.archive.order import Order
+    from lidar_outlier_filter.archive.one_recording import ReplayOrder
     from lidar_outlier_filter.archive.step import Step
     from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.archive.workers import Workers
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 # Bytes: less is replayed before several processes would have started.
 SHORT = 300_000_000
 MEGABYTE = 1_000_000  # bytes
-PAGE = 'archive.html'
 
 
 @dataclass(frozen=True)
@@ -94,72 +93,20 @@ def find_all(address: str) -> FoundRecordings:
 
 def replay_archive(options: argparse.Namespace) -> int:
     """Replay all recordings of a folder or a pattern into one folder."""
-    from lidar_outlier_filter.archive.manifest import FAILED, opened_manifest
-    from lidar_outlier_filter.archive.run import pending
-
     found = find_all(options.recording)
     order, folder = _order(options), _folder(options, found)
     tasks = _tasks(found, folder)
-    with opened_manifest(folder, say) as manifest:
-        todo = pending(tasks, order, manifest)
-        before = dict(manifest.entries)
-
-        def how_far() -> str:
-            now = [manifest.entries.get(task.source) for task in todo]
-            new = (entry for entry in now if entry and entry is not before.get(entry.source))
-            done = len(tasks) - len(todo) + sum(entry.state != FAILED for entry in new)
-            said = f'{done} of {len(tasks)} recordings are done in {folder}'
-            return f'{said}; the same command goes on with the others'
-
-        if todo:
-            with saying_how_far(how_far):
-                _replay_all(options, found.root.name, todo, order, manifest)
-        kept = [manifest.entries[task.source] for task in tasks]
-        _write_page(kept, folder)
-    show(tasks, kept, todo, folder)
-    return status(kept)
-
-
-def _replay_all(
-    options: argparse.Namespace,
-    name: str,
-    todo: Sequence[Task],
-    order: Order,
-    manifest: Manifest,
-) -> None:
-    """Replay what is to be done of an archive, and show how far it is."""
-    from lidar_outlier_filter.archive.replayers import Replaying
-    from lidar_outlier_filter.archive.run import replay_all
-
-    with (
-        progress_of_all(name) as (show, leave_if_asked),
-        _hidden(manifest.folder / 'recordings') as hidden,  # there until the workers have ended
-        _workers(options, todo) as workers,
-    ):
-        by = Replaying(workers, hidden, show, leave_if_asked, _once())
-        replay_all(todo, order, manifest, by)
-
-
-def _write_page(entries: Sequence[Entry], folder: RecordingPath) -> None:
-    """Write the page of an archive beside its manifest."""
-    from tempfile import TemporaryDirectory
-
-    from lidar_outlier_filter.archive.page import write_page
-
-    lines = [asdict(entry) for entry in entries]
-    if isinstance(folder, Path):
-        write_page(lines, folder / PAGE)
-        return
-    with TemporaryDirectory(prefix='.lidar_outlier_filter-') as scratch:
-        write_page(lines, Path(scratch, PAGE))
-        (folder / PAGE).write_from(Path(scratch, PAGE))
+    workers = partial(_workers, options)
+    entries, tried = go_through(tasks, order, folder, found.root.name, workers)
+    show(tasks, entries, tried, order, folder)
+    return status(entries)
 
 
 def replay_one(options: argparse.Namespace) -> ReplayReport:
     """Replay one recording here, with the kernels on all cores, or by a worker of a cluster."""
+    from lidar_outlier_filter.archive.hands import ByWhom
     from lidar_outlier_filter.archive.locations import location_of, path_at
-    from lidar_outlier_filter.archive.replayers import Replaying
-    from lidar_outlier_filter.archive.run import replay_alone
+    from lidar_outlier_filter.archive.run import run_alone
     from lidar_outlier_filter.archive.task import Task
 
     path = path_at(options.recording)
@@ -176,12 +123,14 @@ def replay_one(options: argparse.Namespace) -> ReplayReport:
         def show(step: Step) -> None:
             advance(step.done, step.messages)
 
-        with _hidden(output) as hidden, _workers(options, [task]) as workers:
-            return replay_alone(task, order, Replaying(workers, hidden, show, leave_if_asked, say))
+        with hidden_in(output) as hidden, _workers(options, [task]) as workers:
+            by = ByWhom(workers, hidden, show, leave_if_asked, say)
+            report: ReplayReport = run_alone(task, order, by)
+            return report
 
 
 def _replay_here(
-    task: Task, order: Order, leave_if_asked: Callable[[], object], advance: Advance
+    task: Task, order: ReplayOrder, leave_if_asked: Callable[[], object], advance: Advance
 ) -> ReplayReport:
     """Replay in this process; a killed run may have left what is beside the output."""
     from lidar_outlier_filter.archive.locations import staged
@@ -206,11 +155,11 @@ def _replay_here(
     return replace(report, output=task.output)
 
 
-def _order(options: argparse.Namespace) -> Order:
-    from lidar_outlier_filter.archive.order import Order
+def _order(options: argparse.Namespace) -> ReplayOrder:
+    from lidar_outlier_filter.archive.one_recording import ReplayOrder
 
     parameters = read_parameters(options.params, options.settings, options.chain)
-    return Order(
+    return ReplayOrder(
         tuple(options.topics),
         parameters,
         options.drop_input,
@@ -259,21 +208,6 @@ def check_workers(options: argparse.Namespace) -> None:
         raise FilterError('--resume', 'left out with --scheduler for one recording', 'given')
 
 
-@contextmanager
-def _hidden(path: RecordingPath) -> Iterator[Path | None]:
-    """Give a hidden folder beside a path, for what has no name yet; None: that is on a store."""
-    from lidar_outlier_filter.disk.new_files import hidden_folder
-    from lidar_outlier_filter.recordings.bags import writable
-
-    if not isinstance(path, Path):
-        yield None
-        return
-    with ExitStack() as stack:
-        with writable(path):
-            folder = stack.enter_context(hidden_folder(path, 'replayed'))
-        yield folder
-
-
 def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:
     """Return the output that is given, or name one beside what is replayed."""
     from lidar_outlier_filter.archive.locations import path_at
@@ -288,9 +222,8 @@ def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:
 def _folder(options: argparse.Namespace, found: FoundRecordings) -> RecordingPath:
     """Name the folder of the outputs; refuse one that the next run would search."""
     folder = _output(options, found.root)
-    inside = str(folder.resolve() if isinstance(folder, Path) else folder)
-    if found.is_searched and inside.startswith(f'{found.root}/'):
-        raise RecordingError('the output', f'outside of {found.root}, which is searched', folder)
+    if found.is_searched:
+        refuse_inside(folder, found.root)
     return folder
 
 
@@ -298,25 +231,10 @@ def _tasks(found: FoundRecordings, folder: RecordingPath) -> list[Task]:
     """Name the output of each recording as it is named below the folder that was searched."""
     from lidar_outlier_filter.archive.task import Task
 
-    tasks: dict[RecordingPath, Task] = {}
+    tasks = []
     for location in found.locations:
         inside = str(location.path)[len(str(found.root)) :].lstrip('/')
         suffix = '' if location.is_folder else location.path.suffix
         output = folder / inside.removesuffix(suffix)
-        if output in tasks:
-            got = f'{tasks[output].location.path} and {location.path}'
-            raise RecordingError(f'the output {output}', 'that of one recording', got)
-        tasks[output] = Task(location, output, inside.count('/') + 1)
-    return list(tasks.values())
-
-
-def _once() -> Callable[[str], object]:
-    """Say each sentence once: most recordings of an archive are read alike."""
-    said: set[str] = set()
-
-    def inform(sentence: str) -> None:
-        if sentence not in said:
-            said.add(sentence)
-            say(sentence)
-
-    return inform
+        tasks.append(Task(location, output, inside.count('/') + 1))
+    return tasks

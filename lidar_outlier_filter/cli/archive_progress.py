@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""How far a run over many recordings is: bars in a terminal, lines elsewhere."""
+"""How far a run over many recordings or files is: bars in a terminal, lines elsewhere."""
 
 # ruff: noqa: PLC0415  help is instant
 
@@ -40,14 +40,15 @@ def progress_of_all(text: str) -> Iterator[tuple[ShowStep, Callable[[], None]]]:
 
 
 def _lines(text: str) -> ShowStep:
-    """Write a line at the first step of each recording, and one in ``LINE_PERIOD`` within one."""
-    began, due, number = monotonic(), 0.0, 0
+    """Write a line each ``LINE_PERIOD``; none of a run that is done before."""
+    began = monotonic()
+    due = began + LINE_PERIOD
 
     def show(step: Step) -> None:
-        nonlocal due, number
+        nonlocal due
         now = monotonic()
-        if now >= due or step.number != number:
-            due, number = now + LINE_PERIOD, step.number
+        if now >= due:
+            due = now + LINE_PERIOD
             within = f', {step.done} of {step.messages} {step.unit}' if step.messages else ''
             shown = f'{text}: {step.number} of {step.total}: {step.recording}{within}'
             say(f'{shown}{_rate(step, now - began)}')

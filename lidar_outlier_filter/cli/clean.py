@@ -6,18 +6,20 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from lidar_outlier_filter.cli.archive_run import go_through, refuse_inside
 from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
-    REFUSED,
     add_chain_option,
     add_parameter_options,
+    beside,
     can_draw,
     names_in,
     progress_bar,
@@ -30,10 +32,12 @@ from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
-    from lidar_outlier_filter.archive.file_cleaners import Job
-    from lidar_outlier_filter.archive.many_files import Result
+    from lidar_outlier_filter.archive.manifest import Entry
+    from lidar_outlier_filter.archive.one_file import CleanOrder, FileTask
+    from lidar_outlier_filter.archive.order import Made
+    from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.cli.terminal import Advance, Commands
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
     from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
@@ -56,7 +60,9 @@ def add_clean(commands: Commands) -> None:
         'status: 0 all done; 1 refused, nothing is written; 3 some of the files were '
         'refused, or none of the points of one could be tested.',
     )
-    parser.add_argument('files', type=Path, nargs='+', metavar='FILE', help='the clouds')
+    parser.add_argument(
+        'files', type=Path, nargs='+', metavar='FILE', help='the clouds, or folders of them'
+    )
     _add_outputs(parser)
     _add_marks(parser)
     _add_run(parser)
@@ -108,8 +114,8 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--resume',
         action='store_true',
-        help='go on where a run for the same output was broken off: files that the manifest of the '
-        'folder proves to be done are left, and what a killed run has left of others is replaced',
+        help='go on where a run for the same output was broken off; a folder does so anyway, by '
+        'its manifest: what it proves to be done is left',
     )
 
 
@@ -176,45 +182,62 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
 
 
 def _clean(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.archive.many_files import LEFT
-    from lidar_outlier_filter.cli.clean_tables import is_untested, say_how, show
+    from lidar_outlier_filter.archive.one_file import CleanOrder
+    from lidar_outlier_filter.cli import clean_tables
+    from lidar_outlier_filter.cli.archive_tables import status
 
     wanted = _wanted(options)
     folder = _folder(options)
-    _check(options, folder)
+    tasks = _tasks(options, folder)
+    _check(options, folder, len(tasks))
     picture = options.picture if options.picture is None or can_draw() else None
     look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=picture)
-    if len(options.files) == 1 and folder is None and not options.scheduler:
-        results = [_clean_one(_job(options.files[0], options, None), wanted, look)]
+    order = CleanOrder(wanted, look)
+    made: dict[FileTask, Made] = {}
+    if len(tasks) == 1 and folder is None and not options.scheduler:
+        entries, tried = [_clean_one(tasks[0], order, made)], tasks
     else:
-        from lidar_outlier_filter.cli.clean_many import clean_many
-
-        jobs = [_job(path, options, folder) for path in options.files]
-        by = options.scheduler or options.jobs or cores()
-        results = clean_many(jobs, wanted, folder, by, look, resume=options.resume)
-    for result in results:
-        say_how(result)
-    show(results, {one.job.path: one.found for one in results if one.found is not None})
-    good = [one for one in results if one.report is not None or one.state == LEFT]
-    untested = [one for one in good if one.report is not None and is_untested(one.report)]
-    if len(good) == len(results) and not untested and picture == options.picture:
-        return DONE
-    return INCOMPLETE if good else REFUSED
+        of_manifest = None if options.dry_run else folder
+        by = (partial(_workers, options), options.jobs or cores(), made.__setitem__)
+        entries, tried = go_through(tasks, order, of_manifest, 'cleaning', *by)
+    clean_tables.show(tasks, entries, tried, order, made)
+    found = status(entries)
+    return INCOMPLETE if found == DONE and picture != options.picture else found
 
 
-def _clean_one(job: Job, wanted: Wanted, look: Callable[[JudgedFile], object]) -> Result:
+@contextmanager
+def _workers(options: argparse.Namespace, _todo: object) -> Iterator[Workers | None]:
+    """Use the workers of a cluster; None: threads of this process."""
+    from lidar_outlier_filter.archive.workers import cluster_workers
+
+    if options.scheduler is None:
+        yield None
+        return
+    with cluster_workers(options.scheduler, say) as workers:
+        yield workers
+
+
+def _clean_one(task: FileTask, order: CleanOrder, made: dict[FileTask, Made]) -> Entry:
     """Clean a single file, with a bar for each step; where it is refused, all is."""
-    from lidar_outlier_filter.archive.file_cleaners import clean_job
-    from lidar_outlier_filter.archive.manifest import DONE as IS_DONE
-    from lidar_outlier_filter.archive.many_files import Result
+    from lidar_outlier_filter.archive.manifest import How, begun
+    from lidar_outlier_filter.archive.order import Made
+    from lidar_outlier_filter.archive.run import noted
+    from lidar_outlier_filter.files.cleaning.clean import clean
+
+    found: list[Any] = []
+
+    def look(judged: JudgedFile) -> None:
+        found.append(order.look(judged))
 
     def how_far() -> str:
-        return f'nothing is written to {job.output}; the same command begins anew'
+        return f'nothing is written to {task.output}; the same command begins anew'
 
     with saying_how_far(how_far), stopping() as leave_if_asked, ExitStack() as bars:
-        steps = _StepBars(job.path.name, leave_if_asked, bars)
-        done = clean_job(job, wanted, look, steps, lambda slow: say(f'{job.path}: {slow}'))
-    return Result(job, IS_DONE, done.report, found=done.found)
+        steps = _StepBars(task.path.name, leave_if_asked, bars)
+        given = (task.path, task.cleaned, order.wanted, task.outliers, steps)
+        report = clean(*given, lambda slow: say(f'{task.path}: {slow}'), look)
+    made[task] = Made(report, [], found=found[0])
+    return noted(begun(task, How('', '', '')), task, order, made[task])
 
 
 class _StepBars:
@@ -255,10 +278,17 @@ class _LookForWorst:
 def _folder(options: argparse.Namespace) -> Path | None:
     """Return the folder that the outputs go into; None: beside the files, or it is a file."""
     output: Path | None = options.output
-    if output is None or (len(options.files) == 1 and not output.is_dir()):
+    searched = [path.resolve() for path in options.files if path.is_dir()]
+    if output is None and len(options.files) == len(searched) == 1:
+        output = beside(searched[0], CLEANED)
+    if output is None or (len(options.files) == 1 and not (output.is_dir() or searched)):
+        if searched:
+            raise ParameterError('--output of a folder and others', 'given', 'none')
         return None
     if output.exists() and not output.is_dir():
         raise ParameterError('--output of several files', 'a folder', output)
+    for root in searched:
+        refuse_inside(output, root)
     if not options.dry_run:
         try:
             output.mkdir(parents=True, exist_ok=True)
@@ -268,13 +298,13 @@ def _folder(options: argparse.Namespace) -> Path | None:
     return output
 
 
-def _check(options: argparse.Namespace, folder: Path | None) -> None:
+def _check(options: argparse.Namespace, folder: Path | None, count: int) -> None:
     """Refuse options that do not go together."""
     from lidar_outlier_filter.disk.new_files import FILE, check_new
 
     for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
-        if value and len(options.files) > 1:
-            raise ParameterError(name, 'given for one file', f'{len(options.files)} files')
+        if value and count > 1:
+            raise ParameterError(name, 'given for one file', f'{count} files')
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
     if options.picture:
@@ -299,9 +329,28 @@ def _check_scheduler(options: argparse.Namespace, folder: Path | None) -> None:
             raise ParameterError(name, 'left out with --scheduler', value)
 
 
-def _job(path: Path, options: argparse.Namespace, folder: Path | None) -> Job:
+def _tasks(options: argparse.Namespace, folder: Path | None) -> list[FileTask]:
+    """Name the outputs of all files, and of those in folders, which are searched."""
+    from lidar_outlier_filter.archive.locations import find_files
+    from lidar_outlier_filter.files.cloud_file import SUFFIXES
+
+    tasks = []
+    for path in options.files:
+        if not path.is_dir() or folder is None:
+            tasks.append(_task(path, options, folder))
+            continue
+        root = path.resolve()
+        for one in find_files(root, SUFFIXES):
+            inside = one.relative_to(root)
+            depth = len(inside.parts)
+            tasks.append(_task(one, options, folder / inside.parent, depth))
+    return tasks
+
+
+def _task(path: Path, options: argparse.Namespace, folder: Path | None, depth: int = 1) -> FileTask:
     """Name the outputs after the file, beside it, where nothing else is said."""
-    from lidar_outlier_filter.archive.file_cleaners import Job
+    from lidar_outlier_filter.archive.locations import Location, location_of
+    from lidar_outlier_filter.archive.one_file import FileTask
     from lidar_outlier_filter.files.cleaning.clean_log import SEPARATE
     from lidar_outlier_filter.files.cloud_file import copy_suffix
 
@@ -309,10 +358,15 @@ def _job(path: Path, options: argparse.Namespace, folder: Path | None) -> Job:
     output = options.output or path.with_name(name)
     if folder is not None:
         output = folder / name
-    if options.outliers is None and options.rejected == SEPARATE:
+    else:
+        depth = len(str(path).split('/'))  # nothing is common to all
+    outliers = options.outliers
+    if outliers is None and options.rejected == SEPARATE:
         stem = output.stem.removesuffix(CLEANED)
-        return Job(path, output, output.with_name(stem + OUTLIERS + output.suffix))
-    return Job(path, output, options.outliers)
+        outliers = output.with_name(stem + OUTLIERS + output.suffix)
+    there = path.is_file()  # whoever opens it says what is wrong
+    location = location_of(path) if there else Location(path, 0, '', by_ranges=True)
+    return FileTask(location, output, depth, outliers)
 
 
 def _wanted(options: argparse.Namespace) -> Wanted:

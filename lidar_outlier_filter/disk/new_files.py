@@ -92,11 +92,12 @@ def held_leftovers(path: Path, kind: str = 'partial') -> Iterator[list[Path]]:
 def _folders(path: Path, kind: str) -> list[Path]:
     """List the hidden folders beside ``path``."""
     prefix = f'.{path.name}.{kind}-'
-    return [
-        left
-        for left in path.parent.iterdir()
-        if left.name.startswith(prefix) and left.is_dir() and not left.is_symlink()
-    ]
+    with os.scandir(path.parent) as found:
+        return [
+            Path(left.path)
+            for left in found
+            if left.name.startswith(prefix) and left.is_dir(follow_symlinks=False)
+        ]
 
 
 def _remove_if_left(folder: Path) -> None:
@@ -143,11 +144,18 @@ def new_files(paths: Sequence[Path]) -> Iterator[list[Path]]:
     with ExitStack() as stack:
         hidden = [stack.enter_context(_hidden(path)) / path.name for path in paths]
         yield hidden
-        _publish_all(hidden, paths)
+        publish_all(hidden, paths)
 
 
-def _publish_all(hidden: Sequence[Path], paths: Sequence[Path]) -> None:
-    """Give all files their names, or none: where one is refused, those before it lose theirs."""
+def publish_all(hidden: Sequence[Path], paths: Sequence[Path]) -> None:
+    """Give all files their names, or none: where one is refused, those before it lose theirs.
+
+    Raises
+    ------
+    CloudError
+        If a name has been taken meanwhile, or the system refuses.
+
+    """
     with ExitStack() as undo:
         for built, path in zip(hidden, paths, strict=True):
             try:
@@ -221,12 +229,24 @@ def replaced(path: Path) -> Iterator[Path]:
         if not older:
             publish(built, path)
         elif built.is_dir():
-            with ExitStack() as undo:
-                undo.callback(path.rename(folder / 'older').rename, path)
-                publish(built, path)
-                undo.pop_all()
+            publish_instead(built, path, folder / 'older')
         else:
             built.replace(path)
+
+
+def publish_instead(built: Path, path: Path, older: Path) -> None:
+    """Give a folder that is whole its name, and the one that has it the name ``older``.
+
+    Raises
+    ------
+    FilterError, OSError
+        See :func:`publish`; then the older one has its name again.
+
+    """
+    with ExitStack() as undo:
+        undo.callback(path.rename(older).rename, path)
+        publish(built, path)
+        undo.pop_all()
 
 
 def taken(

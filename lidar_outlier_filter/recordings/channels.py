@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, cast
 
 from rosbags.convert.converter import is_same_wireformat
@@ -63,6 +64,7 @@ class Topic:
     qos: tuple[Qos, ...] = ()
 
 
+TYPES = 256  # whose hashes are kept
 Channels = dict[int, 'tuple[Topic, Callable[[bytes], bytes]]']
 
 
@@ -89,20 +91,23 @@ def _ros2_definition(connection: Connection) -> tuple[str, str]:
     kind, text = connection.msgdef
     if kind == MessageDefinitionFormat.NONE:
         return _unchanged_definition(connection.msgtype)
-    return text, connection.digest or _digest(connection)
+    return text, connection.digest or _digest(kind, text, connection.msgtype)
 
 
-def _digest(connection: Connection) -> str:
-    """Compute the hash that a file did not keep; empty for a definition that cannot be parsed."""
-    kind, text = connection.msgdef
+@lru_cache(TYPES)
+def _digest(kind: MessageDefinitionFormat, text: str, msgtype: str) -> str:
+    """Compute the hash that a file did not keep; empty for a definition that cannot be parsed.
+
+    The recordings of an archive have the same types: to parse one takes 10 ms.
+    """
     try:
         if kind == MessageDefinitionFormat.MSG:
-            types = get_types_from_msg(text, connection.msgtype)
+            types = get_types_from_msg(text, msgtype)
         else:
             types = {}
             for part in text.split(_SEPARATOR)[1:]:
                 types.update(get_types_from_idl(part.partition('\n')[2]))
-        return _typestore(types).hash_rihs01(connection.msgtype)
+        return _typestore(types).hash_rihs01(msgtype)
     except Exception:  # noqa: BLE001  a type that cannot be understood is copied all the same
         return ''
 
@@ -110,7 +115,7 @@ def _digest(connection: Connection) -> str:
 def _unchanged_definition(msgtype: str) -> tuple[str, str]:
     """Definition and hash where the bag has none (before Iron), of types that never changed."""
     stores = [
-        get_typestore(name) for name in (Stores.ROS2_FOXY, Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY)
+        known_types(name) for name in (Stores.ROS2_FOXY, Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY)
     ]
     stores = [store for store in stores if msgtype in store.fielddefs]
     digests = {store.hash_rihs01(msgtype) for store in stores}
@@ -121,7 +126,7 @@ def _unchanged_definition(msgtype: str) -> tuple[str, str]:
 
 def ros1_channels(connections: Sequence[Connection]) -> Channels:
     """Topic of each connection, and how its messages become CDR."""
-    jazzy = get_typestore(Stores.ROS2_JAZZY)
+    jazzy = known_types()
     types: dict[str, tuple[str, Typestore]] = {}
     topics: dict[tuple[str, str], Topic] = {}
     latched = {c.topic for c in connections if cast('ConnectionExtRosbag1', c.ext).latching}
@@ -167,3 +172,12 @@ def _typestore(types: Typesdict) -> Typestore:
     store = get_typestore(Stores.EMPTY)
     store.register(types)
     return store
+
+
+@cache
+def known_types(name: Stores = Stores.ROS2_JAZZY) -> Typestore:
+    """Return the types of a distribution, with the code that is made for those that are used.
+
+    Nobody adds a type to them: they are the same for all recordings.
+    """
+    return get_typestore(name)

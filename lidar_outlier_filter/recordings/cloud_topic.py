@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
+from lidar_outlier_filter.recordings.channels import known_types
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.stream.motion import Odometry
@@ -113,7 +113,7 @@ class CloudTopic:
         self._answered = 0  # number of the last cloud answered
         self._journal: Journal | None = None
         self._done = Done(0, 0, 0, {})  # by a killed run
-        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._types = known_types()
         self._take: Callable[[StreamCloud, Any, int], object] | None = None
         self._shown: list[tuple[StreamCloud, Any]] = []  # and not taken yet
 

@@ -10,13 +10,13 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
+from lidar_outlier_filter.recordings.channels import known_types
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.recordings.scan_geometry import scan_geometry
@@ -127,7 +127,7 @@ def look(
 
 def _judge(source: Recording, topic: Topic, cloud: CloudInfo, stop: int) -> None:
     """Look at the first clouds of a topic, and let the defaults judge them."""
-    types = get_typestore(Stores.ROS2_JAZZY)
+    types = known_types()
     parameters = FilterParameters()
     prefix = f'{topic.name}: '
     stream = CloudTopic(topic, parameters, cloud.found.append)

@@ -21,6 +21,7 @@ from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import NAME, opened_manifest
 from lidar_outlier_filter.cli import archive as command
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.disk import new_files
 from lidar_outlier_filter.errors import RecordingError
 
 SET = [f'--set=chain={json.dumps(FAST["chain"])}']
@@ -94,11 +95,27 @@ def test_what_is_done_is_left(
         pytest.fail('a file was read')
 
     monkeypatch.setattr(proof, 'content_hash', refuse)
-    monkeypatch.setattr(run, 'replay_all', refuse)
+    monkeypatch.setattr(run, 'run_all', refuse)
     capsys.readouterr()
     assert clean(drives) == 0
     assert times(tmp_path / 'drives_cleaned') == before
     assert '0 replayed, 2 done before, 0 failed' in capsys.readouterr().out
+
+
+def test_no_recording_has_the_folder_of_all_outputs_listed(
+    drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of n recordings each would list up to n outputs; none does."""
+    output, listed, known = tmp_path / 'drives_cleaned', list[Path](), new_files._folders
+
+    def note(path: Path, kind: str) -> list[Path]:
+        listed.append(path)
+        return known(path, kind)
+
+    monkeypatch.setattr(new_files, '_folders', note)
+    assert clean(drives) == 0
+    assert output / 'manifest.jsonl' in listed
+    assert not {output / 'first', output / 'tuesday' / 'second'} & set(listed)
 
 
 def test_a_copy_with_other_times_is_the_same(drives: Path, tmp_path: Path) -> None:
@@ -195,7 +212,7 @@ def test_another_version_is_another_question(
     """All is replayed."""
     assert clean(drives) == 0
     before = times(tmp_path / 'drives_cleaned')
-    monkeypatch.setattr(run, name, lambda: 'another')
+    monkeypatch.setattr(run, name, lambda *_: 'another')
     assert clean(drives) == 0
     after = times(tmp_path / 'drives_cleaned')
     files = [path for path in after if path.endswith('.mcap')]

@@ -13,9 +13,10 @@ import pytest
 from helpers.drives import rows_of_turn, topic_of, write_drive
 from helpers.labelled import write
 
-from lidar_outlier_filter.archive import one_recording, run
+from lidar_outlier_filter.archive import one_recording
 from lidar_outlier_filter.archive.fingerprints import content_hash
 from lidar_outlier_filter.archive.manifest import NAME
+from lidar_outlier_filter.cli import archive_progress, archive_tables
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.message_times import count_times
@@ -50,8 +51,11 @@ def states(folder: Path) -> dict[str, str]:
     return {line['source']: line['state'] for line in lines}
 
 
-def test_a_recording_without_clouds_is_no_failure(drives: Path, capsys: Capture) -> None:
+def test_a_recording_without_clouds_is_no_failure(
+    drives: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
     """It has a state of its own, in manifest, table and page; it is not opened again."""
+    monkeypatch.setattr(archive_progress, 'LINE_PERIOD', 0)
     output = drives.with_name('drives_cleaned')
     for counts in ('1 replayed, 0 done before', '0 replayed, 1 done before'):
         assert main(['replay', str(drives), *FAST]) == 0
@@ -99,19 +103,35 @@ def test_table_of_80_columns(
     name = 'a_recording_with_a_long_name_' + 'x' * 40
     (drives / 'first').rename(drives / name)
     monkeypatch.setenv('COLUMNS', '80')
-    known = run._counts
+    known = one_recording._counts
 
     def many(topic: Any) -> dict[str, Any]:
         large = {'messages': 123_456, 'refused': 12_345, 'gaps': 12_345, 'points': 9_876_543_210}
         return known(topic) | large
 
-    monkeypatch.setattr(run, '_counts', many)
+    monkeypatch.setattr(one_recording, '_counts', many)
     assert main(['replay', str(drives), *FAST]) == 3
     table = capsys.readouterr().out.partition('written to')[0]
     assert max(map(len, table.splitlines())) <= 80
     for text in ('123,456', ' 12,345 ', '9,876,543,210', 'recording', 'rejected', 'untested'):
         assert text in table
     assert name in ''.join(line.split()[0] for line in table.splitlines())
+
+
+def test_a_table_of_very_many(
+    drives: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """It has what failed, and says how many rows it leaves out; the page has them all."""
+    write_drive(drives / 'second', 6, seed=2)
+    (drives / 'zz.mcap').write_bytes(b'no recording')
+    monkeypatch.setattr(archive_tables, 'MOST_ROWS', 2)
+    assert main(['replay', str(drives), *FAST]) == 3
+    printed = capsys.readouterr().out
+    assert 'zz ' in printed
+    assert 'second ' not in printed
+    assert '2 more are on the page' in printed
+    page = (drives.with_name('drives_cleaned') / 'archive.html').read_text('utf-8')
+    assert page.count('<tr id=') == 4
 
 
 def test_a_chain_of_replay(drives: Path, tmp_path: Path) -> None:

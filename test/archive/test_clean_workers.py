@@ -23,7 +23,7 @@ from helpers.many_clouds import (
     write_clouds,
 )
 
-from lidar_outlier_filter.archive import file_workers
+from lidar_outlier_filter.archive import hands
 from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.cli.main import main
 
@@ -128,7 +128,7 @@ def test_killed_workers(  # noqa: PLR0913  fixtures
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A file whose worker is killed is tried again; one that kills all fails alone."""
-    monkeypatch.setattr(file_workers, 'clean_file', die_of)
+    monkeypatch.setattr(hands, 'make_on_worker', die_of)
     assert main(arguments(clouds, tmp_path, *scheduler)) == 3
     check(tmp_path, by_threads, ('003',))
     sentence = f'the file {clouds[3]} must be judged without a worker that dies, got 2 that died'
@@ -167,7 +167,7 @@ def test_workers_of_other_code_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What they have cleaned gets no name."""
-    monkeypatch.setattr(file_workers, 'judging_code', lambda _judge: '0.0.1+abc')
+    monkeypatch.setattr(hands, 'judging_code', lambda _judge: '0.0.1+abc')
     assert main(arguments(clouds[:2], tmp_path, *scheduler)) == 1
     assert 'must be of version 0.0.1+abc, as this process, got' in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ['manifest.jsonl']
@@ -182,16 +182,16 @@ def test_a_scheduler_that_goes(
 ) -> None:
     """One sentence; what is done stays done, and threads do the rest."""
     with cluster() as (address, process):
-        plain, taken = file_workers.WorkersThatClean.take, []
+        plain, taken = hands.OnWorkers.take, []
 
         def take(*given: object) -> object:
-            taken.append(plain(*given))  # type: ignore[arg-type]
+            taken.append(plain(*given))  # type: ignore[arg-type,type-var]
             if len(taken) == LAST:
                 process.kill()
             return taken[-1]
 
         with monkeypatch.context() as patched:
-            patched.setattr(file_workers.WorkersThatClean, 'take', take)
+            patched.setattr(hands.OnWorkers, 'take', take)
             assert main(arguments(clouds, tmp_path, '--scheduler', address)) == 1
     said = capsys.readouterr().err
     wrong = f'the scheduler {address} must be there until the end, got no answer any more\n'

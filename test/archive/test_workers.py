@@ -23,13 +23,13 @@ from helpers.clusters import (
 )
 from helpers.drives import FAST, die_at_first, die_of, faults_of_a_cloud, hashes, write_drive
 
-from lidar_outlier_filter.archive import replayers, worker_start
+from lidar_outlier_filter.archive import hands, worker_start
 from lidar_outlier_filter.archive import workers as module
+from lidar_outlier_filter.archive.hands import ByWhom
 from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.archive.manifest import opened_manifest
-from lidar_outlier_filter.archive.order import Order
-from lidar_outlier_filter.archive.replayers import Replaying
-from lidar_outlier_filter.archive.run import pending, replay_all, replay_alone
+from lidar_outlier_filter.archive.one_recording import ReplayOrder
+from lidar_outlier_filter.archive.run import pending, run_all, run_alone
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
 from lidar_outlier_filter.cli.main import main
@@ -86,11 +86,11 @@ def run(
     drives: Path, output: Path, workers: Workers | None, show: Callable[[Step], object] = ignore
 ) -> list[Entry]:
     """Replay what is pending of an archive; without workers, in this process."""
-    order = Order(parameters=FAST)
+    order = ReplayOrder(parameters=FAST)
     tasks = [Task(location_of(path), output / path.name) for path in sorted(drives.iterdir())]
     with opened_manifest(output) as manifest, hidden_folder(output / 'recordings') as hidden:
         todo = pending(tasks, order, manifest)
-        entries = replay_all(todo, order, manifest, Replaying(workers, hidden, show))
+        entries = run_all(todo, order, manifest, ByWhom(workers, hidden, show))
     assert not any(path.name.startswith('.') for path in output.iterdir())
     return entries
 
@@ -126,7 +126,7 @@ def test_killed_workers_cost_their_recordings(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """SIGKILL in the middle of each: every recording is there once, byte for byte."""
-    monkeypatch.setattr(replayers, 'replay_on_worker', die_at_first)
+    monkeypatch.setattr(hands, 'make_on_worker', die_at_first)
     entries = run(drives, tmp_path / 'out', three)
     assert len(list(tmp_path.glob('*.again'))) == 3
     assert [entry.state for entry in entries] == ['done'] * 3
@@ -152,7 +152,7 @@ def test_workers_that_cannot_write_there(drives: Path, tmp_path: Path, three: Wo
     gone = tmp_path / 'gone'
     task = Task(location_of(drives / 'drive0'), tmp_path / 'out')
     with pytest.raises(RecordingError, match=f'{gone} must be a folder that .* can write to, got'):
-        replay_alone(task, Order(parameters=FAST), Replaying(three, gone))
+        run_alone(task, ReplayOrder(parameters=FAST), ByWhom(three, gone))
 
 
 def test_workers_keep_memory_and_leave_the_writer_first(three: Workers) -> None:
@@ -167,7 +167,7 @@ def test_workers_of_other_code_are_refused(
     drives: Path, tmp_path: Path, three: Workers, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever they judge; in one sentence that says both versions."""
-    monkeypatch.setattr(replayers, 'judging_code', lambda: '0.0.1+abc')
+    monkeypatch.setattr(hands, 'judging_code', lambda _judge: '0.0.1+abc')
     with pytest.raises(SchedulerError, match=r'the worker .* must be of version 0\.0\.1\+abc'):
         run(drives, tmp_path, three)
 
@@ -187,7 +187,7 @@ def test_a_recording_that_kills_its_workers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """It fails alone, with a sentence; none that was beside it does."""
-    monkeypatch.setattr(replayers, 'replay_on_worker', die_of)
+    monkeypatch.setattr(hands, 'make_on_worker', die_of)
     entries = run(drives, tmp_path / 'out', three)
     assert [entry.state for entry in entries] == ['done', 'failed', 'done']
     assert 'must be judged without a worker that dies, got 4 that died' in str(entries[1].error)
@@ -202,7 +202,7 @@ def check_moving(
     task = Task(location_of(drive), folder / 'bag')
     first()
     with hidden_folder(folder / 'bag') as hidden:
-        replay_alone(task, Order(parameters=given), Replaying(workers, hidden))
+        run_alone(task, ReplayOrder(parameters=given), ByWhom(workers, hidden))
     (folder / 'alone').mkdir()
     replay(drive, folder / 'alone' / 'bag', parameters=given)
     assert hashes(folder / 'bag') == hashes(folder / 'alone' / 'bag')

@@ -484,7 +484,7 @@ def test_some_refused_give_status_3(folder: Path, capsys: Capture) -> None:
     assert f'the header of {folder}/broken.las {must_be}\n' in printed.err
     found = [(row['file'], row['state']) for row in rows(printed.out)]
     assert found == [('bun0.pcd', 'done'), ('broken.las', 'refused'), ('samp41-utm.pcd', 'done')]
-    assert '2 cleaned, 0 done before, 1 refused\n' in printed.out
+    assert '2 cleaned, 0 done before, 1 refused, 0 incomplete\n' in printed.out
     assert 'samp41-utm_cleaned.pcd' in names(folder)
 
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.archive.one_recording import replay_recording
-from lidar_outlier_filter.archive.replayers import replay_on_worker
+from lidar_outlier_filter.archive.hands import make_on_worker
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
 from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY
 
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.one_recording import ReplayedRecording
-    from lidar_outlier_filter.archive.order import Order
+    from lidar_outlier_filter.archive.one_recording import ReplayOrder
+    from lidar_outlier_filter.archive.order import Made
     from lidar_outlier_filter.archive.task import Task
     from lidar_outlier_filter.errors import FilterError
 
@@ -135,25 +134,25 @@ def write_drive(  # noqa: PLR0913  what may differ
 
 
 def die_of(
-    task: Task, order: Order, folder: Path, prefix: str, topic: str
-) -> ReplayedRecording | FilterError:
+    task: Task, order: ReplayOrder, folder: Path, prefix: str, topic: str
+) -> Made | FilterError:
     """Replay on a worker; one recording kills each process that tries it, in the middle of it."""
     if task.output.name == 'drive1':
-        replay_recording(task, order, folder, die, str, prefix)
-    return replay_on_worker(task, order, folder, prefix, topic)
+        order.make(task, folder, die, str, prefix)
+    return make_on_worker(task, order, folder, prefix, topic)
 
 
 def die_at_first(
-    task: Task, order: Order, folder: Path, prefix: str, topic: str
-) -> ReplayedRecording | FilterError:
+    task: Task, order: ReplayOrder, folder: Path, prefix: str, topic: str
+) -> Made | FilterError:
     """Replay on a worker; the first that tries a recording is killed in the middle of it."""
     if not list(folder.glob(f'{prefix}*')):
-        replay_recording(task, order, folder, die, str, prefix)
+        order.make(task, folder, die, str, prefix)
     (folder.parents[1] / f'{task.output.name}.again').touch()
-    return replay_on_worker(task, order, folder, prefix, topic)
+    return make_on_worker(task, order, folder, prefix, topic)
 
 
-def die(done: int, total: int) -> None:
+def die(done: int, total: int, _share: object) -> None:
     """End this process when half of the messages are done."""
     if 2 * done > total:
         os.kill(os.getpid(), signal.SIGKILL)

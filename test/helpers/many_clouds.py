@@ -9,35 +9,35 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.archive.file_workers import clean_file
+from lidar_outlier_filter.archive.hands import make_on_worker
 from lidar_outlier_filter.archive.manifest import NAME
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.file_cleaners import Job
-    from lidar_outlier_filter.archive.file_workers import Attempt
+    from lidar_outlier_filter.archive.one_file import CleanOrder, FileTask
+    from lidar_outlier_filter.archive.order import Made
     from lidar_outlier_filter.errors import FilterError
     from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
 
 # Sends itself a signal when so many files are done.
 PROGRAM = """
 import os, sys
-from lidar_outlier_filter.archive.many_files import ManyFiles
+from lidar_outlier_filter.archive import run
 from lidar_outlier_filter.cli.main import main
 number, last, *arguments = sys.argv[1:]
-plain, done = ManyFiles._end, []
-def end(*of):
-    result = plain(*of)
-    done.append(result)
+plain, done = run._Run.end, []
+def end(*given):
+    plain(*given)
+    done.append(given)
     if len(done) == int(last):
         os.kill(os.getpid(), int(number))
-    return result
-ManyFiles._end = end
+run._Run.end = end
 sys.exit(main(arguments))
 """
 
@@ -93,13 +93,13 @@ def states(folder: Path) -> list[str]:
 
 
 def die_of(
-    job: Job, wanted: object, look: object, folder: Path, prefix: str
-) -> Attempt | FilterError:
+    task: FileTask, order: CleanOrder, folder: Path, prefix: str, topic: str
+) -> Made | FilterError:
     """Clean a file on a worker; one kills each that tries, another one the first that does."""
     first = not list(folder.glob(f'{prefix}*'))
-    if job.path.stem == '003' or (job.path.stem == '005' and first):
-        look = kill
-    return clean_file(job, wanted, look, folder, prefix)  # type: ignore[arg-type]
+    if task.path.stem == '003' or (task.path.stem == '005' and first):
+        order = replace(order, look=kill)
+    return make_on_worker(task, order, folder, prefix, topic)
 
 
 def kill(_judged: JudgedFile) -> None:
