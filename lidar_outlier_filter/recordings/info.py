@@ -20,7 +20,6 @@ from lidar_outlier_filter.recordings.channels import known_types
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.recordings.scan_geometry import scan_geometry
-from lidar_outlier_filter.stream.compiling import make_ready
 from lidar_outlier_filter.stream.topics import CLOUD
 
 if TYPE_CHECKING:
@@ -109,11 +108,11 @@ def look(
             {topic: MessageTimes() for topic in source.topics},
             {topic: CloudInfo() for topic in source.topics if topic.msgtype == CLOUD},
         )
-        parameters = FilterParameters()
-        if info.clouds:
-            make_ready(parameters)
+        stop = source.start + round(sample * SECOND)
         for topic, cloud in info.clouds.items():
-            _judge(source, topic, cloud, source.start + round(sample * SECOND))
+            # Once for the kernels that this sensor needs: they are loaded, or compiled.
+            _judge(source, topic, CloudInfo(), stop)
+            _judge(source, topic, cloud, stop)
         done = 0
         for topic, time, data in source.messages():
             info.topics[topic].add(time)

@@ -80,8 +80,12 @@ LOADED = """
 import sys
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
+from lidar_outlier_filter.recordings.info import look
 from lidar_outlier_filter.recordings.replay import replay
-replay(Path(sys.argv[1]), Path(sys.argv[2]))
+if sys.argv[2] == 'info':
+    look(Path(sys.argv[1]))
+else:
+    replay(Path(sys.argv[1]), Path(sys.argv[2]))
 for name, module in list(sys.modules.items()):
     if name.startswith('lidar_outlier_filter.core') and any(
         isinstance(one, Dispatcher) and one.__module__ == name and one.signatures
@@ -91,10 +95,12 @@ for name, module in list(sys.modules.items()):
 """
 
 
-def test_only_what_a_sensor_needs_is_compiled(recordings: Path, tmp_path: Path) -> None:
-    """The replay of a spinning sensor waits for no kernel of other sensors."""
+@pytest.mark.parametrize('what', ['info', 'replay'])
+def test_only_what_a_sensor_needs_is_compiled(recordings: Path, tmp_path: Path, what: str) -> None:
+    """A command on the recording of a spinning sensor waits for no kernel of other sensors."""
     source = recordings / 'bags' / 'vlp16_mrpt_mcap'
-    command = [sys.executable, '-c', LOADED, str(source), str(tmp_path / 'out')]
+    output = what if what == 'info' else str(tmp_path / 'out')
+    command = [sys.executable, '-c', LOADED, str(source), output]
     loaded = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     evidence = 'lidar_outlier_filter.core.detectors.evidence.'
     assert f'{evidence}pattern.judge' in loaded
