@@ -64,7 +64,7 @@ def numpy_cloud(_pages: Pages) -> Figures:
     verdict = detect_outliers(xyz)
     bits = int(np.bitwise_or.reduce(verdict.detectors))
     chain = ', '.join(f'`{name}`' for name, bit in BITS.items() if bits & bit)
-    assert np.flatnonzero(verdict.outlier).tolist() == [77], 'the sentence says: the bird'
+    assert np.flatnonzero(verdict.outlier).tolist() == [77], 'the sentence says: the lone one'
     return {'chain': chain, 'count': str(np.count_nonzero(verdict.outlier))}
 
 
