@@ -41,7 +41,7 @@ def here(recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
         ('info drives', f'it is a folder of recordings, so name one: {RUN} info drives/a'),
         ('report drives', f'it is a folder of recordings, so name one: {RUN} report drives/a'),
         ('tune drives', f'it is a folder of recordings, so name one: {RUN} tune drives/a'),
-        ('clean strips', f'it is a folder of files, so name them: {RUN} clean strips/*.laz'),
+        ('replay strips', f'it is a folder of files, so name them: {RUN} clean strips/*.laz'),
         ('info strips', f'it is a folder of files, so name them: {RUN} info strips/a.laz'),
         (
             'clean cloud.xyz',

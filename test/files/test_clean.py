@@ -411,7 +411,7 @@ def test_table(folder: Path, capsys: Capture) -> None:
 @pytest.mark.parametrize(
     ('options', 'sentence'),
     [
-        (['{}/cloud.e57'], 'the file {}/cloud.e57 must be one of .las .laz .pcd .ply'),
+        (['{}/cloud.obj'], 'the file {}/cloud.obj must be one of .las .laz .pcd .ply'),
         (['{}/none.las'], 'the file {}/none.las must be a file, got none'),
         (['{}/bun0.pcd', '--columns', 'x,y,t'], 'the coordinates x, y, t must be columns of {}'),
         (['{}/bun0.pcd', '--columns', 'x'], 'the coordinates must be two or three columns, got x'),

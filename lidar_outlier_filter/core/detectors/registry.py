@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 DETECTORS = cast('Mapping[str, Detector]', installed().detectors)
 
 
-@cache
 def bits() -> Mapping[str, int]:
     """Return the bits of what rejects points: of each detector, and of the mask."""
     return {**{name: one.bit for name, one in DETECTORS.items()}, MASK: MASKED}
