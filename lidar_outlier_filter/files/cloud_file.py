@@ -97,13 +97,14 @@ class CloudFile(Protocol):
 
     path: Path
     columns: Mapping[str, np.dtype[Any]]
-    classes: bool
-    gaps: bool
-    whole: str
+    classes: bool = False
+    gaps: bool = False
+    whole: str = ''
 
     @property
     def metres(self) -> Mapping[str, float]:
         """Of columns with coordinates in other units, the metres that one of them is."""
+        return {}
 
     def __len__(self) -> int:
         """Count the points."""

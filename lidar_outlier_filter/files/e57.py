@@ -11,14 +11,13 @@ from __future__ import annotations
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import reduce
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pye57 import libe57
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
 from lidar_outlier_filter.files.ply import header_of
 from lidar_outlier_filter.files.rows import BinaryRows
 from lidar_outlier_filter.files.size_check import check_count, check_fits
@@ -65,13 +64,8 @@ class _PosedScan:
     position: NDArray[np.float64]
 
 
-class E57File:
+class E57File(CloudFile):
     """An E57 file; see :class:`CloudFile`. Points of all scans are in their common frame."""
-
-    classes = False
-    gaps = False
-    metres: Mapping[str, float] = MappingProxyType({})
-    whole = ''
 
     def __init__(self, path: Path) -> None:
         """Read what each scan says; nothing is allocated by it."""

@@ -22,7 +22,7 @@ from laspy.vlrs.vlrlist import VLRList
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cleaning.units import USER, metres_per_unit
-from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
 from lidar_outlier_filter.files.las_header import (
     EVLR,
     LONGEST,
@@ -93,12 +93,10 @@ class _Record:
         return self.data
 
 
-class LasFile:
+class LasFile(CloudFile):
     """A LAS or LAZ file; see :class:`CloudFile`. Columns x, y and z are in the unit of the file."""
 
     classes = True
-    gaps = False
-    whole = ''
 
     def __init__(self, path: Path) -> None:
         """Read the header."""

@@ -8,7 +8,6 @@ A copy holds a row group in memory as a whole, to keep it; so one that becomes t
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import pyarrow as pa
 from pyarrow import compute, parquet, types
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
 from lidar_outlier_filter.files.rows import check_names
 from lidar_outlier_filter.files.size_check import check_count, check_fits
 
@@ -41,13 +40,8 @@ def open_file(path: Path, _table: str | None) -> ParquetFile:
     return ParquetFile(path)
 
 
-class ParquetFile:
+class ParquetFile(CloudFile):
     """A Parquet file; see :class:`CloudFile`."""
-
-    classes = False
-    gaps = False
-    metres: Mapping[str, float] = MappingProxyType({})
-    whole = ''
 
     def __init__(self, path: Path) -> None:
         """Read schema and size."""

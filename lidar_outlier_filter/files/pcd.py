@@ -11,13 +11,13 @@ from __future__ import annotations
 import struct
 from functools import cached_property
 from itertools import accumulate
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import lzf
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import CloudFile
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     Rows,
@@ -46,13 +46,8 @@ def open_file(path: Path, _table: str | None) -> PcdFile:
     return PcdFile(path)
 
 
-class PcdFile:
+class PcdFile(CloudFile):
     """A PCD file; see :class:`CloudFile`."""
-
-    classes = False
-    gaps = False
-    metres: Mapping[str, float] = MappingProxyType({})
-    whole = ''
 
     def __init__(self, path: Path) -> None:
         """Read the header."""

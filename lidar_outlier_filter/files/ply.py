@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files.cloud_file import CloudFile
 from lidar_outlier_filter.files.rows import (
     BinaryRows,
     Rows,
@@ -81,12 +81,8 @@ def open_file(path: Path, _table: str | None) -> PlyFile:
     return PlyFile(path)
 
 
-class PlyFile:
+class PlyFile(CloudFile):
     """A PLY file; see :class:`CloudFile`."""
-
-    classes = False
-    gaps = False
-    metres: Mapping[str, float] = MappingProxyType({})
 
     def __init__(self, path: Path) -> None:
         """Read the header, and find where the vertices begin."""

@@ -9,13 +9,12 @@ of a line: so a point that is left out becomes a missing return, and no column i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import Change
+from lidar_outlier_filter.files.cloud_file import Change, CloudFile
 from lidar_outlier_filter.files.rows import TextRows
 from lidar_outlier_filter.files.size_check import check_fits, whole
 
@@ -60,13 +59,10 @@ class _GridScan:
             )
 
 
-class PtxFile:
+class PtxFile(CloudFile):
     """A PTX file; see :class:`CloudFile`. Points of all scans are in their common frame."""
 
-    classes = False
     gaps = True
-    metres: Mapping[str, float] = MappingProxyType({})
-    whole = ''
 
     def __init__(self, path: Path) -> None:
         """Find the scans, and check that each has all of its lines."""

@@ -8,14 +8,13 @@ import errno
 import sqlite3
 from contextlib import closing, suppress
 from itertools import islice
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidar_outlier_filter.disk.sqlite_pages import check_pages, connect
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -37,12 +36,9 @@ def open_file(path: Path, table: str | None) -> SqliteFile:
     return SqliteFile(path, table)
 
 
-class SqliteFile:
+class SqliteFile(CloudFile):
     """A table of an SQLite database; see :class:`CloudFile`."""
 
-    classes = False
-    gaps = False
-    metres: Mapping[str, float] = MappingProxyType({})
     whole = 'the verdict on a table is a table of its own'
 
     def __init__(self, path: Path, table: str | None) -> None:

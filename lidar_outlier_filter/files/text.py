@@ -10,13 +10,12 @@ from __future__ import annotations
 import csv
 from codecs import BOM_UTF8
 from itertools import islice
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
 from lidar_outlier_filter.files.rows import append, check_names
 
 if TYPE_CHECKING:
@@ -46,16 +45,11 @@ def open_file(path: Path, _table: str | None) -> TextFile:
     return TextFile(path)
 
 
-class TextFile:
+class TextFile(CloudFile):
     """A table that is text; see :class:`CloudFile`.
 
     Without names on top the columns are called 1, 2, 3 and so on.
     """
-
-    classes = False
-    gaps = False
-    metres: Mapping[str, float] = MappingProxyType({})
-    whole = ''
 
     def __init__(self, path: Path) -> None:
         """Find the separator, the names, and how many rows there are."""
