@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.recordings.scan_geometry import ScanGeometry
 
 SAMPLE = 3.0  # seconds of bag time that the filter judges
+BEFORE = SECOND // 2  # of bag time, in which a sensor shows which kernels it needs
 KINDS = ('int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'float32', 'float64')
 
 
@@ -110,8 +111,7 @@ def look(
         )
         stop = source.start + round(sample * SECOND)
         for topic, cloud in info.clouds.items():
-            # Once for the kernels that this sensor needs: they are loaded, or compiled.
-            _judge(source, topic, CloudInfo(), stop)
+            _load_kernels(source, topic, stop)
             _judge(source, topic, cloud, stop)
         done = 0
         for topic, time, data in source.messages():
@@ -122,6 +122,17 @@ def look(
             progress(done, source.message_count)
         info.unread = max(0, source.message_count - done)
     return info
+
+
+def _load_kernels(source: Recording, topic: Topic, stop: int) -> None:
+    """Judge the first clouds for nothing: what this sensor needs is loaded, or compiled."""
+    stream, enough = CloudTopic(topic, FilterParameters(), str), stop
+    for number, (_, time, data) in enumerate(source.messages([topic], None, stop)):
+        enough = min(stop, time + BEFORE) if number == 0 else enough
+        if time > enough:
+            break
+        stream.feed(time, data)
+    stream.finish()
 
 
 def _judge(source: Recording, topic: Topic, cloud: CloudInfo, stop: int) -> None:
