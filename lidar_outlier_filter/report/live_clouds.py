@@ -26,6 +26,7 @@ from lidar_outlier_filter.report.pack import (
     span,
 )
 from lidar_outlier_filter.report.reasons import NEAR
+from lidar_outlier_filter.report.sources import intensity_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -136,14 +137,15 @@ class LiveClouds:
         self._span: tuple[float, float] | None = None
         self._rng = np.random.default_rng(0)
 
-    def add(self, cloud: StreamCloud, intensity: NDArray[np.float32] | None) -> None:
-        """Take the points of a judged cloud that are shown, with their intensities."""
+    def add(self, cloud: StreamCloud, view: NDArray[np.void] | None) -> None:
+        """Take the points of a judged cloud that are shown; ``view`` has their intensities."""
         points, where = cloud.shown
         if len(points) == 0:
             return
         if self._pending and not 0 <= cloud.first - self._first < WHOLE:
             self._close()
         verdict = cloud.verdict.take(where)
+        intensity = None if view is None else intensity_of(view, where)
         if intensity is None:
             intensity = np.full(len(verdict), np.nan, np.float32)
         if not self._pending:

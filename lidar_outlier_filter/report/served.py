@@ -26,7 +26,6 @@ from lidar_outlier_filter.report.live_clouds import KEPT_SECONDS, MOST_IN_FRAME,
 from lidar_outlier_filter.report.pack import reason_names
 from lidar_outlier_filter.report.page import colour_maps, live_page
 from lidar_outlier_filter.report.sliders import fits
-from lidar_outlier_filter.report.sources import intensity_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -125,9 +124,8 @@ class PageServer:
 
     def show(self, topic: str, cloud: StreamCloud, msg: Any) -> None:
         """Take a cloud that was judged."""
-        view = structured(msg).reshape(-1) if len(cloud.shown[1]) else None
-        intensity = None if view is None else intensity_of(view, cloud.shown[1])
-        self._clouds.setdefault(topic, LiveClouds()).add(cloud, intensity)
+        view = structured(msg).reshape(-1) if cloud.count else None
+        self._clouds.setdefault(topic, LiveClouds()).add(cloud, view)
 
     def start(self) -> None:
         """Serve."""

@@ -91,7 +91,8 @@ def test_short_clouds_lie_in_one_frame() -> None:
 def test_rejected_points_stay_first() -> None:
     """A large sweep is thinned, which its frame says; places are as exact as its box."""
     clouds, large = LiveClouds(), cloud(0, 0.1, 3 * MOST_IN_FRAME, 500)
-    clouds.add(large, np.linspace(0, 1, 3 * MOST_IN_FRAME, dtype=np.float32))
+    view = np.linspace(0, 1, 3 * MOST_IN_FRAME, dtype=np.float32).view([('intensity', '<f4')])
+    clouds.add(large, view)
     header, (words,) = read(clouds.since(-1))
     (frame,) = header['frames']
     assert (frame['count'], frame['points']) == (MOST_IN_FRAME, 3 * MOST_IN_FRAME)
