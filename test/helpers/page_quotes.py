@@ -191,6 +191,8 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 '| the default, which never saw a label | {default both} | {default last} |\n'
                 '| 3D-OutDet, a network trained on this data set | {3D-OutDet both} '
                 '| {3D-OutDet last} |\n'
+                '| the best rule on intensity, range and distance, chosen on these labels '
+                '| {rule both} | {rule last} |\n'
                 '| DROR, at the threshold that is best for these labels | {DROR both} '
                 '| {DROR last} |\n',
             ),

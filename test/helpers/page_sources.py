@@ -255,10 +255,16 @@ def real_snow(_pages: Pages) -> Figures:
     page = (ROOT / 'doc' / 'real_snow.md').read_text('utf-8')
     _, _, table = page.partition('## In short')
     figures: dict[str, str] = {}
-    for name in ('**default**', '3D-OutDet', 'DROR'):
-        row = next(line for line in table.splitlines() if line.startswith(f'| {name} |'))
+    rows = {
+        '**default**': 'default',
+        '3D-OutDet': '3D-OutDet',
+        'intensity, range, distance': 'rule',
+        'DROR': 'DROR',
+    }
+    for written, name in rows.items():
+        row = next(line for line in table.splitlines() if line.startswith(f'| {written} |'))
         cells = [cell.strip() for cell in row.strip('|').split('|')]
-        figures |= {f'{name.strip("*")} both': cells[1], f'{name.strip("*")} last': cells[3]}
+        figures |= {f'{name} both': cells[1], f'{name} last': cells[3]}
     return figures
 
 

@@ -151,10 +151,10 @@ def test_the_run_that_came_farthest(drive: Path, out: Path) -> None:
     """Of what several runs left, the most answers are taken; all of it is removed."""
     (folder,) = out.parent.iterdir()
     notes = (folder / NOTES).read_text().splitlines(keepends=True)
-    for name in ('a', 'z'):  # one before it, one behind it
-        shutil.copytree(folder, folder.with_name(f'{folder.name[:-1]}{name}'))
-        other = folder.with_name(f'{folder.name[:-1]}{name}') / NOTES
-        other.write_text(''.join(notes[: len(notes) // 2]))
+    kind = folder.name.rpartition('-')[0]
+    for name in ('-', '~'):  # one before it, one behind it, in the order of their names
+        other = shutil.copytree(folder, folder.with_name(f'{kind}-{name}'))
+        (other / NOTES).write_text(''.join(notes[: len(notes) // 2]))
     said: list[str] = []
     replay(drive, out, parameters=VALUES['time'], resume=True, inform=said.append)
     taken, half = int(said[0].partition(' ')[0]), json.loads(notes[len(notes) // 2 - 1])['answers']
