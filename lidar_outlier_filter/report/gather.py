@@ -13,6 +13,7 @@ from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.report.keeping import Keeper
 from lidar_outlier_filter.report.reasons import ExplainingChain
 from lidar_outlier_filter.report.score_counts import ScoreCounts
+from lidar_outlier_filter.report.shared_sight import SharedSight
 from lidar_outlier_filter.report.sliders import choices, sliders
 from lidar_outlier_filter.report.tally import Tally
 
@@ -143,6 +144,9 @@ def _judge_steps(  # noqa: PLR0913  what a second reading adds to
     # Under `scores` detectors give reasons.
     telling = source.parameters.changed({'scores': True})
     chains = [Chain(given[one].changed(telling, step)) for one, step in missing]
+    sight = SharedSight()
+    for chain in chains:
+        chain.see = sight
     total = len(missing) * len(tally.clouds)
     for done, (number, cloud) in enumerate(source.judged(chains), 1):
         progress(done, total, 'judging at every step')

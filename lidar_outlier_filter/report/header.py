@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.detectors.registry import DETECTORS, reasons, rejecting
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.installed import MASK, MASKED
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, ros_lines
-from lidar_outlier_filter.report.pack import MOST_REASONS, reason_names, reason_numbers
+from lidar_outlier_filter.report.pack import reason_names, reason_numbers, reason_texts
 from lidar_outlier_filter.report.reasons import REST, vocabulary
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES
 
@@ -78,7 +78,7 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'features': [list(one) for one in (*vocabulary().features, *REST)],
         'ofSum': vocabulary().of_sum,
         'reasons': reason_names(),
-        'reasonTexts': [one.text for one in reasons().values()][:MOST_REASONS],
+        'reasonTexts': reason_texts(),
         'explained': len(packed.reasons),
         'detectors': detectors(),
         'intensity': list(packed.intensity),

@@ -140,7 +140,8 @@ def _spread(
     size = np.log1p(counts[changed])
     goals = np.linspace(np.log1p(given), size[-1], half + 1)[1:]
     nearest = np.abs(size[:, None] - goals).argmin(axis=0)
-    return side[changed[np.unique(nearest)]]
+    chosen: NDArray[np.intp] = side[changed[np.unique(nearest)]]
+    return chosen
 
 
 def fits(parameters: FilterParameters, name: str, value: float) -> bool:

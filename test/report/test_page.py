@@ -33,11 +33,20 @@ from lidar_outlier_filter.report.pack import STEPS, pack
 from lidar_outlier_filter.report.page import MODULES, START, asset, buffers, shell
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from playwright.sync_api import Browser, Page
 
     from lidar_outlier_filter.report.gather import Gathered
+
+
+@pytest.fixture(scope='module')
+def desktop(browser: Browser, written: Path) -> Iterator[Page]:
+    """Open the page as on a desk."""
+    with opened(browser, written, DESKTOP) as page:
+        wait_for_drawing(page)
+        yield page
 
 
 def test_canvas_is_not_empty(desktop: Page) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from helpers.report_pages import counted, move, near, opened, pixels, wait_for_drawing
+from helpers.report_pages import PHONE, counted, move, near, opened, pixels, wait_for_drawing
 
 from lidar_outlier_filter.evaluation.judged import CAUSES
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -266,3 +266,69 @@ def test_large_pictures_begin_with_a_sample(desk: Page) -> None:
     assert found['once']
     assert len(found['sizes']) >= 10
     assert max(found['sizes']) <= 104
+
+
+# Of each text its contrast with what is behind it (WCAG 2), and what stands in no landmark.
+LOOK = """() => {
+  const light = (text) => {
+    const [r, g, b] = text.match(/[\\d.]+/g).slice(0, 3).map((one) => one / 255)
+      .map((one) => (one <= 0.03928 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const behind = (one) => {
+    for (let at = one; at; at = at.parentElement) {
+      const colour = getComputedStyle(at).backgroundColor;
+      if (!colour.endsWith(', 0)')) return colour;
+    }
+    return 'rgb(255, 255, 255)';
+  };
+  const texts = [...document.querySelectorAll('body *:not(script)')].filter((one) =>
+    one.checkVisibility() && !one.closest('#view, option, svg')
+    && [...one.childNodes].some((part) => part.nodeType === 3 && part.data.trim()));
+  const ratio = (one) => {
+    const [a, b] = [light(getComputedStyle(one).color), light(behind(one))];
+    return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  };
+  const landmark = 'header, main, footer, section[aria-label], section[aria-labelledby]';
+  return {
+    count: texts.length,
+    faint: texts.filter((one) => ratio(one) < 4.5).map((one) => one.outerHTML.slice(0, 90)),
+    nowhere: texts.filter((one) => !one.closest(landmark)).map((one) => one.outerHTML.slice(0, 90)),
+  };
+}"""
+
+
+@pytest.mark.parametrize(
+    ('size', 'scheme'), [(DESK, 'light'), (DESK, 'dark'), (PHONE, 'light'), (PHONE, 'dark')]
+)
+def test_everybody_can_read_it(
+    browser: Browser, written: Path, size: tuple[int, int], scheme: Any
+) -> None:
+    """Every text is dark enough on its ground, and stands in a landmark with a name."""
+    with opened(browser, written, size, color_scheme=scheme) as page:
+        page.locator('#groups li:first-child button').click()
+        page.locator('[data-tool=measure]').click()
+        found = page.evaluate(LOOK)
+        assert found['count'] > 80
+        assert found['faint'] == []
+        assert found['nowhere'] == []
+
+
+def test_nothing_is_rejected_though_labels_say_so(desk: Page) -> None:
+    """The page says what that may mean, and only then."""
+    assert not desk.locator('#nothing').is_visible()
+    move(desk, desk.evaluate('report.data().header.sliders[0].texts.length - 1'))
+    assert counted(desk) == 0
+    assert 'The labels call' in desk.locator('#nothing').inner_text()
+    assert '--codes' in desk.locator('#nothing').inner_text()
+
+
+def test_features_in_words(desk: Page) -> None:
+    """What a feature is comes first, then the name that clouds have; as reason, and as part."""
+    desk.locator('#groups li:first-child button').click()
+    known: dict[str, str] = dict(desk.evaluate('report.data().header.features'))
+    shown = desk.locator('#point .bars text:not([class])').all_text_contents()
+    assert len(shown) > 3
+    assert set(shown) <= set(known.values())
+    assert desk.locator('#removed .removed b').nth(1).text_content() in known.values()
+    assert not [text for text in known.values() if 'results' in text or len(text.split()) < 2]

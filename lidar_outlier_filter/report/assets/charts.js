@@ -197,20 +197,20 @@ export class Charts {
   }
 }
 
-// What each feature adds, as bars to the right (for a rejection) and to the left (against it), with
-// its name, and what it is.
+// What each feature adds, as bars to the right (for a rejection) and to the left (against it), below
+// what it is; its name is that of clouds and diagnostics.
 export function bars(features) {
-  const each = 36;
+  const each = 38;
   const svg = element('svg', { class: 'bars', viewBox: `0 0 330 ${each * features.length + 4}`, role: 'img' });
-  svg.setAttribute('aria-label', features.map(([[name, text], value]) => `${name}, ${text}: ${value.toFixed(2)}`).join('; '));
+  svg.setAttribute('aria-label', features.map(([[name, text], value]) => `${text} (${name}): ${value.toFixed(2)}`).join('; '));
   const most = Math.max(...features.map(([, value]) => Math.abs(value)), 1e-6);
   features.forEach(([[name, text], value], i) => {
     const y = each * i + 2;
     const width = (Math.abs(value) / most) * 78;
-    svg.append(element('text', { x: 0, y: y + 13 }, name));
-    svg.append(element('rect', { class: value > 0 ? 'for' : 'against', x: value > 0 ? 200 : 200 - width, y: y + 3, width, height: 12, rx: 1.5 }));
-    svg.append(element('text', { class: 'soft', x: 328, y: y + 13, 'text-anchor': 'end' }, `${value > 0 ? '+' : '−'}${Math.abs(value).toFixed(2)}`));
-    svg.append(element('text', { class: 'about', x: 0, y: y + 27 }, text));
+    svg.append(element('text', { x: 0, y: y + 12 }, text));
+    svg.append(element('text', { class: 'about', x: 0, y: y + 26 }, name));
+    svg.append(element('rect', { class: value > 0 ? 'for' : 'against', x: value > 0 ? 200 : 200 - width, y: y + 17, width, height: 11, rx: 1.5 }));
+    svg.append(element('text', { class: 'soft', x: 328, y: y + 27, 'text-anchor': 'end' }, `${value > 0 ? '+' : '−'}${Math.abs(value).toFixed(2)}`));
   });
   return svg;
 }

@@ -101,12 +101,21 @@ function setStep(number, step) {
   tools.count();
   keepAddress(address);
   if (hasTruth && all.bad) showTruth(counts, all);
+  at('nothing').hidden = Boolean(counts.points) || !all.bad;
+  at('nothing').textContent = nothingFound(all.bad, state.step > 0);
   at('yaml').textContent = slider.yaml[state.step];
   at('lines').textContent = slider.lines[state.step].join('\n') || '# nothing to set: these are the defaults';
   charts.update(state);
   listGroups();
   if (state.point) showChosen(state.point.frame, state.point.index);
   redraw();
+}
+
+// Where nothing is rejected though labels say that there is something.
+function nothingFound(bad, stricter) {
+  return `The labels call ${count(bad)} ${bad === 1 ? 'point' : 'points'} an outlier, and none is rejected. They may lie as close and as level as good points do, `
+    + 'as vegetation, vehicles and parts of things do; the labels may mean another class than outliers (--codes says which); '
+    + `or the threshold is too loose${stricter ? ': move the slider to the left' : ''}. A detector of another kind, or one more in the chain, may find them.`;
 }
 
 function showTruth(counts, all) {

@@ -38,7 +38,7 @@ export function showPoint(parent, data, point, about) {
     ['verdict', about.rejected ? `rejected${detector ? ` by ${detector.name}` : ''}` : 'kept'],
     ['x, y, z', `${metres(point.position)} m`],
   ];
-  if (about.rejected && point.reason) rows.push(['reason', point.reason]);
+  if (about.rejected && point.reason) rows.push(['reason', `${header.reasonTexts[header.reasons.indexOf(point.reason)]} (${point.reason})`]);
   if (point.truth) rows.push(['truth', point.truth === BAD ? 'outlier' : 'good']);
   if (!Number.isNaN(point.intensity)) rows.push(['intensity', `${point.exact ? '' : 'about '}${Number(point.intensity.toPrecision(4))}`]);
   if (point.exact) rows.push(['time', `${point.time.toFixed(6)} s`]);
