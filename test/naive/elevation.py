@@ -141,13 +141,8 @@ def filtered(grid: Grid, width: int, choose: Callable[[Iterable[float]], float])
 
 
 def ground(grid: Grid, cell: float, widest: float, slope: float) -> Grid:
-    """Find the ground: steps 2 and 3, after low cells were raised."""
-    closed = filtered(filtered(grid, 3, max), 3, min)
-    low = [
-        [c if c - z > 0.5 else z for c, z in zip(*rows, strict=True)]
-        for rows in zip(closed, grid, strict=True)
-    ]
-    surface, is_ground, before, width = low, [[True] * len(row) for row in low], 3, 3
+    """Find the ground: steps 2 and 3, and then low cells are raised."""
+    surface, is_ground, before, width = grid, [[True] * len(row) for row in grid], 3, 3
     while True:
         opened = filtered(filtered(surface, width, min), width, max)
         rise = min(0.3 + slope * (width - before) * cell, 3.0)
@@ -156,8 +151,14 @@ def ground(grid: Grid, cell: float, widest: float, slope: float) -> Grid:
                 is_ground[i][j] = is_ground[i][j] and z - opened[i][j] <= rise
         surface = opened
         if width * cell >= widest:
-            return filled(low, is_ground)
+            break
         before, width = width, 2 * width - 1
+    surface = filled(grid, is_ground)
+    closed = filtered(filtered(surface, 3, max), 3, min)
+    return [
+        [c if c - z > 0.5 else z for c, z in zip(*rows, strict=True)]
+        for rows in zip(closed, surface, strict=True)
+    ]
 
 
 def ground_scores(  # noqa: PLR0913  all settings

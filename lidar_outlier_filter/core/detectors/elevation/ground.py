@@ -12,8 +12,9 @@
    cells is filled as in 1.
 
 An opening takes off what is higher than its surroundings, and keeps what is lower: the paper leaves
-low points to others. Here a cell that lies more than ``PIT`` below a closing by 3 × 3 cells takes
-the height of that. So a low point, or a small group of them, does not pull the ground down.
+low points to others. Here a cell of the ground that lies more than ``PIT`` below its closing by
+3 × 3 cells takes the height of that. So a low point, or a small group of them, does not pull the
+ground down. Not before the openings: under a dense canopy a cell with ground is a pit, too.
 """
 
 from __future__ import annotations
@@ -80,18 +81,19 @@ def lowest(at: Floats, z: Floats, shape: Ints) -> Floats:
 
 def surface(grid: Floats, cell: float, widest: float, slope: float) -> Floats:
     """Return the ground of a grid of lowest points."""
-    closed = ndimage.grey_closing(grid, (3, 3))
-    low = np.where(closed - grid > PIT, closed, grid)
-    ground, is_ground = low, np.ones(low.shape, np.bool_)
-    before, width = 3, 3
+    ground, is_ground = grid, np.ones(grid.shape, np.bool_)
+    before = width = 3
     while True:
         opened = ndimage.grey_opening(ground, (width, width))
         rise = min(RISE + slope * (width - before) * cell, MOST_RISE)
         is_ground &= ground - opened <= rise
         ground = opened
         if width * cell >= widest:
-            return filled(low, is_ground)
+            break
         before, width = width, 2 * width - 1
+    ground = filled(grid, is_ground)
+    closed = ndimage.grey_closing(ground, (3, 3))
+    return np.where(closed - ground > PIT, closed, ground)
 
 
 def filled(grid: Floats, known: Bools) -> Floats:
