@@ -18,6 +18,8 @@ PLANE, PARABOLOID, QUADRIC = 4, 7, 10  # parameters, one of which the norm takes
 # each of them. That is a fifth of the time to compile, and saves a tenth of the time to run.
 SIZES = (PLANE, PARABOLOID, QUADRIC)
 BEGIN = (0,)
+ROOT2 = 2**0.5
+LEAST_VARIANCE = 0.01  # of the mean of all: near an edge the gradient vanishes
 HEIGHT = 3  # the column of z
 BORDERED = QUADRIC + 1
 NORMAL, MIDDLE, LONG, MEAN, MOMENTS, WEIGHT = 0, 3, 6, 9, 12, 15  # parts of Window.plane
@@ -53,6 +55,9 @@ class Window(NamedTuple):
         largest moment, mean, the three moments, sum of the weights.
     normal, cofactor, square, vectors : (11, 11) float64
         Bᵀ P B, Q of the parameters, and room.
+    root, least : float
+        What products of two coordinates are multiplied by, and the part of the mean variance that
+        none is below: √2 and a hundredth; 1 and 0 are the paper by its letter.
 
     """
 
@@ -78,9 +83,11 @@ class Window(NamedTuple):
     cofactor: Floats
     square: Floats
     vectors: Floats
+    root: float
+    least: float
 
 
-def empty_window(room: int, components: int) -> Window:
+def empty_window(room: int, components: int, *, letter: bool = False) -> Window:
     """Make room for windows of up to so many points, with so many components of variance."""
     return Window(
         np.zeros((3, room)),
@@ -91,6 +98,7 @@ def empty_window(room: int, components: int) -> Window:
         *np.zeros((2, QUADRIC)),
         *np.zeros((2, 16)),
         *np.zeros((4, BORDERED, BORDERED)),
+        *((1.0, 0.0) if letter else (ROOT2, LEAST_VARIANCE)),
     )
 
 
