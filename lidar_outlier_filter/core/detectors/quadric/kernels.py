@@ -33,6 +33,9 @@ class Window(NamedTuple):
 
     Attributes
     ----------
+    root, least : float
+        What products of two coordinates are multiplied by, and the part of the mean variance that
+        none is below: √2 and a hundredth; 1 and 0 are the paper by its letter.
     xyz : (3, M) float64
         Coordinates.
     variance : (M, C) float64
@@ -55,12 +58,11 @@ class Window(NamedTuple):
         largest moment, mean, the three moments, sum of the weights.
     normal, cofactor, square, vectors : (11, 11) float64
         Bᵀ P B, Q of the parameters, and room.
-    root, least : float
-        What products of two coordinates are multiplied by, and the part of the mean variance that
-        none is below: √2 and a hundredth; 1 and 0 are the paper by its letter.
 
     """
 
+    root: float
+    least: float
     xyz: Floats
     variance: Floats
     rows: Floats
@@ -83,13 +85,13 @@ class Window(NamedTuple):
     cofactor: Floats
     square: Floats
     vectors: Floats
-    root: float
-    least: float
 
 
 def empty_window(room: int, components: int, *, letter: bool = False) -> Window:
     """Make room for windows of up to so many points, with so many components of variance."""
     return Window(
+        1.0 if letter else ROOT2,
+        0.0 if letter else LEAST_VARIANCE,
         np.zeros((3, room)),
         np.zeros((room, components)),
         np.zeros((room, QUADRIC)),
@@ -98,7 +100,6 @@ def empty_window(room: int, components: int, *, letter: bool = False) -> Window:
         *np.zeros((2, QUADRIC)),
         *np.zeros((2, 16)),
         *np.zeros((4, BORDERED, BORDERED)),
-        *((1.0, 0.0) if letter else (ROOT2, LEAST_VARIANCE)),
     )
 
 
