@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import lidar_outlier_filter
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.kernels import kernel_cache
+from lidar_outlier_filter.core.points.mask import content_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -49,6 +50,7 @@ def parameters_hash(parameters: FilterParameters, **options: object) -> str:
     """Hash the values that decide what is written, and others' detectors of the chain."""
     options['detectors'] = _code_of(name for name in parameters.chain if not _is_own(name))
     values = {k: v for k, v in parameters.flat().items() if k not in WITHOUT_EFFECT}
+    values['mask'] = content_of(parameters)
     return sha256(json.dumps([values, options], sort_keys=True).encode()).hexdigest()
 
 

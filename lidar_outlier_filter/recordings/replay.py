@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.points.mask import content_of
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new
 from lidar_outlier_filter.errors import NoCloudsError, ParameterError, RecordingError
 from lidar_outlier_filter.parameters.declaration import OFF
@@ -146,6 +147,7 @@ def _head(
         'choice to drop the input': drop_input,
         'choice to salvage': salvage,
         'set of parameters': parameters.flat(),
+        'content of the mask': content_of(parameters),
     }
 
 

@@ -46,8 +46,8 @@ def add_train(commands: Commands) -> None:
         'train the trees of `evidence` on both, and write their file. Each sensor is left out '
         'once; the figures printed are of the sensors left out. With --profile, train those for '
         'profile scanners, on simulated streets alone. With --survey, train those for clouds '
-        'without scan lines. Each takes one to four minutes of processor time. '
-        'Needs the extra "lab".',
+        'without scan lines. It takes about a quarter of an hour of processor time; with --profile '
+        'or --survey a few minutes. Needs the extra "lab".',
     )
     parser.add_argument(
         '--profile', action='store_true', help='for profile scanners, on simulated streets alone'

@@ -23,6 +23,7 @@ from lidar_outlier_filter.cli import archive as command
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk import new_files
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SET = [f'--set=chain={json.dumps(FAST["chain"])}']
 
@@ -266,6 +267,17 @@ def test_all_damaged(tmp_path: Path) -> None:
     (tmp_path / 'drives').mkdir()
     (tmp_path / 'drives' / 'bad.bag').write_bytes(b'no recording')
     assert clean(tmp_path / 'drives') == 1
+
+
+def test_a_mask_that_was_learnt_anew_is_another(tmp_path: Path) -> None:
+    """What its file holds decides what is written, and not its name."""
+    found = []
+    for name, text in (('car', 'a'), ('car', 'b'), ('bus', 'b')):
+        (tmp_path / name).write_text(text)
+        parameters = FilterParameters(mask=str(tmp_path / name))
+        found.append(fingerprints.parameters_hash(parameters))
+    assert found[0] != found[1] == found[2]
+    assert fingerprints.parameters_hash(FilterParameters()) not in found
 
 
 def test_any_error_costs_its_recording_only(

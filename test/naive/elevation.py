@@ -7,8 +7,8 @@ Kang, Huang and Yang, "A gross error elimination method for point cloud data bas
 (2018), section 3.3, whose steps are named. Distances are compared by their squares.
 """
 
-from collections.abc import Sequence
-from math import nan
+from collections.abc import Callable, Iterable, Sequence
+from math import inf, nan
 from statistics import fmean, stdev
 
 Cloud = Sequence[Sequence[float]]
@@ -83,3 +83,108 @@ def scores(  # noqa: PLR0913  all settings
         off = (m - mean) / (multiplier * sigma)
         answer[i] = {'both': abs(off), 'low': off, 'high': -off}[sides]
     return answer
+
+
+# Against the ground: Zhang et al. (2003), "A progressive morphological filter" --------------------
+
+Grid = list[list[float]]
+
+
+def on_line(known: dict[int, float], at: float) -> float:
+    """Return the height at a place of a row: between the nearest two that are known, or as one."""
+    before = [i for i in known if i <= at]
+    behind = [i for i in known if i >= at]
+    if not before or not behind:
+        return known[min(behind) if behind else max(before)]
+    low, high = max(before), min(behind)
+    if low == high:
+        return known[low]
+    return known[low] + (known[high] - known[low]) * (at - low) / (high - low)
+
+
+def filled(grid: Grid, known: list[list[bool]]) -> Grid:
+    """Fill what is not known, along rows; then rows of which nothing is known."""
+    rows: dict[int, list[float]] = {}
+    for i, row in enumerate(grid):
+        there = {j: z for j, z in enumerate(row) if known[i][j]}
+        if there:
+            rows[i] = [row[j] if j in there else on_line(there, j) for j in range(len(row))]
+    if not rows:
+        return grid
+    return [
+        rows[i]
+        if i in rows
+        else [on_line({k: row[j] for k, row in rows.items()}, i) for j in range(len(grid[0]))]
+        for i in range(len(grid))
+    ]
+
+
+def filtered(grid: Grid, width: int, choose: Callable[[Iterable[float]], float]) -> Grid:
+    """Give each cell the least, or the greatest, of the square around it; edges are mirrored."""
+    rows, columns, half = len(grid), len(grid[0]), width // 2
+
+    def inside(i: int, count: int) -> int:
+        i %= 2 * count
+        return i if i < count else 2 * count - 1 - i
+
+    return [
+        [
+            choose(
+                grid[inside(i + a, rows)][inside(j + b, columns)]
+                for a in range(-half, half + 1)
+                for b in range(-half, half + 1)
+            )
+            for j in range(columns)
+        ]
+        for i in range(rows)
+    ]
+
+
+def ground(grid: Grid, cell: float, widest: float, slope: float) -> Grid:
+    """Find the ground: steps 2 and 3, and then low cells are raised."""
+    surface, is_ground, before, width = grid, [[True] * len(row) for row in grid], 3, 3
+    while True:
+        opened = filtered(filtered(surface, width, min), width, max)
+        rise = min(0.3 + slope * (width - before) * cell, 3.0)
+        for i, row in enumerate(surface):
+            for j, z in enumerate(row):
+                is_ground[i][j] = is_ground[i][j] and z - opened[i][j] <= rise
+        surface = opened
+        if width * cell >= widest:
+            break
+        before, width = width, 2 * width - 1
+    surface = filled(grid, is_ground)
+    closed = filtered(filtered(surface, 3, max), 3, min)
+    return [
+        [c if c - z > 0.5 else z for c, z in zip(*rows, strict=True)]
+        for rows in zip(closed, surface, strict=True)
+    ]
+
+
+def ground_scores(  # noqa: PLR0913  all settings
+    cloud: Cloud,
+    height: float,
+    depth_counts: float,
+    sides: str,
+    cell: float,
+    widest: float,
+    slope: float,
+) -> list[float]:
+    """Score the heights above the ground, between the centres of cells on straight lines."""
+    west, south = (min(point[axis] for point in cloud) for axis in (0, 1))
+    places = [((x - west) / cell, (y - south) / cell) for x, y, _ in cloud]
+    rows, columns = (int(max(place[axis] for place in places)) + 1 for axis in (0, 1))
+    grid = [[inf] * columns for _ in range(rows)]
+    for (u, v), point in zip(places, cloud, strict=True):
+        grid[int(u)][int(v)] = min(grid[int(u)][int(v)], point[2])
+    known = [[z < inf for z in row] for row in grid]
+    surface = ground(filled(grid, known), cell, widest, slope)
+    found = []
+    for (u, v), point in zip(places, cloud, strict=True):
+        crossed = {
+            j: on_line({i: surface[i][j] for i in range(rows)}, u - 0.5) for j in range(columns)
+        }
+        above = point[2] - on_line(crossed, v - 0.5)
+        below = -depth_counts * above
+        found.append({'high': above, 'low': below, 'both': max(above, below)}[sides] / height)
+    return found

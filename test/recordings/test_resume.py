@@ -186,6 +186,16 @@ def test_another_run_is_refused(drive: Path, out: Path, tmp_path: Path) -> None:
     assert [path.name for path in out.parent.iterdir()] == ['out']
 
 
+def test_a_mask_that_was_learnt_anew(drive: Path, out: Path) -> None:
+    """A run does not go on with another mask under the same name."""
+    (folder,) = out.parent.iterdir()
+    text = (folder / NOTES).read_text()
+    assert text.count('"content of the mask": "off"') == 1
+    (folder / NOTES).write_text(text.replace('the mask": "off"', 'the mask": "another"'))
+    with pytest.raises(RecordingError, match='content of the mask of the killed run'):
+        replay(drive, out, parameters=VALUES['time'], resume=True)
+
+
 def test_an_interrupt_keeps_what_was_left(drive: Path, out: Path) -> None:
     """Ctrl-C while a run goes on removes its own folder only."""
     before = sorted(out.parent.rglob('*'))

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -128,6 +129,19 @@ def mask_of(parameters: FilterParameters) -> Mask | None:
 
     """
     return None if parameters.mask == OFF else read_mask(Path(parameters.mask))
+
+
+def content_of(parameters: FilterParameters) -> str:
+    """Hash the file of the mask, so that one that was learnt anew counts as another.
+
+    ``off`` without one; of a file that cannot be read, its name: it is refused where it is read.
+    """
+    if parameters.mask == OFF:
+        return OFF
+    try:
+        return sha256(Path(parameters.mask).read_bytes()).hexdigest()
+    except OSError:
+        return parameters.mask
 
 
 def read_mask(path: Path) -> Mask:

@@ -268,3 +268,63 @@ def test_share_hardly_depends_on_k(recordings: Path, name: str, most: float) -> 
     few, many = (float(np.mean(detect(xyz, Elevation(k=k)) > 1)) for k in (30, 60))
     assert few > 0
     assert many == pytest.approx(few, rel=most)
+
+
+# Against the ground ------------------------------------------------------------------------------
+
+GROUND = Elevation(against='ground', height=20.0, depth_counts=20.0, cell=2.0, widest=12.0)
+
+
+def town(seed: int, count: int = 400) -> Floats:
+    """Make a slope with a house of 8 m, a hole without points, and points too low and too high."""
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform(0, [40, 30, 0.1], (count, 3))
+    xyz[:, 2] += 0.1 * xyz[:, 0]
+    house = (abs(xyz[:, 0] - 15) < 4) & (abs(xyz[:, 1] - 15) < 5)
+    xyz[house, 2] += 8.0
+    xyz = xyz[(abs(xyz[:, 0] - 30) > 3) | (abs(xyz[:, 1] - 8) > 4)]
+    xyz[0], xyz[1], xyz[2] = [12, 4, -2.5], [5, 25, 60], [15, 15, -9]
+    return xyz
+
+
+@pytest.mark.parametrize('sides', SIDES)
+@pytest.mark.parametrize('seed', range(3))
+def test_against_the_ground_equals_naive(seed: int, sides: str) -> None:
+    """Holes, houses and low points included; and clouds of one row of cells, or one cell."""
+    full = town(seed)
+    for xyz in (full, full[:60], full * [0.04, 1, 1], full[:1], full[[3, 3, 3]]):
+        parameters = replace(GROUND, sides=sides)
+        expected = naive.ground_scores(
+            xyz.tolist(),
+            *(parameters.height, parameters.depth_counts, sides),
+            *(parameters.cell, parameters.widest, parameters.slope),
+        )
+        np.testing.assert_allclose(detect(xyz, parameters), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_what_is_too_far_from_the_ground_is_rejected(seed: int) -> None:
+    """Neither the slope, nor the house, nor what is at the edge of the hole."""
+    assert np.flatnonzero(detect(town(seed), GROUND) > 1).tolist() == [0, 1, 2]
+    high = replace(GROUND, height=7.0, depth_counts=7.0)
+    rejected = np.flatnonzero(detect(town(seed), high) > 1)
+    roof = town(seed)[rejected[3:]]
+    assert len(roof) > 5
+    assert (abs(roof[:, 0] - 15) < 4).all()
+
+
+def test_a_cloud_that_is_spread_too_widely_is_refused() -> None:
+    """One stray point 100 km away would ask for gigabytes."""
+    xyz = town(1)
+    xyz[5, :2] = 1e5, 1e5
+    with pytest.raises(FilterError, match='large enough for at most 16 cells a point, got 50'):
+        detect(xyz, GROUND)
+
+
+def test_against_the_ground_nothing_else_matters() -> None:
+    """Neither the order of the points, nor where the map begins, nor the paper's parameters."""
+    xyz = town(2)
+    score, order = detect(xyz, GROUND), np.random.default_rng(1).permutation(len(xyz))
+    np.testing.assert_array_equal(detect(xyz[order], GROUND), score[order])
+    np.testing.assert_allclose(detect(xyz + np.array([64, -128, 32]), GROUND), score, atol=1e-9)
+    np.testing.assert_array_equal(detect(xyz, replace(GROUND, k=5, multiplier=1.0)), score)

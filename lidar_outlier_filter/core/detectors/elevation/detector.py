@@ -19,6 +19,8 @@ section 1 promises high ones too; it is ``sides: low``, its mirror image ``high`
 takes the absolute value. σ is at least ``sigma_floor``, so that on a flat floor roundings are no
 gross errors.
 
+``against: ground`` compares with a :mod:`.ground` surface instead, in metres.
+
 z must point up, and neighbours on the map be neighbours on a surface: made for airborne scans. On a
 facade, seen from above, all heights are neighbours.
 """
@@ -29,6 +31,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.elevation.ground import heights
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
@@ -55,12 +58,14 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     (N,) float64
         Statistic ÷ critical value, more than 1 exactly where rejected: for points that are set
         apart their distance from the others ÷ ``gap``; for all others that of (5), which may be
-        negative if ``sides`` is not ``both``. NaN for points without k others.
+        negative if ``sides`` is not ``both``. NaN for points without k others. Against the ground
+        it is the height above it ÷ ``height``, below it times ``depth_counts``.
 
     Raises
     ------
     FilterError
-        If a coordinate is not finite, or so large that its square is not.
+        If a coordinate is not finite, or so large that its square is not; against the ground, if
+        there are more than 16 cells for a point.
 
     References
     ----------
@@ -82,11 +87,14 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
 
     """
     score = np.full(len(xyz), np.nan)
-    if len(xyz) <= parameters.k:
+    against_ground = parameters.against == 'ground'
+    if len(xyz) <= (0 if against_ground else parameters.k):
         return score
     if not (xyz.min() >= -LARGEST and xyz.max() <= LARGEST):
         got = xyz[~(np.abs(xyz) <= LARGEST)][0]
         raise FilterError('coordinates', f'finite and at most {LARGEST:g} m', got)
+    if against_ground:
+        return _above_ground(xyz, parameters)
     low, high = body(xyz[:, 2], parameters.gap, parameters.share)
     beyond = np.maximum(low - xyz[:, 2], xyz[:, 2] - high)
     apart = beyond > 0
@@ -105,6 +113,15 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     score[left] = np.abs(off) if parameters.sides == 'both' else off
     if parameters.sides == 'high':
         score[left] *= -1
+    return score
+
+
+def _above_ground(xyz: Floats, parameters: Elevation) -> Floats:
+    """Score heights above the ground, and depths below it."""
+    height = heights(xyz, parameters.cell, parameters.widest, parameters.slope)
+    above, below = height, -parameters.depth_counts * height
+    sides = {'high': above, 'low': below, 'both': np.maximum(above, below)}
+    score: Floats = sides[parameters.sides] / parameters.height
     return score
 
 

@@ -11,8 +11,34 @@ from lidar_outlier_filter.parameters.declaration import Section, declare
 
 @dataclass(frozen=True)
 class Elevation(Section):
-    """Elevation against the mean of the neighbours on the map."""
+    """Elevation against the mean of the neighbours on the map, or against the ground."""
 
+    against: str = declare(
+        'neighbours',
+        'neighbours: their mean elevation (the paper); ground: a local ground surface.',
+        choices=('neighbours', 'ground'),
+    )
+    height: float = declare(
+        50.0, 'Height above the ground that a point may have, against: ground.', 'm', 1e-3, 1e6
+    )
+    depth_counts: float = declare(
+        50.0,
+        'Metres above the ground that one below it counts as: the depth allowed is height ÷ this.',
+        '',
+        1e-3,
+        1e6,
+    )
+    cell: float = declare(
+        2.0,
+        'Side of the cells whose lowest points make the ground; some points lie in each.',
+        'm',
+        1e-3,
+        1e4,
+    )
+    widest: float = declare(
+        40.0, 'Width of the widest that stands on the ground: a building, a crown.', 'm', 0.0, 1e4
+    )
+    slope: float = declare(0.3, 'Slope of the ground, rise ÷ run.', '', 0.0, 10.0)
     k: int = declare(30, 'Neighbours whose mean elevation counts; ties count too.', '', 1, 1000)
     neighbours: str = declare(
         'map',
