@@ -52,6 +52,7 @@ DOC = ROOT / 'doc' / 'papers'
 SAID: dict[str, set[str]] = {
     'kang2018': {'0.27', '0.13', '1.4'},  # of a normal law; of all results
     'leslar2010': {'0.001'},  # our significance
+    'pirotti2018': {'1.08', '1.12', '0.53'},  # see test_thresholds_of_pcl_lof, test_mean_distance
     'sotoodeh2006': {'98', '3.69', '2.5', '0.22'},  # all results; 4273 of 115 820; the city
     'sotoodeh2007': {'656', '0.457', '4.2'},  # 3 of 656; a section
 }
@@ -304,10 +305,24 @@ def test_pcl_lof_against_loops(k: int) -> None:
     assert_allclose(found[pirotti.PCL2], np.abs(found[pirotti.PCL] - middle))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('law', 'code', 'equations'), [('uniform', 1.08, 1.04), ('log-uniform', 1.12, 1.06)]
+)
+def test_thresholds_of_pcl_lof(law: str, code: float, equations: float) -> None:
+    """With k = 10 the paper has 1.1: between those of its code, above those of its equations."""
+    (cloud,) = aerial.photogrammetry(101, None, lambda _: None, pirotti.LAWS[law])
+    xyz = np.stack([cloud.points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
+    found = roc.explore(xyz, cloud.points['label'], Cause.CLUSTER, (10,), pirotti.with_pcl)
+    assert round(found.best_of[pirotti.PCL][0].threshold, 2) == code
+    assert round(found.best_of['LOF'][0].threshold, 2) == equations
+
+
 def test_mean_distance() -> None:
     """On a plane the nearest is 1/2, the second 3/4 of 1 ÷ √density away, on average."""
     assert pirotti.mean_distance(1, 4.0) == pytest.approx(0.25)
     assert pirotti.mean_distance(2, 1.0) == pytest.approx((1 / 2 + 3 / 4) / 2)
+    assert round(pirotti.mean_distance(60, aerial.DENSITY), 2) == 0.53
     rng = np.random.default_rng(1)
     xyz = np.concatenate([rng.uniform(0, 30, (31 * 900, 2)), np.zeros((31 * 900, 1))], axis=1)
     inside = (np.abs(xyz[:, :2] - 15) < 13).all(axis=1)
