@@ -20,9 +20,13 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.ros.namespaces import split_namespaces
 from lidar_outlier_filter.ros.node import NODE_NAME, remappings
 
-PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'  # of Fast DDS before 3: that of Jazzy
 RESPAWN_DELAY = 2.0  # seconds: one that ends at once does not fill the log
 CONFIG = Path(__file__).parents[1] / 'config'
+# What names the settings for large clouds to a middleware; the others do not look at it.
+LARGE_CLOUDS = {
+    'FASTRTPS_DEFAULT_PROFILES_FILE': str(CONFIG / 'fastdds_large_clouds.xml'),  # before Fast DDS 3
+    'CYCLONEDDS_URI': f'file://{CONFIG / "cyclonedds_large_clouds.xml"}',
+}
 ARGUMENTS = [
     DeclareLaunchArgument(
         'input_topic',
@@ -51,8 +55,9 @@ ARGUMENTS = [
         'large_clouds',
         default_value='true',
         choices=['true', 'false'],
-        description='Give the node the Fast DDS profile for large clouds, which the driver needs, '
-        'too; one that FASTRTPS_DEFAULT_PROFILES_FILE names already stays.',
+        description='Give the node the settings for large clouds, of Fast DDS and Cyclone DDS, '
+        'which the driver needs, too; what FASTRTPS_DEFAULT_PROFILES_FILE or CYCLONEDDS_URI names '
+        'already stays.',
     ),
     DeclareLaunchArgument(
         'rviz',
@@ -113,8 +118,8 @@ def filter_nodes(context: LaunchContext) -> list[Node]:
         parameters.append({'inputs': topics})
     if argument['rviz'] == 'true':
         parameters.append({'scores': True})
-    use_profile = argument['large_clouds'] == 'true' and PROFILE not in os.environ
-    environment = {PROFILE: str(CONFIG / 'fastdds_large_clouds.xml')} if use_profile else {}
+    is_large = argument['large_clouds'] == 'true'
+    environment = {k: v for k, v in LARGE_CLOUDS.items() if is_large and k not in os.environ}
     at_end: dict[str, Any] = {'on_exit': Shutdown(reason=f'{NODE_NAME} has ended')}
     if argument['respawn'] == 'true':
         at_end = {'respawn': True, 'respawn_delay': RESPAWN_DELAY}

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from helpers.nodes import Ros
+    from playwright.sync_api import Browser
     from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.report.gather import Gathered
@@ -99,3 +100,22 @@ def found(snow: Path) -> Gathered:
     from lidar_outlier_filter.report.sources import RecordedSource  # noqa: PLC0415
 
     return gather(RecordedSource(snow, FilterParameters()), CAUSES, 10**6)
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Browser]:
+    """Start Chromium that draws in software."""
+    from helpers.browsers import chromium  # noqa: PLC0415
+
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(scope='session')
+def written(found: Gathered, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the page of the report."""
+    from lidar_outlier_filter.report.page import write_page  # noqa: PLC0415
+
+    path = tmp_path_factory.mktemp('page') / 'report.html'
+    write_page(found, path)
+    return path

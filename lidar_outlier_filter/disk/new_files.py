@@ -19,7 +19,7 @@ import shutil
 import sys
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from time import time
 from typing import IO, TYPE_CHECKING
 
@@ -52,12 +52,24 @@ def hidden_folder(path: Path, kind: str = 'partial') -> Iterator[Path]:
     """
     for left in _folders(path, kind):
         _remove_if_left(left)
-    prefix = f'.{path.name}.{kind}-'
-    with (
-        TemporaryDirectory(prefix=prefix, dir=path.parent, ignore_cleanup_errors=True) as name,
-        _locked(Path(name)),
-    ):
-        yield Path(name)
+    folder = Path(mkdtemp(prefix=f'.{path.name}.{kind}-', dir=path.parent))
+    try:
+        with _locked(folder):
+            yield folder
+    finally:
+        _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder into which a worker may write still.
+
+    It gets another name first: who writes into it by its name finds it gone.
+    """
+    gone = folder.with_name(f'{folder.name}-gone')
+    with suppress(OSError):
+        folder.rename(gone)
+    for name in (gone, folder):
+        shutil.rmtree(name, ignore_errors=True)
 
 
 @contextmanager

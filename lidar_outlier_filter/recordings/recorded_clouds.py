@@ -41,7 +41,7 @@ class RecordedCloud:
     number : of the cloud in its topic, from 0
     eye : (M, 4, 3) float64 or None
         Where the sensor was at the time of each valid point, and what lay 1 m off on each of its
-        axes, if points were moved.
+        axes, if points were moved. Of the first point that was moved, if only the path is wanted.
 
     """
 
@@ -73,6 +73,7 @@ class RecordedClouds:
         topic: str | None = None,
         *,
         with_eyes: bool = False,
+        with_path: bool = False,
     ) -> None:
         """Name the recording and the topic; None: the only one."""
         self.topic = self.convention = ''
@@ -84,7 +85,8 @@ class RecordedClouds:
         self._recording = recording
         self._parameters = parameters
         self._wanted = topic
-        self._with_eyes = with_eyes and parameters.motion.source == 'odometry'
+        self._with_eyes = with_eyes
+        self._moves = (with_eyes or with_path) and parameters.motion.source == 'odometry'
 
     def __iter__(self) -> Iterator[RecordedCloud]:
         """Read them.
@@ -98,7 +100,7 @@ class RecordedClouds:
         self.times = []
         taken: list[RecordedCloud] = []
         parameters = self._parameters
-        motion = _SeeingOdometry(parameters) if self._with_eyes else None
+        motion = _SeeingOdometry(parameters, every=self._with_eyes) if self._moves else None
 
         def take(cloud: StreamCloud, msg: Any, number: int) -> None:
             eye = None if motion is None else motion.taken(cloud.points)
@@ -136,8 +138,9 @@ class RecordedClouds:
 class _SeeingOdometry(Odometry):
     """Odometry that notes where the sensor was, for each cloud that it moves."""
 
-    def __init__(self, parameters: FilterParameters) -> None:
+    def __init__(self, parameters: FilterParameters, *, every: bool) -> None:
         super().__init__(parameters)
+        self._every = every  # for each point, or for one
         # By the identity of the points' array of times, which is kept, so that no other has it.
         self._eyes: dict[int, tuple[NDArray[np.int64], Floats]] = {}
 
@@ -149,10 +152,11 @@ class _SeeingOdometry(Odometry):
     def move(self, points: Points, frame: str) -> tuple[Points, NDArray[np.bool_]]:
         moved, known = super().move(points, frame)
         if known.any() or not len(known):
-            eye = np.empty((len(points), 4, 3))
+            seen = points if self._every else points.take(np.flatnonzero(known)[:1])
+            eye = np.empty((len(seen), 4, 3))
             for k, position in enumerate((np.zeros(3), *np.eye(3))):
-                xyz = np.tile(position, (len(points), 1))
-                eye[:, k] = super().move(replace(points, xyz=xyz, own=None), frame)[0].xyz
+                xyz = np.tile(position, (len(seen), 1))
+                eye[:, k] = super().move(replace(seen, xyz=xyz, own=None), frame)[0].xyz
             self._eyes[id(moved.t)] = moved.t, eye
         return moved, known
 

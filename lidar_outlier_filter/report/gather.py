@@ -12,13 +12,13 @@ import numpy as np
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.report.keeping import Keeper
 from lidar_outlier_filter.report.reasons import ExplainingChain
-from lidar_outlier_filter.report.sliders import sliders
+from lidar_outlier_filter.report.score_counts import ScoreCounts
+from lidar_outlier_filter.report.shared_sight import SharedSight
+from lidar_outlier_filter.report.sliders import choices, sliders
 from lidar_outlier_filter.report.tally import Tally
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Progress
     from lidar_outlier_filter.evaluation.labels import Codes
@@ -26,10 +26,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.keeping import Kept
     from lidar_outlier_filter.report.reasons import Reason
     from lidar_outlier_filter.report.sliders import Slider
-    from lidar_outlier_filter.report.sources import ReportCloud, Source, SourceFacts
-
-
-ROUNDING = 3e-7  # of a score in single precision, relative: what is nearer to a limit is uncertain
+    from lidar_outlier_filter.report.sources import Source, SourceFacts
 
 
 @dataclass(frozen=True)
@@ -79,20 +76,29 @@ def gather(
     progress : is called with how many of how many clouds are judged, and how
 
     """
-    given = sliders(source.parameters)
-    tally, keeper, chain = Tally(given, codes), Keeper(most), ExplainingChain(source.parameters)
-    steps = _Steps(given)
+    possible = choices(source.parameters)
+    tally, keeper = Tally(codes), Keeper(most)
+    chain = ExplainingChain(source.parameters, possible)
+    scores = ScoreCounts(possible[0].limits) if len(possible) == 1 else None
     for done, (_, cloud) in enumerate(source.judged([chain]), 1):
         progress(done, 0, 'judging')
         tally.add(cloud)
-        bits = steps.of_scores(cloud, tally)
-        keeper.add(cloud, bits, chain.reasons.of(cloud))
+        if scores:
+            scores.add(cloud, *tally.split(cloud))
+        keeper.add(cloud, chain.reasons.of(cloud))
         chain.reasons.forget_before(cloud)
     kept = keeper.finish()
-    scaled = chain.scaled and len(source.parameters.chain) == 1
-    missing = steps.missing(scaled=scaled)
-    for slider, step in missing:
-        tally.at[slider][step].clear()
+    tested = tally.all.points - tally.untested
+    rejected = [scores.rejected()] if scores else list(chain.rejected.values())
+    given = sliders(possible, rejected, tested)
+    tally.open(given)
+    known = scores if chain.scaled else None
+    missing = [
+        (number, step)
+        for number, slider in enumerate(given)
+        for step in range(len(slider.values))
+        if not _is_known(number, step, slider, known, tally, kept)
+    ]
     _judge_steps(source, given, missing, tally, kept, progress)
     return Gathered(
         source.name,
@@ -108,39 +114,20 @@ def gather(
     )
 
 
-class _Steps:
-    """Finds what each step rejects from the scores of the given parameters, where these say it."""
-
-    def __init__(self, given: Sequence[Slider]) -> None:
-        self._sliders = given
-        self._uncertain: set[tuple[int, int]] = set()
-
-    def of_scores(self, cloud: ReportCloud, tally: Tally) -> NDArray[np.uint32]:
-        """Count what each step rejects of a cloud; return the bits of its points."""
-        score, verdict = cloud.verdict.score.astype(np.float64), cloud.verdict
-        bits = np.zeros(len(score), np.uint32)
-        for number, slider in enumerate(self._sliders):
-            for step, limit in enumerate(slider.limits.tolist()):
-                if step == slider.given:
-                    rejected = verdict.rejected
-                else:
-                    rejected = score > limit
-                    if bool((np.abs(score - limit) <= ROUNDING * limit).any()):
-                        self._uncertain.add((number, step))
-                tally.add_step(number, step, cloud, rejected)
-                bits |= rejected.astype(np.uint32) << np.uint32(slider.first + step)
-        return bits
-
-    def missing(self, *, scaled: bool) -> list[tuple[int, int]]:
-        """List the steps that the scores do not say: slider and step."""
-        if scaled:
-            return sorted(self._uncertain)
-        return [
-            (number, step)
-            for number, slider in enumerate(self._sliders)
-            for step in range(len(slider.values))
-            if step != slider.given
-        ]
+def _is_known(  # noqa: PLR0913  what it takes from, and writes to
+    number: int, step: int, slider: Slider, scores: ScoreCounts | None, tally: Tally, kept: Kept
+) -> bool:
+    """Note what a step rejects, if the given settings or the scores say it; say whether they do."""
+    which = int(slider.chosen[step])
+    if step == slider.given:
+        rejected = kept.rejected
+    elif scores is not None and not scores.uncertain[which]:
+        tally.put(number, step, *scores.over(which, slider.detector))
+        rejected = kept.score.astype(np.float64) > slider.limits[step]
+    else:
+        return False
+    kept.bits[:] |= rejected.astype(np.uint32) << np.uint32(slider.first + step)
+    return True
 
 
 def _judge_steps(  # noqa: PLR0913  what a second reading adds to
@@ -154,14 +141,18 @@ def _judge_steps(  # noqa: PLR0913  what a second reading adds to
     """Judge the clouds at some steps; count, and write the bits of the points that are kept."""
     if not missing:
         return
-    chains = [Chain(given[one].changed(source.parameters, step)) for one, step in missing]
+    # Under `scores` detectors give reasons.
+    telling = source.parameters.changed({'scores': True})
+    chains = [Chain(given[one].changed(telling, step)) for one, step in missing]
+    sight = SharedSight()
+    for chain in chains:
+        chain.see = sight
     total = len(missing) * len(tally.clouds)
     for done, (number, cloud) in enumerate(source.judged(chains), 1):
         progress(done, total, 'judging at every step')
         slider, step = missing[number]
-        tally.add_step(slider, step, cloud, cloud.verdict.rejected)
+        tally.add_step(slider, step, cloud)
         first, last = np.searchsorted(kept.cloud, (cloud.number, cloud.number + 1))
         bit = np.uint32(1 << (given[slider].first + step))
-        mine = kept.bits[first:last]
         rejected = cloud.verdict.rejected[kept.index[first:last]]
-        kept.bits[first:last] = np.where(rejected, mine | bit, mine & ~bit)
+        kept.bits[first:last][rejected] |= bit

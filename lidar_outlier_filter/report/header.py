@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.detectors.registry import DETECTORS, reasons, rejecting
+from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.evaluation.curves import curve
-from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.installed import MASK, MASKED
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, ros_lines
-from lidar_outlier_filter.report.pack import reason_names
+from lidar_outlier_filter.report.pack import reason_names, reason_numbers, reason_texts
 from lidar_outlier_filter.report.reasons import REST, vocabulary
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES
 
@@ -26,9 +25,11 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.gather import Gathered
     from lidar_outlier_filter.report.pack import Packed
     from lidar_outlier_filter.report.sliders import Slider
+    from lidar_outlier_filter.report.sources import SourceFacts
     from lidar_outlier_filter.report.tally import Counts
 
 MOST_ON_CURVE = 200
+MOST_ON_PATH = 1000
 VEHICLE = '#8c564b'  # of points on the own vehicle
 FARTHEST_ORIGIN = 1000.0  # metres
 MOST_LISTED = 8  # reasons
@@ -45,13 +46,14 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'name': gathered.name,
         'topic': found.topic,
         'clouds': found.clouds,
-        'points': found.points,
         'invalid': found.invalid,
+        'masked': found.masked,
         'untested': tally.untested,
         'drawn': len(gathered.kept),
         'refusals': found.refusals,
         'unmoved': found.unmoved,
         'moved': found.moved,
+        'path': _path(found),
         'convention': found.convention,
         'period': None if math.isnan(period) else period,
         'seconds': (found.span[1] - found.span[0]) / SECOND if found.span else None,
@@ -76,26 +78,10 @@ def header(gathered: Gathered, frames: Frames, packed: Packed) -> dict[str, Any]
         'features': [list(one) for one in (*vocabulary().features, *REST)],
         'ofSum': vocabulary().of_sum,
         'reasons': reason_names(),
-        'removed': _removed(gathered),
+        'reasonTexts': reason_texts(),
         'explained': len(packed.reasons),
         'detectors': detectors(),
         'intensity': list(packed.intensity),
-    }
-
-
-def _removed(gathered: Gathered) -> dict[str, Any]:
-    """Say which detectors reject how many points at the given settings, and for which reasons."""
-    tally = gathered.tally
-    noted = sorted(tally.reasons.items(), key=lambda item: -item[1])
-    return {
-        'detectors': [
-            [one.name, tally.detectors[one.name]]
-            for one in DETECTORS.values()
-            if one.name in tally.detectors
-        ]
-        + [[MASK, gathered.found.masked]] * (gathered.parameters.mask != OFF),
-        'reasons': [[*reasons()[number], count] for number, count in noted[:MOST_LISTED]],
-        'others': sum(count for _, count in noted[MOST_LISTED:]),
     }
 
 
@@ -117,6 +103,12 @@ def detectors() -> list[dict[str, Any]]:
             'rejects': 'lies on the own vehicle',
         }
     ]
+
+
+def _path(found: SourceFacts) -> list[list[float]]:
+    """Thin the way of the sensor: positions in metres."""
+    each = max(1, len(found.path) // MOST_ON_PATH)
+    return [_rounded(position) for position in found.path[::each]]
 
 
 def near_origin(gathered: Gathered) -> bool:
@@ -214,6 +206,11 @@ def _counts(counts: Counts) -> dict[str, Any]:
         'bad': counts.bad,
         'good': counts.good,
         'ranges': counts.by_range.tolist(),
+        'detectors': dict(counts.detectors),
+        'reasons': [
+            [int(reason_numbers()[number]), count]
+            for number, count in counts.reasons.most_common(MOST_LISTED)
+        ],
     }
 
 

@@ -101,10 +101,8 @@ class Keeper:
         self._held = 0
         self._rng = np.random.default_rng(0)
 
-    def add(
-        self, cloud: ReportCloud, bits: NDArray[np.uint32], reasons: Mapping[int, Reason]
-    ) -> None:
-        """Take the points of a judged cloud."""
+    def add(self, cloud: ReportCloud, reasons: Mapping[int, Reason]) -> None:
+        """Take the points of a judged cloud; what steps reject is not known yet."""
         count = len(cloud.points)
         row = np.full(count, UNKNOWN, np.int32)
         for index, reason in reasons.items():
@@ -126,7 +124,7 @@ class Keeper:
                 np.full(count, UNKNOWN, np.int32)
                 if cloud.code is None
                 else cloud.code.astype(np.int32),
-                bits,
+                np.zeros(count, np.uint32),
                 cloud.verdict.reason,
                 row,
                 self._rng.integers(0, 2**32, count, np.uint32),

@@ -103,6 +103,11 @@ def reason_names() -> list[str]:
     return [one.name for one in reasons().values()][:MOST_REASONS]
 
 
+def reason_texts() -> list[str]:
+    """Say in words what they mean, in the same order."""
+    return [one.text for one in reasons().values()][:MOST_REASONS]
+
+
 @cache
 def reason_numbers() -> Words:
     """Return the number in the words, from 1, of each number in ``outlier_reason``; 0: none."""

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 MODULES = {
     name: f'{name}.js'
     for name in (
-        *('three', 'data', 'shaders', 'scene', 'flat'),
-        *('charts', 'panel', 'colours', 'groups', 'keys', 'stage'),
+        *('three', 'data', 'shaders', 'slices', 'scene', 'flat', 'map', 'overlay', 'scale'),
+        *('charts', 'panel', 'colours', 'groups', 'keys', 'stage', 'tools', 'address'),
     )
 }
 START = 'main.js'

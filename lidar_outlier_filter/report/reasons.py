@@ -12,9 +12,10 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.report.score_counts import above, exceeded
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.report.sliders import Choice
 
 NEAR = 0.8  # scores above this are explained, too
 MOST_IN_BLOCK = 2000  # points that are explained of those judged together
@@ -147,23 +149,34 @@ class NotedReasons:
 
 
 class ExplainingChain(Chain):
-    """A chain that notes the reasons of what its detectors reject, where they can say."""
+    """A chain that notes the reasons of what its detectors reject, where they can say.
 
-    def __init__(self, parameters: FilterParameters) -> None:
+    Attributes
+    ----------
+    rejected : by detector, how many points each of its values would reject; points that are judged
+        twice, as halo too, count twice
+
+    """
+
+    def __init__(self, parameters: FilterParameters, possible: Sequence[Choice]) -> None:
         """Note reasons where a detector of the chain explains its scores."""
         # Under `scores` detectors give the strongest reason, too; no verdict depends on it.
         super().__init__(parameters.changed({'scores': True}))
         self.reasons = NotedReasons()
+        self.rejected = {one.detector: np.zeros(len(one.values), np.int64) for one in possible}
+        self._limits = {one.detector: one.limits for one in possible}
         self._detectors = [
-            replace(one, detect=partial(self._explained, one))
-            if one.name in explanations()
-            else one
-            for one in self._detectors
+            replace(one, detect=partial(self._noted, one)) for one in self._detectors
         ]
 
-    def _explained(self, one: Detector, seen: Seen, parameters: FilterParameters) -> Scores:
+    def _noted(self, one: Detector, seen: Seen, parameters: FilterParameters) -> Scores:
         found = one.detect(seen, parameters)
-        self.reasons.note(explanations()[one.name], seen, found.score, parameters)
+        if one.name in self._limits:
+            limits = self._limits[one.name]
+            bins = np.bincount(exceeded(found.score, limits), minlength=len(limits) + 1)
+            self.rejected[one.name] += above(bins)
+        if one.name in explanations():
+            self.reasons.note(explanations()[one.name], seen, found.score, parameters)
         return found
 
 

@@ -23,7 +23,7 @@ from lidar_outlier_filter.parameters.declaration import shown
 from lidar_outlier_filter.parameters.yaml_files import as_yaml
 from lidar_outlier_filter.report.header import detectors
 from lidar_outlier_filter.report.live_clouds import KEPT_SECONDS, MOST_IN_FRAME, LiveClouds
-from lidar_outlier_filter.report.pack import reason_names
+from lidar_outlier_filter.report.pack import reason_names, reason_texts
 from lidar_outlier_filter.report.page import colour_maps, live_page
 from lidar_outlier_filter.report.sliders import fits
 
@@ -204,6 +204,7 @@ def about() -> dict[str, Any]:
         'mostInFrame': MOST_IN_FRAME,
         'detectors': detectors(),
         'reasons': reason_names(),
+        'reasonTexts': reason_texts(),
         'colours': colour_maps(),
     }
 

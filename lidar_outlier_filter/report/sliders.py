@@ -13,26 +13,27 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 BITS = 21  # of a point, for the steps of all sliders
-MOST_STEPS = 21
-WIDEST = 3.0  # the least and the largest critical value are the given one ÷ and × this
+WIDEST = 3.0  # the least critical value is the given one ÷ this
+MOST_REJECTED = 0.5  # of the tested points: nobody wants to see more than that rejected
 
 
 @dataclass(frozen=True)
-class Slider:
-    """The steps of one threshold.
+class Choice:
+    """The values that a threshold may have.
 
     Attributes
     ----------
     detector, name : the detector, and its parameter
     values : from the one that rejects most to the one that rejects least
     given : which of them the parameters hold
-    limits : critical values of all steps ÷ that of the given one, ascending
-    first : the bit of the first step, in a point's bits
+    limits : critical values of all ÷ that of the given one, ascending; not finite where that is 0
 
     """
 
@@ -41,6 +42,20 @@ class Slider:
     values: tuple[float, ...]
     given: int
     limits: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Slider(Choice):
+    """The steps of one threshold, chosen of its values.
+
+    Attributes
+    ----------
+    chosen : which of the values its steps are
+    first : the bit of the first step, in a point's bits
+
+    """
+
+    chosen: NDArray[np.intp]
     first: int
 
     def changed(self, parameters: FilterParameters, step: int) -> FilterParameters:
@@ -48,42 +63,85 @@ class Slider:
         return parameters.changed({self.name: self.values[step]})
 
 
-def sliders(parameters: FilterParameters) -> tuple[Slider, ...]:
-    """Make a slider for each detector of the chain, as far as the bits of a point suffice."""
+def choices(parameters: FilterParameters) -> tuple[Choice, ...]:
+    """List the values of the threshold of each detector of the chain."""
     chain = tuple(dict.fromkeys(parameters.chain))
-    bits = min(BITS // len(chain), MOST_STEPS) if len(chain) <= BITS else 1
-    found: list[Slider] = []
-    for detector in chain[:BITS]:
-        found.append(_slider(detector, parameters, (bits - 1) // 2, len(found) * bits))
-    return tuple(found)
+    return tuple(_choice(detector, parameters) for detector in chain[:BITS])
 
 
-def _slider(detector: str, parameters: FilterParameters, half: int, first: int) -> Slider:
-    """Make one with at most so many steps on either side of the given value."""
+def _choice(detector: str, parameters: FilterParameters) -> Choice:
     threshold = DETECTORS[detector].threshold(parameters)
     given = float(parameters.flat()[threshold.name])
     middle = threshold.critical(given)
-    possible = [value for value in threshold.values if fits(parameters, threshold.name, value)]
-    criticals = np.array([threshold.critical(value) for value in possible])
-    factors = WIDEST ** (np.arange(1, half + 1) / max(half, 1))
-    # No factor leads away from 0: its neighbours are those from 1 on.
-    looser = _nearest(criticals, (middle or 1.0) * factors, criticals > middle)
-    stricter = _nearest(criticals, (middle or 1.0) / factors, criticals < middle)
-    values = [*(possible[i] for i in stricter), given, *(possible[i] for i in looser)]
+    others = [one for one in threshold.values if fits(parameters, threshold.name, one)]
+    stricter = [one for one in others if threshold.critical(one) < middle]
+    looser = [one for one in others if threshold.critical(one) > middle]
+    values = (*stricter, given, *looser)
     limits = np.array([threshold.critical(value) for value in values])
     with np.errstate(divide='ignore', invalid='ignore'):
         limits = limits / middle
-    return Slider(detector, threshold.name, tuple(values), len(stricter), limits, first)
+    return Choice(detector, threshold.name, values, len(stricter), limits)
 
 
-def _nearest(
-    criticals: NDArray[np.float64], goals: NDArray[np.float64], allowed: NDArray[np.bool_]
-) -> list[int]:
-    """Find the critical values nearest to some goals, ascending, each once."""
-    indices = np.flatnonzero(allowed)
-    if len(indices) == 0:
-        return []
-    return sorted({int(indices[np.abs(criticals[indices] - goal).argmin()]) for goal in goals})
+def sliders(
+    given: Sequence[Choice], rejected: Sequence[NDArray[np.int64]], tested: int
+) -> tuple[Slider, ...]:
+    """Make a slider of each choice, as far as the bits of a point suffice.
+
+    Its steps follow the scores: each rejects other points than the one beside it, from half of the
+    points, or a third of the critical value, to none.
+
+    Parameters
+    ----------
+    given : the values to choose from
+    rejected : how many points each of them would reject, about
+    tested : how many points have a score
+
+    """
+    bits = BITS // max(len(given), 1)
+    half = (bits - 1) // 2
+    made: list[Slider] = []
+    for number, (one, counts) in enumerate(zip(given, rejected, strict=True)):
+        chosen = _steps(one, counts, tested, half)
+        values = tuple(one.values[i] for i in chosen)
+        at = int(np.searchsorted(chosen, one.given))
+        limits = one.limits[chosen]
+        made.append(Slider(one.detector, one.name, values, at, limits, chosen, number * bits))
+    return tuple(made)
+
+
+def _steps(one: Choice, rejected: NDArray[np.int64], tested: int, half: int) -> NDArray[np.intp]:
+    """Choose values with at most so many on either side of the given one, ascending."""
+    stricter, looser = np.arange(one.given)[::-1], np.arange(one.given + 1, len(one.values))
+    if not np.isfinite(one.limits[one.given]):
+        # Of a critical value of 0 no score is a multiple.
+        sides = [
+            side[np.unique(np.linspace(0, len(side) - 1, half).astype(np.intp))]
+            for side in (stricter, looser)
+            if len(side)
+        ]
+    else:
+        seen = (one.limits >= 1 / WIDEST) & (rejected <= MOST_REJECTED * tested)
+        sides = [
+            _spread(side, rejected, rejected[one.given], half)
+            for side in (stricter[seen[stricter]], looser)
+        ]
+    return np.sort(np.concatenate([[one.given], *sides])).astype(np.intp)
+
+
+def _spread(
+    side: NDArray[np.intp], rejected: NDArray[np.int64], given: int, half: int
+) -> NDArray[np.intp]:
+    """Choose at most so many values, the nearest first, that differ by about the same factor."""
+    counts = rejected[side]
+    changed = np.flatnonzero(np.diff(counts, prepend=given))
+    if len(changed) <= half:
+        return side[changed]
+    size = np.log1p(counts[changed])
+    goals = np.linspace(np.log1p(given), size[-1], half + 1)[1:]
+    nearest = np.abs(size[:, None] - goals).argmin(axis=0)
+    chosen: NDArray[np.intp] = side[changed[np.unique(nearest)]]
+    return chosen
 
 
 def fits(parameters: FilterParameters, name: str, value: float) -> bool:

@@ -70,6 +70,7 @@ class SourceFacts:
     times : of all messages with clouds in their recording, nanoseconds
     topic : of the clouds; empty: they are a file
     moved : whether the points were moved to a frame that stands still
+    path : where the sensor was then, metres, cloud by cloud
 
     """
 
@@ -85,6 +86,7 @@ class SourceFacts:
     times: list[int] = field(default_factory=list)
     topic: str = ''
     moved: bool = False
+    path: list[tuple[float, float, float]] = field(default_factory=list)
 
     def note(self, cloud: StreamCloud) -> None:
         """Count a cloud."""
@@ -138,7 +140,7 @@ class RecordedSource:
         self.name = recording.name
         self.parameters = parameters
         self.found = SourceFacts(moved=parameters.motion.source == 'odometry')
-        self._clouds = RecordedClouds(recording, parameters, topic)
+        self._clouds = RecordedClouds(recording, parameters, topic, with_path=True)
         self._label, self._files = label, files
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
@@ -150,6 +152,8 @@ class RecordedSource:
         found = SourceFacts(moved=self.found.moved)
         for taken in self._clouds:
             found.note(taken.cloud)
+            if taken.eye is not None and len(taken.eye):
+                found.path.append(tuple(taken.eye[0, 0].tolist()))
             for number, stream in enumerate(streams):
                 for cloud in stream.push(self._cloud(taken)):
                     yield number, cloud

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +37,8 @@ class Counts:
     points : in all
     bad, good : those that the truth says; both 0 without
     by_range : (R,) from each of ``RANGES`` on
+    detectors : by who rejects them
+    reasons : by the strongest reason, a number of :func:`.reasons`; those without are not in it
 
     """
 
@@ -44,37 +46,48 @@ class Counts:
     bad: int
     good: int
     by_range: NDArray[np.int64]
+    detectors: Counter[str] = field(default_factory=Counter)
+    reasons: Counter[int] = field(default_factory=Counter)
 
-    def clear(self) -> None:
-        """Count from nothing again."""
-        self.points = self.bad = self.good = 0
-        self.by_range[:] = 0
+    def note(self, verdict: Verdict) -> None:
+        """Count who rejects points, and why."""
+        bits = verdict.detectors[verdict.rejected]
+        for one in DETECTORS.values():
+            if count := int(np.count_nonzero(bits & one.bit)):
+                self.detectors[one.name] += count
+        self.reasons.update(positive(np.bincount(verdict.reason[verdict.rejected])))
+
+
+def positive(counts: NDArray[np.int64]) -> dict[int, int]:
+    """List the numbers from 1 on that were counted."""
+    return {number: int(counts[number]) for number in np.flatnonzero(counts).tolist() if number}
 
 
 class Tally:
     """Counts of all points, and of those that each step of each slider rejects."""
 
-    def __init__(self, sliders: Sequence[Slider], codes: Codes) -> None:
+    def __init__(self, codes: Codes) -> None:
         """Count nothing yet."""
-        self.all = _nothing()
-        self.at = [[_nothing() for _ in slider.values] for slider in sliders]
+        self.all = nothing()
+        self.given = nothing()
+        self.at: list[list[Counts]] = []
         self.clouds: dict[int, int] = {}  # points of each cloud, by its number
-        self.by_cloud: list[list[dict[int, int]]] = [[{} for _ in one.values] for one in sliders]
+        self.by_cloud: list[list[dict[int, int]]] = []
         self.untested = 0
-        # Points that are rejected at the given settings, by who rejects them, and by their reasons.
-        self.detectors: Counter[str] = Counter()
-        self.reasons: Counter[int] = Counter()
         self.scores = np.zeros((2, SCORE_BINS), np.int64)  # of good or unknown points, and of bad
+        self._given_by_cloud: dict[int, int] = {}
         self._codes = codes
         self._truth: list[tuple[NDArray[np.float32], Bools]] = []
 
     def add(self, cloud: ReportCloud) -> None:
-        """Count all points of a cloud."""
+        """Count all points of a cloud, and those rejected at the given settings."""
         score = cloud.verdict.score
-        bad, good = self._split(cloud)
+        bad, good = self.split(cloud)
         _add(self.all, cloud, np.ones(len(score), np.bool_), bad, good)
+        _add(self.given, cloud, cloud.verdict.rejected, bad, good)
+        self.given.note(cloud.verdict)
         self.clouds[cloud.number] = len(score)
-        self._count_reasons(cloud.verdict)
+        self._given_by_cloud[cloud.number] = int(np.count_nonzero(cloud.verdict.rejected))
         known = ~np.isnan(score)
         self.untested += int(np.count_nonzero(~known))
         scaled = np.minimum(score[known], LARGEST_SCORE) * (SCORE_BINS / LARGEST_SCORE)
@@ -85,20 +98,23 @@ class Tally:
             counted = bad | good
             self._truth.append((score[counted], bad[counted]))
 
-    def _count_reasons(self, verdict: Verdict) -> None:
-        bits = verdict.detectors[verdict.rejected]
-        for one in DETECTORS.values():
-            if count := int(np.count_nonzero(bits & one.bit)):
-                self.detectors[one.name] += count
-        numbers, counts = np.unique(verdict.reason[verdict.rejected], return_counts=True)
-        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
-            if number:
-                self.reasons[number] += count
+    def open(self, sliders: Sequence[Slider]) -> None:
+        """Make place for the steps of sliders; what the given one rejects is known."""
+        for slider in sliders:
+            self.at.append([nothing() for _ in slider.values])
+            self.by_cloud.append([{} for _ in slider.values])
+            self.put(len(self.at) - 1, slider.given, self.given, self._given_by_cloud)
 
-    def add_step(self, slider: int, step: int, cloud: ReportCloud, rejected: Bools) -> None:
-        """Count the points of a cloud that a step rejects."""
-        bad, good = self._split(cloud)
-        _add(self.at[slider][step], cloud, rejected, bad, good)
+    def put(self, slider: int, step: int, counts: Counts, by_cloud: dict[int, int]) -> None:
+        """Note what a step rejects."""
+        self.at[slider][step], self.by_cloud[slider][step] = counts, by_cloud
+
+    def add_step(self, slider: int, step: int, cloud: ReportCloud) -> None:
+        """Count the points of a cloud that was judged at a step."""
+        bad, good = self.split(cloud)
+        rejected, counts = cloud.verdict.rejected, self.at[slider][step]
+        _add(counts, cloud, rejected, bad, good)
+        counts.note(cloud.verdict)
         self.by_cloud[slider][step][cloud.number] = int(np.count_nonzero(rejected))
 
     @property
@@ -116,7 +132,7 @@ class Tally:
         counts = self.by_cloud[slider][step]
         return np.array([counts.get(number, 0) for number in clouds], np.int64)
 
-    def _split(self, cloud: ReportCloud) -> tuple[Bools, Bools]:
+    def split(self, cloud: ReportCloud) -> tuple[Bools, Bools]:
         """Return which points are outliers in truth, and which are good; neither without truth."""
         if cloud.code is None:
             nobody = np.zeros(len(cloud.points), np.bool_)
@@ -125,7 +141,8 @@ class Tally:
         return bad & counted, ~bad & counted
 
 
-def _nothing() -> Counts:
+def nothing() -> Counts:
+    """Count no point."""
     return Counts(0, 0, 0, np.zeros(len(RANGES), np.int64))
 
 
@@ -133,5 +150,9 @@ def _add(counts: Counts, cloud: ReportCloud, mask: Bools, bad: Bools, good: Bool
     counts.points += int(np.count_nonzero(mask))
     counts.bad += int(np.count_nonzero(mask & bad))
     counts.good += int(np.count_nonzero(mask & good))
-    bins = np.searchsorted(RANGES, cloud.points.range[mask], side='right') - 1
-    counts.by_range += np.bincount(bins, minlength=len(RANGES))
+    counts.by_range += np.bincount(range_bins(cloud)[mask], minlength=len(RANGES))
+
+
+def range_bins(cloud: ReportCloud) -> NDArray[np.intp]:
+    """Find the one of ``RANGES`` that each point of a cloud lies behind."""
+    return np.searchsorted(RANGES, cloud.points.range, side='right') - 1

@@ -8,6 +8,8 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING
 
+from rclpy.utilities import get_rmw_implementation_identifier
+
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.clocks import DelayClock
@@ -48,7 +50,7 @@ class Channel:
         """Make the filter and the publishers of ``topic``/cleaned and ``topic``/outliers."""
         self.topic = topic
         self.resolved: str = node.resolve_topic_name(topic)
-        self.health = Health()
+        self.health = Health(get_rmw_implementation_identifier())
         self._losses = LossWarning()
         self._node = node
         self._log = node.get_logger()

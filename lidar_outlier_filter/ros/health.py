@@ -25,7 +25,11 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.stream.visibility import SensorView
 
 OK, WARN, ERROR = 0, 1, 2
-ADVICE = 'for large clouds set config/fastdds_large_clouds.xml for both sides'
+# By the name that ROS has for a middleware. Fast DDS is that of Jazzy, where nobody chose another.
+PROFILES = {
+    'rmw_fastrtps_cpp': 'config/fastdds_large_clouds.xml',
+    'rmw_cyclonedds_cpp': 'config/cyclonedds_large_clouds.xml',
+}
 # Of one look, in this order, in the message for plotting.
 PLOTTED = (
     'clouds_per_second',
@@ -130,8 +134,14 @@ class Report:
 class Health:
     """Takes down what happens, from any thread; says it at each look."""
 
-    def __init__(self) -> None:
-        """Begin with nothing."""
+    def __init__(self, middleware: str = 'rmw_fastrtps_cpp') -> None:
+        """Begin with nothing; what is lost on the way is advised on for this middleware."""
+        profile = PROFILES.get(middleware)
+        self._advice = (
+            f'for large clouds set {profile} for both sides'
+            if profile
+            else f'doc/large_clouds.md says what helps with large clouds over {middleware}'
+        )
         self._lock = threading.Lock()
         self._tally = _Tally()
         self._lost = self._dropped = 0  # since the start
@@ -214,7 +224,7 @@ class Health:
         elif tally.dropped:
             self._unanswered += seconds
         waits = max(backlog.oldest, self._unanswered)
-        look = _Look(tally, counts, before, seconds, backlog, self._silent, waits)
+        look = _Look(tally, counts, before, seconds, backlog, self._silent, waits, self._advice)
         complaints = [*look.complaints(limits, max_delay), *((WARN, text) for text in remarks)]
         if view is not None:
             complaints += [(WARN, text) for text in view.complaints(limits)]
@@ -241,6 +251,7 @@ class _Look:
     backlog: Backlog
     silent: float
     waits: float  # seconds that the longest wait for an answer takes already
+    advice: str  # where clouds are lost on the way
 
     @property
     def refused(self) -> int:
@@ -280,10 +291,10 @@ class _Look:
         said = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
         said = f'of {tally.clouds + tally.lost} clouds {said}'
         if tally.lost:
-            said += f' ({ADVICE})'
+            said += f' ({self.advice})'
         silence = f'no cloud for {self.silent:.0f} s'
         if self.backlog.publishers:
-            silence += f', publishers: {self.backlog.publishers} ({ADVICE})'
+            silence += f', publishers: {self.backlog.publishers} ({self.advice})'
         for name, value, text in (
             ('silence', self.silent, silence),
             (

@@ -107,6 +107,8 @@ class Recipe(NamedTuple):
     rounds : trees of both ensembles
     without : features that are left out
     monotone : whether log-odds may only rise with ``RISE``, and only fall with ``FALL``
+    folds : parts of the sensors, each of which is left out once
+    unseen : kinds of sweeps that neither train nor choose the threshold; they are judged
 
     """
 
@@ -114,6 +116,8 @@ class Recipe(NamedTuple):
     rounds: tuple[int, int] = ROUNDS
     without: Collection[str] = ()
     monotone: bool = False
+    folds: int = FOLDS
+    unseen: Collection[str] = ()
 
 
 class _Seen(NamedTuple):
@@ -154,18 +158,18 @@ def train(
     """
     if not any(sweep.outlier.any() for sweep in sweeps if sweep.trains):
         raise FilterError('the training sweeps', 'ones with outliers', 'none')
-    seen = [one for number, sweep in enumerate(sweeps) for one in _look(sweep, number)]
+    seen = [one for number, sweep in enumerate(sweeps) for one in _look(sweep, number, recipe)]
     first, odds = _pass(seen, None, recipe, progress)
     again, results = _pass(seen, odds, recipe, progress)
-    threshold_bright, held_out = _held_out(seen[::2], results[::2])
-    threshold, held_out['without_intensity'] = _held_out(seen[1::2], results[1::2])
-    _, one_pass = _held_out(seen[::2], odds[::2])
+    threshold_bright, held_out = _held_out(seen[::2], results[::2], recipe)
+    threshold, held_out['without_intensity'] = _held_out(seen[1::2], results[1::2], recipe)
+    _, one_pass = _held_out(seen[::2], odds[::2], recipe)
     data = {
         'version': VERSION,
         **about,
         'seed': recipe.seed,
         'uses': _used(_names(again=True), recipe),
-        'sweeps': [sweep.name for sweep in sweeps if sweep.trains],
+        'sweeps': [one.name for one in sweeps if one.trains and one.kind not in recipe.unseen],
         'held_out': held_out,
         'held_out_one_pass': one_pass,
         'doubtful': DOUBTFUL,
@@ -194,7 +198,8 @@ def _pass(
     sensors = list(dict.fromkeys(one.sweep.sensor for one in seen))
     if len(sensors) == 1:
         raise FilterError('the sensors to train on', 'at least 2: each is left out once', 1)
-    folds = [sensors[k::FOLDS] for k in range(min(FOLDS, len(sensors)))]
+    count = min(recipe.folds, len(sensors))
+    folds = [sensors[k::count] for k in range(count)]
     results = [np.empty(0, np.float32)] * len(seen)
     done, steps = again * (len(folds) + 1), 2 * (len(folds) + 1)
     for k, fold in enumerate(folds):
@@ -210,18 +215,20 @@ def _pass(
     return _learn(list(drawn.values()), recipe, again=again), results
 
 
-def _held_out(seen: Sequence[_Seen], odds: Sequence[Singles]) -> tuple[float, dict[str, Any]]:
+def _held_out(
+    seen: Sequence[_Seen], odds: Sequence[Singles], recipe: Recipe
+) -> tuple[float, dict[str, Any]]:
     """Choose a threshold on the sensors left out, and say what it gives."""
     held = [
         judge_at_all(one.sweep.sensor, one.sweep.kind, one.outlier, result)
         for one, result in zip(seen, odds, strict=True)
         if one.sweep.judged
     ]
-    threshold = choose_threshold(held)
+    threshold = choose_threshold([one for one in held if one.kind not in recipe.unseen])
     return threshold, figures(held, threshold)
 
 
-def _look(sweep: Sweep, number: int) -> tuple[_Seen, _Seen]:
+def _look(sweep: Sweep, number: int, recipe: Recipe) -> tuple[_Seen, _Seen]:
     """Look at a sweep with its intensities, and without; by turns, either trains."""
     pattern = find_pattern(sweep.points, spins=True)
     if pattern is None:
@@ -229,10 +236,10 @@ def _look(sweep: Sweep, number: int) -> tuple[_Seen, _Seen]:
     outlier = sweep.outlier[pattern.order[pattern.order >= 0]]
     prepared, unknown = prepare(pattern), np.full_like(pattern.bright, UNKNOWN)
     dark = prepared._replace(pattern=pattern._replace(bright=unknown))
-    even = number % 2 == 0
+    even, trains = number % 2 == 0, sweep.trains and sweep.kind not in recipe.unseen
     return (
-        _Seen(sweep, prepared, outlier, sweep.trains and even),
-        _Seen(sweep, dark, outlier, sweep.trains and not even),
+        _Seen(sweep, prepared, outlier, trains and even),
+        _Seen(sweep, dark, outlier, trains and not even),
     )
 
 

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -113,6 +114,24 @@ def test_another_run_takes_no_lock_first(tmp_path: Path, monkeypatch: pytest.Mon
     with new_files([tmp_path / 'out.csv']) as (hidden,):
         hidden.write_text('whole')
     assert (tmp_path / 'out.csv').read_text() == 'whole'
+
+
+def test_a_worker_that_still_writes_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hidden folder goes at the end, although a file is made in it while it is removed."""
+    unlink = os.unlink
+    with hidden_folder(tmp_path / 'out') as folder:
+        (folder / 'attempt').mkdir()
+        (folder / 'attempt' / 'early').write_bytes(b'')
+
+        def write(*arguments: Any, **options: Any) -> None:
+            with suppress(FileNotFoundError):
+                (folder / 'attempt' / 'late').write_bytes(b'')
+            unlink(*arguments, **options)
+
+        monkeypatch.setattr(os, 'unlink', write)
+    assert names(tmp_path) == []
 
 
 @pytest.mark.usefixtures('renames')

@@ -5,75 +5,40 @@
 from __future__ import annotations
 
 import re
-from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from io import BytesIO
 from itertools import pairwise
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers.browsers import chromium
+from helpers.report_pages import (
+    DESKTOP,
+    LIMIT,
+    PHONE,
+    READY,
+    counted,
+    move,
+    near,
+    opened,
+    pixels,
+    wait_for_drawing,
+)
 from naive import groups as naive
-from PIL import Image
 
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.pack import STEPS, pack
-from lidar_outlier_filter.report.page import MODULES, START, asset, buffers, shell, write_page
+from lidar_outlier_filter.report.page import MODULES, START, asset, buffers, shell
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from numpy.typing import NDArray
     from playwright.sync_api import Browser, Page
 
     from lidar_outlier_filter.report.gather import Gathered
-
-READY = 'html[data-ready=yes]'
-DESKTOP, PHONE = (1280, 900), (390, 844)  # CSS pixels
-LIMIT = 120_000  # milliseconds, of a machine that does much else
-
-
-@pytest.fixture(scope='module')
-def browser() -> Iterator[Browser]:
-    """Start Chromium."""
-    with chromium() as opened:
-        yield opened
-
-
-@pytest.fixture(scope='module')
-def written(found: Gathered, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write their page."""
-    path = tmp_path_factory.mktemp('page') / 'report.html'
-    write_page(found, path)
-    return path
-
-
-@contextmanager
-def opened(
-    browser: Browser, written: Path, size: tuple[int, int], script: str = '', **options: Any
-) -> Iterator[Page]:
-    """Open the page; leave it only if nothing was wrong, and nothing was asked of a network."""
-    wrong: list[str] = []
-    asked: list[str] = []
-    context = browser.new_context(viewport={'width': size[0], 'height': size[1]}, **options)
-    context.set_offline(True)
-    page = context.new_page()
-    page.on('console', lambda message: wrong.append(message.text))
-    page.on('pageerror', lambda error: wrong.append(str(error)))
-    page.on('request', lambda request: asked.append(request.url))
-    if script:
-        page.add_init_script(script)
-    page.goto(written.as_uri())
-    page.wait_for_selector(READY, timeout=LIMIT)
-    yield page
-    context.close()
-    assert wrong == []
-    assert asked == [written.as_uri()]
 
 
 @pytest.fixture(scope='module')
@@ -82,37 +47,6 @@ def desktop(browser: Browser, written: Path) -> Iterator[Page]:
     with opened(browser, written, DESKTOP) as page:
         wait_for_drawing(page)
         yield page
-
-
-def wait_for_drawing(page: Page) -> None:
-    """Wait until all points of the frames that are shown are drawn."""
-    page.wait_for_function('window.report.view().full && !window.report.view().pending')
-
-
-def pixels(page: Page) -> NDArray[np.float64]:
-    """Look at the canvas, (height, width, 3)."""
-    page.evaluate('() => new Promise((done) => requestAnimationFrame(() => done()))')
-    image = Image.open(BytesIO(page.locator('#canvas').screenshot())).convert('RGB')
-    return np.asarray(image, np.float64)
-
-
-def counted(page: Page) -> int:
-    """Read how many points are said to be rejected."""
-    text = page.locator('#count').evaluate('(one) => one.firstChild.textContent')
-    return int(re.sub(r'\D', '', text))
-
-
-def move(page: Page, value: int) -> None:
-    """Move the first slider to a step."""
-    page.locator('#slider-0').evaluate(
-        "(one, value) => { one.value = value; one.dispatchEvent(new Event('input')); }", value
-    )
-
-
-def near(image: NDArray[np.float64], colour: str) -> int:
-    """Count the pixels of a colour."""
-    wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-    return int((np.abs(image - wanted).max(axis=2) < 24).sum())
 
 
 def test_canvas_is_not_empty(desktop: Page) -> None:

@@ -36,7 +36,7 @@ def test_scores_are_counted_in_their_bins() -> None:
     cloud: Any = SimpleNamespace(
         verdict=verdict, points=points(np.zeros((len(score), 3))), code=None, number=0
     )
-    tally = Tally([], CODES)
+    tally = Tally(CODES)
     tally.add(cloud)
     expected = np.zeros(SCORE_BINS, int)
     expected[[0, 1, SCORE_BINS - 1]] = 2, 1, 4

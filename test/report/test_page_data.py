@@ -30,15 +30,14 @@ from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.bags import NewBag
 from lidar_outlier_filter.recordings.info import look
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.report import gather as gathering
-from lidar_outlier_filter.report import keeping
+from lidar_outlier_filter.report import keeping, score_counts
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.header import header, parameter_file, split
 from lidar_outlier_filter.report.pack import SCORE_UNIT, STEPS, UNTESTED, pack, reason_names
 from lidar_outlier_filter.report.page import colour_maps
 from lidar_outlier_filter.report.reasons import MOST_IN_BLOCK, STRONGEST
-from lidar_outlier_filter.report.sliders import BITS, sliders
+from lidar_outlier_filter.report.sliders import BITS, WIDEST, choices, sliders
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
 from lidar_outlier_filter.stream.topics import CLOUD
 from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive
@@ -65,27 +64,45 @@ def test_every_step_counts_what_a_replay_rejects(
 ) -> None:
     """Of the default, whose threshold only divides its score: all from one judging."""
     (slider,) = found.sliders
-    assert len(slider.values) == BITS
+    assert BITS - 3 <= len(slider.values) <= BITS
     for step in range(0, len(slider.values), 3):
         values = {slider.name: slider.values[step]}
         counts = found.tally.at[0][step]
         assert counts.points == replayed(snow, tmp_path / str(step), values)
         bits = found.kept.bits & np.uint32(1 << (slider.first + step))
         assert np.count_nonzero(bits) == counts.points
-    many = [counts.points for counts in found.tally.at[0]]
-    assert many[0] > many[slider.given] > many[-1]
+
+
+def test_scale_of_the_slider_follows_the_scores(found: Gathered) -> None:
+    """From half of the points to none; every step counts others, and none is far from the next."""
+    many = np.array([counts.points for counts in found.tally.at[0]])
+    assert (np.diff(many) < 0).all()
+    assert many[-1] == 0
+    tested = found.tally.all.points - found.tally.untested
+    assert 0.4 * tested < many[0] <= 0.5 * tested
+    (slider,) = found.sliders
+    assert (
+        slider.limits[-2]
+        < np.nanmax(found.kept.score)
+        <= slider.limits[-1]
+        < 1.1 * slider.limits[-2]
+    )
 
 
 def test_steps_that_scores_do_not_say_are_judged(
     found: Gathered, snow: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where every score is as near to a limit as rounding, the answer is the same."""
-    monkeypatch.setattr(gathering, 'ROUNDING', 10.0)
+    monkeypatch.setattr(score_counts, 'ROUNDING', 10.0)
     judged = gather(RecordedSource(snow, FilterParameters()), CAUSES, MOST)
     assert np.array_equal(judged.kept.bits, found.kept.bits)
     for step, other in zip(judged.tally.at[0], found.tally.at[0], strict=True):
         assert (step.points, step.bad, step.good) == (other.points, other.bad, other.good)
-        assert np.array_equal(step.by_range, other.by_range)
+        assert (step.detectors, step.by_range.tolist()) == (
+            other.detectors,
+            other.by_range.tolist(),
+        )
+    assert judged.tally.by_cloud == found.tally.by_cloud
 
 
 @pytest.mark.parametrize(
@@ -251,14 +268,18 @@ def test_gaps_are_those_of_info(tmp_path: Path) -> None:
 
 
 def test_removed_points_are_counted_by_who_and_why(found: Gathered) -> None:
-    """By detector and strongest reason, in words; every feature has a text."""
+    """At every step by detector and strongest reason, in words; every feature has a text."""
     frames = cut(found)
     known = header(found, frames, pack(found, frames))
-    rejected = found.tally.at[0][found.sliders[0].given].points
-    assert known['removed']['detectors'] == [['evidence', rejected]]
-    listed = sum(count for _, _, count in known['removed']['reasons'])
-    assert listed + known['removed']['others'] == rejected
-    assert all(text for _, text, _ in known['removed']['reasons'])
+    (slider,) = known['sliders']
+    for step, counts in enumerate(slider['counts']):
+        assert counts['detectors'] == {'evidence': counts['points']}
+        listed = sum(count for _, count in counts['reasons'])
+        assert listed <= counts['points']
+        # Of what is kept at the given settings no reason is noted.
+        assert listed >= 0.99 * counts['points'] or step < slider['given']
+        assert listed < counts['points'] or step > 0
+        assert all(known['reasonTexts'][number - 1] for number, _ in counts['reasons'])
     features = [(*REASONS, *PROFILE), NAMES, PARTS]
     assert [tuple(texts) for texts in EXPLANATION.ways.values()] == features
     every = [name for names in features for name in names]
@@ -281,7 +302,10 @@ def test_sliders_share_the_bits(count: int) -> None:
     """Any chain: no bit is used twice, and the given value is among the values, in order."""
     chain = ['sor', 'lof', 'quadric', 'elevation', 'hierarchical', 'evidence', 'alpha_beta_gamma']
     parameters = FilterParameters().changed({'chain': chain[:count]})
-    found = sliders(parameters)
+    given = choices(parameters)
+    rng = np.random.default_rng(count)
+    rejected = [np.sort(rng.integers(0, 900, len(one.values)))[::-1] for one in given]
+    found = sliders(given, rejected, 1000)
     used = [one.first + step for one in found for step in range(len(one.values))]
     assert len(used) == len({*used})
     assert max(used) < BITS
@@ -289,12 +313,14 @@ def test_sliders_share_the_bits(count: int) -> None:
         assert slider.values[slider.given] == parameters.flat()[slider.name]
         assert (np.diff(slider.limits) > 0).all()
         assert slider.limits[slider.given] == 1
+        assert slider.limits[0] >= 1 / WIDEST
 
 
 def test_slider_of_a_threshold_of_0() -> None:
     """No factor leads away from 0: other values are there all the same."""
     parameters = FilterParameters().changed({'chain': ['sor'], 'sor.multiplier': 0.0})
-    (slider,) = sliders(parameters)
+    (one,) = choices(parameters)
+    (slider,) = sliders([one], [np.zeros(len(one.values), np.int64)], 1000)
     assert slider.values[0] == 0
     assert len(slider.values) > 5
 

@@ -57,7 +57,7 @@ class Page(NamedTuple):
         address = ('127.0.0.1', self.server.port)
         with closing(socket.create_connection(address, PATIENCE)) as connection:
             # Who is refused may find the door shut before all was said.
-            with suppress(BrokenPipeError, ConnectionResetError):
+            with suppress(OSError):
                 connection.sendall(request.encode('latin-1'))
                 if ended:
                     connection.shutdown(socket.SHUT_WR)

@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from xml.etree import ElementTree as ET
 
 import pytest
+from helpers import ROOT
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import HealthLimits
-from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN, Backlog, Health
+from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, PROFILES, WARN, Backlog, Health
 from lidar_outlier_filter.stream.statistics import Kinds, Statistics
 
 NOTHING = Backlog(0, 0.0, 0)
@@ -130,6 +132,23 @@ def test_errors_of_detectors() -> None:
     assert (values['failures'], plotted['passed']) == ('1', 1)
     health.received(1)
     assert look(health)[0] == OK
+
+
+@pytest.mark.parametrize('middleware', PROFILES)
+def test_the_advice_is_for_the_middleware(middleware: str) -> None:
+    """What helps with large clouds is a file of the package, for each middleware another."""
+    health = Health(middleware)
+    health.lost(1)
+    assert f'(for large clouds set {PROFILES[middleware]} for both sides)' in look(health)[1]
+    assert ET.parse(ROOT / PROFILES[middleware]).getroot() is not None  # noqa: S314  our own
+
+
+def test_another_middleware_has_its_page() -> None:
+    """Where the package has no settings, the page that says what to do is named."""
+    health = Health('rmw_zenoh_cpp')
+    health.lost(1)
+    assert '(doc/large_clouds.md says what helps' in look(health)[1]
+    assert (ROOT / 'doc' / 'large_clouds.md').is_file()
 
 
 def test_what_is_not_filtered() -> None:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import scan_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable
 
     from numpy.typing import NDArray
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.scan_lines import Lines
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
+Known = TypeVar('Known')
 POINTS_AT_ONCE = 1 << 15  # that a thread takes at once, or a line: some milliseconds
 
 
@@ -63,6 +64,7 @@ class Seen:
         self.whole = whole
         self._parameters, self._neighbours = parameters, neighbours
         self._neighbourhood = neighbourhood
+        self._known: dict[Hashable, Any] = {}
 
     @property
     def neighbourhood(self) -> Neighbourhood:
@@ -70,6 +72,16 @@ class Seen:
         if self._neighbourhood is None:
             self._neighbourhood = Neighbourhood(self.points.xyz, self._neighbours, self.threads)
         return self._neighbourhood
+
+    def once(self, name: Hashable, find: Callable[[], Known]) -> Known:
+        """Find something of the points when it is first asked for; nobody may change it.
+
+        The name must say all that it depends on beside the points.
+        """
+        if name not in self._known:
+            self._known[name] = find()
+        known: Known = self._known[name]
+        return known
 
     def without(self, rejected: NDArray[np.bool_]) -> Seen:
         """Return what is left; what is known of its neighbourhood is kept."""

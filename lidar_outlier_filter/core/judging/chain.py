@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.kernels.compiling import SENSORS, sample
 from lidar_outlier_filter.core.verdict import Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from lidar_outlier_filter.core.judging.slow import SaySlow
     from lidar_outlier_filter.core.points.points import Points
@@ -45,6 +45,7 @@ class Chain:
         self.whole = whole
         self.passes = 0  # the most that a detector has needed
         self.ways: Counter[str] = Counter()  # blocks by how a detector judged, where it can choose
+        self.see: Callable[..., Seen] = Seen  # makes what detectors see, of points
         self.slow: SaySlow | None = None  # is called while a detector takes too long
         self.scaled = True  # whether all scores so far were statistics ÷ critical value, no more
         self._detectors = [DETECTORS[name] for name in parameters.chain]
@@ -56,7 +57,7 @@ class Chain:
         parameters = self.parameters
         verdict = Verdict.untested(len(points))
         where = np.arange(len(points))
-        seen = Seen(points, parameters, self._neighbours, whole=self.whole)
+        seen = self.see(points, parameters, self._neighbours, whole=self.whole)
         for detector in self._detectors:
             with watched(detector.name, parameters.max_delay, seen.points, self.slow):
                 found = detector.detect(seen, parameters)

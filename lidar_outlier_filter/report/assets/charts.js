@@ -3,7 +3,8 @@
 
 // Figures as SVG, drawn anew at each step of a slider from exact counts.
 
-import { drawMap } from 'flat';
+import { Map2D } from 'map';
+import { nice } from 'scale';
 
 const SVG = 'http://www.w3.org/2000/svg';
 const WIDTH = 420;
@@ -69,18 +70,16 @@ function decades(most) {
   return { part, ticks };
 }
 
-function nice(most) {
-  const power = 10 ** Math.floor(Math.log10(Math.max(most, 1e-9)));
-  return power * [1, 2, 5, 10].find((factor) => factor * power >= most);
-}
+const THRESHOLD = 'Dashed: the threshold.';
 
 export class Charts {
-  constructor(parent, data) {
+  // `box` is what the map shows, see `Map2D`.
+  constructor(parent, data, box) {
     this.data = data;
     this.header = data.header;
     const header = this.header;
     this.scores = chart(parent, 'Score', header.hasTruth
-      ? 'Points by score. Blue: outliers in truth. Dashed: the threshold.' : 'Points by score. Dashed: the threshold.');
+      ? `Points by score. Blue: outliers in truth. ${THRESHOLD}` : `Points by score. ${THRESHOLD}`);
     if (header.hasRange) {
       this.ranges = chart(parent, 'Range', 'Points by distance from the origin of the clouds; rejected ones in front.');
     }
@@ -91,9 +90,10 @@ export class Charts {
       this.roc = chart(parent, 'ROC', `Outliers found against good points lost. Area ${header.curve.auc.toFixed(4)}.`);
     }
     this.map = chart(parent, 'Map', header.moved || !header.hasFrames
-      ? 'Rejected points from above.' : 'Rejected points from above, in the frame of the clouds.');
+      ? `Rejected points from above${header.path.length ? '; blue: the way of the sensor' : ''}.` : 'Rejected points from above, in the frame of the clouds.');
     this.map.svg.remove();
     this.canvas = document.createElement('canvas');
+    this.plan = new Map2D(this.canvas, data, box, header.path);
     this.canvas.setAttribute('role', 'img');
     this.canvas.setAttribute('aria-label', 'Map of the rejected points, from above');
     this.map.caption.after(this.canvas);
@@ -106,7 +106,7 @@ export class Charts {
     if (this.ranges) this.drawRanges(counts);
     if (this.time) this.drawTime(slider, state);
     if (this.roc) this.drawRoc(slider, state);
-    if (state.box) drawMap(this.canvas, this.data, state.box, state);
+    this.plan.draw(state.bit);
   }
 
   drawScores(slider, state) {
@@ -126,9 +126,13 @@ export class Charts {
       if (part > 0) svg.append(element('rect', { class: 'bad', x, y: up(0) - part, width: width - 0.6, height: part }));
     });
     const limit = slider.limits[state.step];
-    if (limit !== null && limit <= largest && this.header.sliders.length === 1) {
-      const x = across(limit / largest);
+    // In a chain the other detectors stay where they are.
+    const limits = this.header.sliders.length > 1 && limit !== 1 ? [1, limit] : [limit];
+    for (const one of limits) {
+      if (one === null || one > largest) continue;
+      const x = across(one / largest);
       svg.append(element('line', { class: 'limit', x1: x, x2: x, y1: up(0), y2: up(1) }));
+      if (limits.length > 1) svg.append(element('text', { x: x + 4, y: up(1) + (one === 1 ? 10 : 22) }, one === 1 ? 'the others' : slider.detector));
     }
   }
 
@@ -193,20 +197,20 @@ export class Charts {
   }
 }
 
-// What each feature adds, as bars to the right (for a rejection) and to the left (against it), with
-// its name, and what it is.
+// What each feature adds, as bars to the right (for a rejection) and to the left (against it), below
+// what it is; its name is that of clouds and diagnostics.
 export function bars(features) {
-  const each = 36;
+  const each = 38;
   const svg = element('svg', { class: 'bars', viewBox: `0 0 330 ${each * features.length + 4}`, role: 'img' });
-  svg.setAttribute('aria-label', features.map(([[name, text], value]) => `${name}, ${text}: ${value.toFixed(2)}`).join('; '));
+  svg.setAttribute('aria-label', features.map(([[name, text], value]) => `${text} (${name}): ${value.toFixed(2)}`).join('; '));
   const most = Math.max(...features.map(([, value]) => Math.abs(value)), 1e-6);
   features.forEach(([[name, text], value], i) => {
     const y = each * i + 2;
     const width = (Math.abs(value) / most) * 78;
-    svg.append(element('text', { x: 0, y: y + 13 }, name));
-    svg.append(element('rect', { class: value > 0 ? 'for' : 'against', x: value > 0 ? 200 : 200 - width, y: y + 3, width, height: 12, rx: 1.5 }));
-    svg.append(element('text', { class: 'soft', x: 328, y: y + 13, 'text-anchor': 'end' }, `${value > 0 ? '+' : '−'}${Math.abs(value).toFixed(2)}`));
-    svg.append(element('text', { class: 'about', x: 0, y: y + 27 }, text));
+    svg.append(element('text', { x: 0, y: y + 12 }, text));
+    svg.append(element('text', { class: 'about', x: 0, y: y + 26 }, name));
+    svg.append(element('rect', { class: value > 0 ? 'for' : 'against', x: value > 0 ? 200 : 200 - width, y: y + 17, width, height: 11, rx: 1.5 }));
+    svg.append(element('text', { class: 'soft', x: 328, y: y + 27, 'text-anchor': 'end' }, `${value > 0 ? '+' : '−'}${Math.abs(value).toFixed(2)}`));
   });
   return svg;
 }

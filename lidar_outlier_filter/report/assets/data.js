@@ -10,6 +10,9 @@ export const UNTESTED = 1023;
 export const SCORE_UNIT = 256;
 export const LARGEST_SCORE = (UNTESTED - 1) / SCORE_UNIT; // and what is larger
 export const BAD = 2;
+export const ONLY_REJECTED = 2; // what is shown
+export const ONLY_CLEANED = 3;
+export const TRUTH = 5; // of the colours
 export const ROW = 20; // numbers of a point with reasons
 
 export class PageSource {
@@ -102,6 +105,16 @@ export function scoreOf(frame, i) {
 }
 
 export const isRejected = (frame, i, bit) => (frame.words[4 * i + 3] & bit) !== 0;
+
+// The number of the detector that rejects a point: at the given settings, or the one whose slider moved.
+export const detectorOf = (frame, i, stepNumber) => (frame.words[4 * i + 2] >>> 24 & 0xf) || stepNumber;
+
+// Whether a point is drawn; as the shader has it, but for what only lights up.
+export function isShown(frame, i, { bit, show, hidden = 0, stepNumber = 0, mode }) {
+  const missed = mode === TRUTH && (frame.words[4 * i + 2] >>> 28) === BAD;
+  if (!isRejected(frame, i, bit)) return show !== ONLY_REJECTED || missed;
+  return show !== ONLY_CLEANED && !(hidden >>> detectorOf(frame, i, stepNumber) & 1);
+}
 
 // Where the points are, metres, from an even sample: middle and size of 96 % of them, for a view, and
 // of nearly all, for a map; the heights that colours span; half the view's diagonal.

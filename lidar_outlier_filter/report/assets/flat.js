@@ -4,6 +4,7 @@
 // The points where there is no WebGL: a picture from above, and one from the side.
 
 import { position, isRejected } from 'data';
+import { word } from 'map';
 
 const MOST = 300000; // points that are drawn beside the rejected ones
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -20,19 +21,13 @@ export function drawFlat(canvas, data, box, state) {
   context.fillText('from the side', 12, half + 20);
 }
 
-// From above; of the points that are not rejected only some.
-export function drawMap(canvas, data, box, state) {
-  [canvas.width, canvas.height] = [840, 400];
-  paint(canvas, data.frames, box, state.bit, [[1, 0, canvas.height]], '--low', MOST / 5, '--card');
-}
-
 // Pixels one by one: drawing as many squares takes a GPU that is none several seconds. A panel is an
 // axis that points up, its top and its height.
-function paint(canvas, frames, box, bit, panels, other, most, ground = '--ground') {
+function paint(canvas, frames, box, bit, panels, other, most) {
   const context = canvas.getContext('2d');
   const image = context.createImageData(canvas.width, canvas.height);
   const pixels = new Uint32Array(image.data.buffer);
-  pixels.fill(word(colour(ground)));
+  pixels.fill(word(colour('--ground')));
   for (const above of [false, true]) {
     const look = above ? [word(colour('--rejected')), 3] : [word(colour(other)), canvas.width > 800 ? 2 : 1];
     const each = above ? 0 : Math.max(60, Math.floor(most / frames.length));
@@ -41,10 +36,6 @@ function paint(canvas, frames, box, bit, panels, other, most, ground = '--ground
   context.putImageData(image, 0, 0);
   return context;
 }
-
-// A colour as ImageData has it, the red first.
-const word = (text) => (0xff000000 | (parseInt(text.slice(5, 7), 16) << 16)
-  | (parseInt(text.slice(3, 5), 16) << 8) | parseInt(text.slice(1, 3), 16)) >>> 0;
 
 // Of each frame what any step rejects, and at most `each` others.
 function drawPoints(pixels, width, [axis, top, height], box, frames, each, wanted, [shade, size]) {

@@ -12,10 +12,10 @@ const MOVES = [
   ['arrows', 'turn'], ['W A S D', 'fly ahead, left, back, right'], ['Q E', 'fly down, up'], ['+ −', 'zoom'],
   ['1 2 3', 'orbit, top, side'],
 ];
-const POINTER = [['drag', 'turn; right button: move'], ['?', 'these keys']];
+const POINTER = [['drag', 'turn; right button: move'], ['?', 'these keys'], ['Esc', 'close, choose nothing']];
 
-// `more` are the page's own actions by key, `names` how the table lists them.
-export function listenToKeys(view, more, names) {
+// `more` are the page's own actions by key, `names` how the table lists them; `escaped` is called at Escape.
+export function listenToKeys(view, more, names, escaped = () => {}) {
   const at = (id) => document.getElementById(id);
   const actions = {
     ArrowLeft: () => view()?.turn(-TURN, 0), ArrowRight: () => view()?.turn(TURN, 0),
@@ -26,17 +26,22 @@ export function listenToKeys(view, more, names) {
     1: () => setView(view(), 'orbit'), 2: () => setView(view(), 'top'), 3: () => setView(view(), 'side'),
     ...more,
   };
-  const toggle = () => {
-    at('keys').hidden = !at('keys').hidden;
-    at('keys-button').setAttribute('aria-expanded', !at('keys').hidden);
+  const open = (on) => {
+    at('keys').hidden = !on;
+    at('keys-button').setAttribute('aria-expanded', on);
   };
+  const toggle = () => open(at('keys').hidden);
   const rows = [...MOVES, ...names, ...POINTER];
   at('keys').append(node('table', {}, ...rows.map(([key, text]) => node('tr', {}, node('td', {}, key), node('td', {}, text)))));
   at('keys-button').addEventListener('click', toggle);
   document.addEventListener('keydown', (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const { key } = event;
-    if (key === '?') { toggle(); return; }
+    if (key === '?') toggle();
+    if (key === 'Escape') {
+      open(false);
+      escaped();
+    }
     if (document.activeElement !== at('canvas')) return;
     const action = actions[key.length === 1 ? key.toLowerCase() : key];
     if (action) {

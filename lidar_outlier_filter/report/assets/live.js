@@ -17,7 +17,7 @@ const PERIOD = 500; // milliseconds from one question to the next
 const LEVELS = ['OK', 'Warning', 'Error', 'Stale'];
 const KEYS = [['space', 'hold, go on']];
 
-const state = { bit: 1, mode: INTENSITY, show: 0, newest: true, hold: false, last: -1, topic: '', point: null, reasons: [], firstFrame: 0, lastFrame: 0 };
+const state = { bit: 1, mode: INTENSITY, show: 0, size: 2, newest: true, hold: false, last: -1, topic: '', point: null, reasons: [], firstFrame: 0, lastFrame: 0 };
 const data = { header: { intensity: [0, 0], explained: 0, features: [], ways: [] }, frames: [] };
 let view = null;
 let flat = false; // pictures instead: there is no WebGL
@@ -38,7 +38,6 @@ function open() {
   flat = !view;
   if (flat) return;
   view.shared.nearBits.value = 2;
-  view.full = true;
   view.listeners.push((drawn) => {
     const frames = data.frames.slice(state.firstFrame, state.lastFrame + 1);
     const all = frames.reduce((sum, frame) => sum + frame.points, 0);

@@ -38,7 +38,7 @@ export function showPoint(parent, data, point, about) {
     ['verdict', about.rejected ? `rejected${detector ? ` by ${detector.name}` : ''}` : 'kept'],
     ['x, y, z', `${metres(point.position)} m`],
   ];
-  if (about.rejected && point.reason) rows.push(['reason', point.reason]);
+  if (about.rejected && point.reason) rows.push(['reason', `${header.reasonTexts[header.reasons.indexOf(point.reason)]} (${point.reason})`]);
   if (point.truth) rows.push(['truth', point.truth === BAD ? 'outlier' : 'good']);
   if (!Number.isNaN(point.intensity)) rows.push(['intensity', `${point.exact ? '' : 'about '}${Number(point.intensity.toPrecision(4))}`]);
   if (point.exact) rows.push(['time', `${point.time.toFixed(6)} s`]);
@@ -67,17 +67,32 @@ function why(header, point, detector) {
   return text ? [node('p', { class: 'quiet why' }, text)] : [];
 }
 
-// Which detectors reject how many points at the given settings, and for which reasons.
-export function showRemoved(parent, { removed, chain }) {
+// A box to tick: whether what a detector rejects is in the picture.
+function eye({ name, number }, hidden, hide) {
+  const box = node('input', { type: 'checkbox', 'aria-label': `show what ${name} rejects`, title: 'shown in the picture', 'data-detector': name });
+  box.checked = !(hidden >> number & 1);
+  box.addEventListener('change', () => hide(number, !box.checked));
+  return box;
+}
+
+// Which detectors reject how many points at a step of a slider, and for which reasons.
+// `hide` is called to leave out what a detector rejects, in the picture.
+export function showRemoved(parent, header, counts, settings, { hidden, hide }) {
+  const { chain, masked, reasons, reasonTexts } = header;
   const row = (name, text, number) => node('li', {}, node('div', {}, node('b', {}, name), text ? node('small', {}, text) : ''), node('span', {}, count(number)));
-  const found = new Map(removed.detectors);
-  parent.append(node('p', { class: 'quiet' }, 'At the given settings.'));
-  parent.append(node('ul', { class: 'removed' }, ...chain.map((name) => row(name, '', found.get(name) ?? 0))));
-  if (!removed.reasons.length) return;
+  const rows = chain.map((name) => {
+    const made = row(name, '', counts.detectors[name] ?? 0);
+    if (chain.length > 1) made.firstChild.prepend(eye(header.detectors.find((one) => one.name === name), hidden, hide));
+    return made;
+  });
+  if (masked) rows.push(row('mask', 'on the own vehicle; not among the points counted above', masked));
+  parent.replaceChildren(node('p', { class: 'quiet' }, `${settings[0].toUpperCase()}${settings.slice(1)}.`), node('ul', { class: 'removed' }, ...rows));
+  if (!counts.reasons.length) return;
   parent.append(node('h3', {}, 'By the strongest reason'));
-  const reasons = removed.reasons.map(([name, text, number]) => row(name, text, number));
-  if (removed.others) reasons.push(row('others', '', removed.others));
-  parent.append(node('ul', { class: 'removed' }, ...reasons));
+  const known = counts.reasons.map(([number, n]) => row(reasonTexts[number - 1], reasons[number - 1], n));
+  const rest = counts.points - counts.reasons.reduce((sum, [, n]) => sum + n, 0);
+  if (rest) known.push(row('others', 'or kept at the given settings, where no reason is noted', rest));
+  parent.append(node('ul', { class: 'removed' }, ...known));
 }
 
 // The largest groups of rejected points. `settings` says at which settings.
@@ -102,6 +117,13 @@ export function showGroups(parent, about, data, { groups, total }, settings, cho
   }));
 }
 
+function notCounted({ invalid, masked }) {
+  const parts = [];
+  if (invalid) parts.push(`${count(invalid)} missing ${invalid === 1 ? 'return' : 'returns'}, which are nowhere`);
+  if (masked) parts.push(`${count(masked)} on the own vehicle`);
+  return parts.join('; ') || 'none';
+}
+
 export function showFound(parent, header) {
   const rows = [];
   if (header.topic) rows.push(['topic', header.topic]);
@@ -111,8 +133,9 @@ export function showFound(parent, header) {
     const rate = header.period ? `, one in ${Number((1000 * header.period).toPrecision(3))} ms` : '';
     rows.push(['clouds', `${count(header.clouds)}${rate}${header.seconds ? `, ${header.seconds.toFixed(2)} s` : ''}`]);
   }
-  rows.push(['points', `${count(header.points)}, of them ${count(header.invalid)} missing returns and ${count(header.untested)} untested`]);
-  rows.push(['drawn', header.drawn === header.all.points ? 'all valid points'
+  rows.push(['points', `${count(header.all.points)} measured points. Every count and share on this page is of them; ${header.untested ? count(header.untested) : 'none'} of them untested`]);
+  rows.push(['not counted', notCounted(header)]);
+  rows.push(['drawn', header.drawn === header.all.points ? 'all of them'
     : `${count(header.drawn)} of ${count(header.all.points)} (${percent(header.drawn, header.all.points)}): the rejected first, an even sample of the rest; counts are of all`]);
   rows.push(['explained', `${count(header.explained)} points, rejected or near the threshold`]);
   const refused = Object.entries(header.refusals);

@@ -8,10 +8,11 @@ import {
   BufferAttribute, BufferGeometry, DataTexture, GLSL3, NearestFilter, OrbitControls, OrthographicCamera,
   PerspectiveCamera, Points, RawShaderMaterial, RGBAFormat, Scene, Sphere, Vector3, WebGLRenderer,
 } from 'three';
-import { isRejected, measure, position } from 'data';
+import { isRejected, isShown, measure, position } from 'data';
 import { FRAGMENT, MARK_FRAGMENT, MARK_VERTEX, VERTEX } from 'shaders';
+import { Slices, partition, ranges } from 'slices';
 
-const SETTLED = 180; // milliseconds without a move before all points are drawn
+const SETTLED = 180; // milliseconds without a change before the rest of the points follows
 const SOFTWARE = /swiftshader|llvmpipe|software|basic render/i;
 
 export class View {
@@ -19,7 +20,7 @@ export class View {
   constructor(canvas, data) {
     this.canvas = canvas;
     this.data = data;
-    const gl = canvas.getContext('webgl2', { antialias: false, powerPreference: 'high-performance' });
+    const gl = canvas.getContext('webgl2', { antialias: false, powerPreference: 'high-performance', preserveDrawingBuffer: true });
     if (!gl) throw new Error('no WebGL 2');
     this.renderer = new WebGLRenderer({ canvas, context: gl, antialias: false });
     this.renderer.debug.checkShaderErrors = false;
@@ -27,7 +28,7 @@ export class View {
     const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : '';
     this.software = SOFTWARE.test(name);
     this.ratio = this.software ? 1 : Math.min(devicePixelRatio, 2); // pixels of the canvas ÷ those of CSS
-    this.budget = this.software ? 250000 : 4000000; // points while it moves
+    this.slices = new Slices(this.software ? 250000 : 4000000);
     this.scene = new Scene();
     this.frames = { first: 0, last: data.frames.length - 1 };
     Object.assign(this, measure(data));
@@ -39,10 +40,9 @@ export class View {
     for (const camera of [this.perspective, this.flat]) camera.up.set(0, 0, 1);
     this.camera = this.perspective;
     this.controls = new OrbitControls(this.camera, canvas);
-    this.controls.addEventListener('change', () => this.moved());
+    this.controls.addEventListener('change', () => this.draw());
     this.controls.zoomToCursor = true;
     this.listeners = [];
-    this.full = false;
     this.pending = false;
     this.resize();
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
@@ -50,7 +50,7 @@ export class View {
 
   uniforms() {
     const values = {
-      bit: 1, nearBits: 0, mode: 0, show: 0, size: 2 * this.ratio, heights: this.heights,
+      bit: 1, nearBits: 0, hidden: 0, stepNumber: 0, mode: 0, show: 0, size: 2 * this.ratio, heights: this.heights,
       low: new Vector3(), high: new Vector3(), rejectedColour: new Vector3(),
       nearColour: new Vector3(), missedColour: new Vector3(), lostColour: new Vector3(),
       palette: null,
@@ -61,6 +61,7 @@ export class View {
   object(frame) {
     const geometry = new BufferGeometry();
     geometry.setAttribute('position', new BufferAttribute(frame.words, 4));
+    geometry.setIndex(new BufferAttribute(Uint32Array.from({ length: frame.count }, (_, i) => i), 1));
     const near = frame.origin.map((value, a) => value - this.centre[a]);
     const size = frame.step.map((step) => step * 0x1fffff);
     const middle = new Vector3(...near.map((value, a) => value + size[a] / 2));
@@ -73,8 +74,9 @@ export class View {
         unit: { value: new Vector3(...frame.step) },
       },
     });
-    const points = new Points(geometry, material);
+    const points = new Points(geometry, [material]);
     points.matrixAutoUpdate = false;
+    points.userData = { frame, bit: 0, rejected: 0 };
     this.scene.add(points);
     return points;
   }
@@ -90,7 +92,7 @@ export class View {
     const object = this.objects.shift();
     this.scene.remove(object);
     object.geometry.dispose();
-    object.material.dispose();
+    object.material[0].dispose();
   }
 
   mark(size) {
@@ -181,7 +183,7 @@ export class View {
     this.controls.target.set(0, 0, 0);
     this.controls.update();
     this.camera.updateProjectionMatrix();
-    this.moved();
+    this.draw();
   }
 
   flyTo(where, size) {
@@ -197,7 +199,7 @@ export class View {
     this.controls.target.copy(target);
     this.camera.updateProjectionMatrix();
     this.controls.update();
-    this.moved();
+    this.draw();
   }
 
   // Turn by angles, rad.
@@ -210,7 +212,7 @@ export class View {
     offset.set(Math.cos(angle) * Math.cos(slope), Math.sin(angle) * Math.cos(slope), Math.sin(slope));
     this.camera.position.copy(this.controls.target).addScaledVector(offset, away);
     this.controls.update();
-    this.moved();
+    this.draw();
   }
 
   // Fly: ahead, to the right and up, parts of the distance to what is looked at.
@@ -224,7 +226,7 @@ export class View {
     this.camera.position.add(move);
     this.controls.target.add(move);
     this.controls.update();
-    this.moved();
+    this.draw();
   }
 
   zoom(factor) {
@@ -236,17 +238,21 @@ export class View {
       this.camera.position.copy(this.controls.target).add(offset);
     }
     this.controls.update();
-    this.moved();
-  }
-
-  // A picture of some points first, at once; of all of them when nothing has moved for a while.
-  moved() {
-    this.full = false;
-    clearTimeout(this.settling);
     this.draw();
   }
 
+  get full() {
+    return this.slices.done;
+  }
+
+  // A new picture: of some points at once, of all of them when nothing has changed for a while.
   draw() {
+    this.slices.restart();
+    clearTimeout(this.settling);
+    this.soon();
+  }
+
+  soon() {
     if (this.pending) return;
     this.pending = true;
     requestAnimationFrame(() => this.render());
@@ -254,22 +260,34 @@ export class View {
 
   render() {
     this.pending = false;
-    let visible = 0;
-    this.objects.forEach((object, i) => { if (object.visible) visible += this.data.frames[i].count; });
-    const share = this.full ? 1 : Math.min(1, this.budget / Math.max(visible, 1));
-    if (share === 1) this.full = true;
-    let drawn = 0;
-    this.objects.forEach((object, i) => {
-      const frame = this.data.frames[i];
-      const count = frame.marked + Math.ceil((frame.count - frame.marked) * share);
-      object.geometry.setDrawRange(0, count);
-      if (object.visible) drawn += count;
-    });
+    const begins = !this.slices.begun;
+    const visible = this.objects.filter((object) => object.visible);
+    if (begins) visible.forEach((object) => this.sort(object));
+    const all = visible.reduce((sum, { userData }) => sum + userData.frame.count, 0);
+    const rejected = visible.reduce((sum, { userData }) => sum + userData.rejected, 0);
+    const slice = this.slices.next(rejected, all - rejected);
+    for (const { geometry, userData } of visible) {
+      geometry.clearGroups();
+      for (const [first, count] of ranges(userData.frame, userData.rejected, slice)) geometry.addGroup(first, count, 0);
+    }
+    this.renderer.autoClear = begins;
     this.renderer.render(this.scene, this.camera);
     // The pause begins behind the picture, which may take longer itself.
     clearTimeout(this.settling);
-    if (!this.full) this.settling = setTimeout(() => { this.full = true; this.draw(); }, SETTLED);
-    for (const listener of this.listeners) listener(drawn, visible);
+    if (!this.full) this.settling = setTimeout(() => this.soon(), begins ? SETTLED : 0);
+    const [, [some, others]] = slice;
+    for (const listener of this.listeners) listener(Math.ceil(some * rejected + others * (all - rejected)), all);
+  }
+
+  // The rejected points of a frame first, if that is not their order already.
+  sort({ geometry, userData }) {
+    const bit = this.shared.bit.value;
+    if (userData.bit === bit) return;
+    userData.bit = bit;
+    userData.rejected = partition(userData.frame, geometry.index.array, bit);
+    geometry.index.clearUpdateRanges();
+    geometry.index.addUpdateRange(0, userData.frame.marked);
+    geometry.index.needsUpdate = true;
   }
 
   // Wait until the picture is there: drawing only asks for it.
@@ -287,13 +305,27 @@ export class View {
   }
 
   // The point at a pixel of the canvas, CSS pixels: the rejected before others, then the nearest.
-  pick(x, y, bit) {
+  // Of those only that are shown, see `isShown`.
+  pick(x, y, state) {
+    let best = null;
+    let least = Infinity;
+    this.seen(state, (frame, index, [u, v, depth]) => {
+      const d = (u - x) ** 2 + (v - y) ** 2;
+      if (d > 100) return;
+      const cost = d + 20 * depth - (isRejected(this.data.frames[frame], index, state.bit) ? 150 : 0);
+      if (cost < least) { least = cost; best = { frame, index }; }
+    });
+    return best;
+  }
+
+  // Tell of each point that is shown and in front of the eye: its frame, its index, and where it is,
+  // CSS pixels of the canvas and depth. The place is the same array each time.
+  seen(state, tell) {
     const box = this.canvas.getBoundingClientRect();
     this.camera.updateMatrixWorld();
     const m = this.camera.projectionMatrix.clone().multiply(this.camera.matrixWorldInverse).elements;
     const there = [0, 0, 0];
-    let best = null;
-    let least = Infinity;
+    const place = [0, 0, 0];
     for (let f = this.frames.first; f <= this.frames.last; f += 1) {
       const frame = this.data.frames[f];
       for (let i = 0; i < frame.count; i += 1) {
@@ -302,16 +334,34 @@ export class View {
         const py = there[1] - this.centre[1];
         const pz = there[2] - this.centre[2];
         const w = m[3] * px + m[7] * py + m[11] * pz + m[15];
-        if (w <= 0) continue;
-        const u = ((m[0] * px + m[4] * py + m[8] * pz + m[12]) / w + 1) * 0.5 * box.width - x;
-        const v = (1 - (m[1] * px + m[5] * py + m[9] * pz + m[13]) / w) * 0.5 * box.height - y;
-        const d = u * u + v * v;
-        if (d > 100) continue;
-        const depth = ((m[2] * px + m[6] * py + m[10] * pz + m[14]) / w + 1) / 2;
-        const cost = d + 20 * depth - (isRejected(frame, i, bit) ? 150 : 0);
-        if (cost < least) { least = cost; best = { frame: f, index: i }; }
+        if (w <= 0 || !isShown(frame, i, state)) continue;
+        place[0] = ((m[0] * px + m[4] * py + m[8] * pz + m[12]) / w + 1) * 0.5 * box.width;
+        place[1] = (1 - (m[1] * px + m[5] * py + m[9] * pz + m[13]) / w) * 0.5 * box.height;
+        place[2] = ((m[2] * px + m[6] * py + m[10] * pz + m[14]) / w + 1) / 2;
+        tell(f, i, place);
       }
     }
-    return best;
+  }
+
+  // Metres that a CSS pixel has, at what is looked at.
+  get metresPerPixel() {
+    const height = this.canvas.getBoundingClientRect().height || 1;
+    if (this.camera === this.flat) return (2 * this.flat.top) / this.flat.zoom / height;
+    const away = this.camera.position.distanceTo(this.controls.target);
+    return (2 * away * Math.tan((this.perspective.fov * Math.PI) / 360)) / height;
+  }
+
+  // Where the eye is and what it looks at, metres from the middle; and the zoom of a flat view.
+  get pose() {
+    return [...this.camera.position.toArray(), ...this.controls.target.toArray(), this.camera.zoom];
+  }
+
+  set pose(numbers) {
+    this.camera.position.set(...numbers.slice(0, 3));
+    this.controls.target.set(...numbers.slice(3, 6));
+    this.camera.zoom = numbers[6];
+    this.camera.updateProjectionMatrix();
+    this.controls.update();
+    this.draw();
   }
 }

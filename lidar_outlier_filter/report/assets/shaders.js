@@ -9,7 +9,7 @@ precision highp int;
 in uvec4 position;
 uniform mat4 modelViewMatrix, projectionMatrix;
 uniform vec3 origin, unit;
-uniform uint bit, nearBits;
+uniform uint bit, nearBits, hidden, stepNumber;
 uniform int mode, show;
 uniform float size;
 uniform vec2 heights;
@@ -40,7 +40,10 @@ void main() {
     colour = mix(low, high, 0.3);
   }
   vec3 top = rejectedColour;
-  if (mode == DETECTOR) top = texelFetch(palette, ivec2(int((word >> 24) & 0xFu), 2), 0).rgb;
+  // Who rejects it at the given settings; elsewhere the one whose slider has moved.
+  uint number = (word >> 24) & 0xFu;
+  if (number == 0u) number = stepNumber;
+  if (mode == DETECTOR) top = texelFetch(palette, ivec2(int(number), 2), 0).rgb;
   if (mode == REASON) top = texelFetch(palette, ivec2(int((word >> 17) & 0x7Fu), 3), 0).rgb;
   bool above = rejected || (near && show == 1);
   if (mode == TRUTH) {
@@ -55,7 +58,8 @@ void main() {
   vec4 clip = projectionMatrix * modelViewMatrix * vec4(xyz, 1.0);
   // In front of all others, and among themselves in their order.
   if (above) clip.z = -clip.w + (clip.z + clip.w) * 0.001;
-  if ((show == 2 && !above) || (show == 3 && rejected)) clip = vec4(2.0, 2.0, 2.0, 0.5);
+  bool out_ = rejected && ((hidden >> number) & 1u) != 0u;
+  if (out_ || (show == 2 && !above) || (show == 3 && rejected)) clip = vec4(2.0, 2.0, 2.0, 0.5);
   gl_Position = clip;
   dot_ = above ? size * 1.8 + 1.0 : size;
   gl_PointSize = dot_;

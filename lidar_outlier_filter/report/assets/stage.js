@@ -19,8 +19,8 @@ export function openView(data, state) {
     const plain = at('canvas').cloneNode(); // one that had another context has no 2-D
     at('canvas').replaceWith(plain);
     at('shown').textContent = `Pictures only: ${error.message}`;
-    for (const id of ['mode', 'show']) at(id).disabled = true;
-    for (const button of document.querySelectorAll('[data-view]')) button.disabled = true;
+    for (const id of ['mode', 'show', 'size']) at(id).disabled = true;
+    for (const button of document.querySelectorAll('[data-view], [data-tool]')) button.disabled = true;
     return null;
   }
 }
@@ -37,6 +37,13 @@ export function placeRing(view, position) {
   if (there) [at('ring').style.left, at('ring').style.top] = there.map((value) => `${value}px`);
 }
 
+// How wide a point is, CSS pixels.
+export function setSize(view, state, size) {
+  state.size = size;
+  at('size').value = size;
+  view?.set('size', size * view.ratio);
+}
+
 // `on` has what a page does itself: `legend`, `redraw` after other colours, `choose` a point, and
 // `view`, which gives the view once there is one.
 export function listenToStage(data, state, on) {
@@ -47,6 +54,7 @@ export function listenToStage(data, state, on) {
       on.legend();
     });
   }
+  at('size').addEventListener('input', () => setSize(on.view(), state, Number(at('size').value)));
   for (const button of document.querySelectorAll('[data-view]')) {
     button.addEventListener('click', () => setView(on.view(), button.dataset.view));
   }
@@ -54,7 +62,7 @@ export function listenToStage(data, state, on) {
   at('canvas').addEventListener('pointerdown', (event) => { down = [event.offsetX, event.offsetY]; });
   at('canvas').addEventListener('pointerup', (event) => {
     if (!on.view() || !down || Math.hypot(event.offsetX - down[0], event.offsetY - down[1]) > CLICK) return;
-    const found = on.view().pick(event.offsetX, event.offsetY, state.bit);
+    const found = on.view().pick(event.offsetX, event.offsetY, state);
     if (found) on.choose(found.frame, found.index);
   });
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {

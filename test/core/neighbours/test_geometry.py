@@ -142,10 +142,14 @@ def test_no_shape_takes_long(name: str) -> None:
                 break
         return least
 
-    points = shape('street', count)
-    judge(points)
-    longest = LONGEST * seconds(points, 0.0)
+    street = shape('street', count)
+    judge(street)
+    longest = LONGEST * seconds(street, 0.0)
     for one in SHAPES:
         for form in by_line(name) if one in WAVES else ['as scanned']:
-            taken = seconds(FORMS[form](shape(one, count)), longest)
+            points = FORMS[form](shape(one, count))
+            taken = seconds(points, longest)
+            if taken > longest:  # beside other programs: both once more, one after the other
+                longest = LONGEST * seconds(street, 0.0)
+                taken = seconds(points, longest)
             assert taken <= longest, (one, form, taken, longest / LONGEST)

@@ -132,6 +132,19 @@ def test_what_does_not_train_changes_nothing_that_is_learnt() -> None:
     assert {*more['held_out']['weather']} - {*alone['held_out']['weather']} == {'rain'}
 
 
+def test_weather_that_is_left_out_is_judged_only() -> None:
+    """It changes neither trees nor threshold, and its figures are there."""
+    some = sweeps()
+    extra = some[0]._replace(name='more', kind='rain', outlier=~some[0].outlier)
+    recipe = Recipe(1, FEW, unseen=('rain',))
+    alone, more = (json.loads(train(s, {}, recipe).text) for s in (some, [*some, extra]))
+    for name in ('first', 'again', 'sweeps', 'threshold', 'threshold_bright'):
+        assert alone[name] == more[name]
+    assert {*more['held_out']['weather']} == {'dust', 'rain'}
+    known = json.loads(train([*some, extra], {}, Recipe(1, FEW)).text)
+    assert known['first'] != more['first']
+
+
 def test_threshold_and_figures() -> None:
     """The best mean F1 counts, of thresholds that leave clean sweeps alone; sensors count alike."""
     outlier = np.arange(1000) < 300

@@ -9,15 +9,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.parameters import Evidence
+from lidar_outlier_filter.core.detectors.evidence.parameters import (
+    Evidence,
+    SpinningWeights,
+    Weights,
+)
 from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either, judge
 from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import detect as sum_up
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import look_first
+from lidar_outlier_filter.core.detectors.evidence.weighted_sum.surface import K
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.places import typical_scale
 from lidar_outlier_filter.core.points.scan_lines import has_lines, spins
 
 if TYPE_CHECKING:
+    from lidar_outlier_filter.annotations import Bytes, Floats
     from lidar_outlier_filter.core.detectors.evidence.pattern.judge import FoundPattern
     from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -37,13 +44,29 @@ def choose(seen: Seen, parameters: FilterParameters) -> tuple[Way, FoundPattern 
     is_lined = has_lines(points) or points.ring is not None
     if sensor == 'survey' or (seen.whole and not is_lined):
         return Way.SURVEY, None
-    found = find_either(points, sensor, seen.threads)
+    found = seen.once(('pattern', sensor), lambda: find_either(points, sensor, seen.threads))
     if found is not None:
         return Way.PATTERN, found
     if seen.whole and (points.ring is not None or (sensor == 'auto' and not spins(points))):
         # Airborne scanners, and others whose mirrors swing.
         return Way.SURVEY, None
     return Way.SUM, None
+
+
+def find_sum(
+    seen: Seen,
+    parameters: FilterParameters,
+    reason: Bytes | None = None,
+    parts: Floats | None = None,
+) -> Floats:
+    """Score every point by the weighted sum; the first look at them is taken once."""
+    first = None
+    if len(seen.points) > K:
+        hood = seen.neighbourhood
+        weights = parameters.of(Weights), parameters.of(SpinningWeights)
+        name = 'first', parameters.of(Evidence).sensor, parameters.gap_factor, *weights
+        first = seen.once(name, lambda: look_first(hood, seen.points, parameters))
+    return sum_up(seen.neighbourhood, seen.points, parameters, reason, parts, first)
 
 
 def detect(seen: Seen, parameters: FilterParameters) -> Scores:
@@ -56,7 +79,7 @@ def detect(seen: Seen, parameters: FilterParameters) -> Scores:
         return Scores(survey.score(odds, threshold), scaled=True, way=way.value)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None
     if found is None:
-        score = sum_up(seen.neighbourhood, points, parameters, reason)
+        score = find_sum(seen, parameters, reason)
         return Scores(score, reason=reason, way=way.value)
     score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
     return Scores(score, reason=reason, scaled=True, way=way.value)

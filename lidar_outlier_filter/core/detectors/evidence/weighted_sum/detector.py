@@ -42,7 +42,7 @@ spinning sensor have weights of their own, those of a logistic regression on sim
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -76,6 +76,14 @@ if TYPE_CHECKING:
 PARTS = (*FEATURES, 'slanted')  # of a score
 
 
+class FirstLook(NamedTuple):
+    """What the first pass knows of points: the scan, the sensor's weights, the features."""
+
+    scan: Scan
+    weights: Weights
+    features: Features
+
+
 def neighbours() -> int:
     """Return the length of the lists of neighbours that :func:`detect` asks for."""
     return K
@@ -87,6 +95,7 @@ def detect(
     parameters: FilterParameters,
     reason: Bytes | None = None,
     parts: Floats | None = None,
+    first: FirstLook | None = None,
 ) -> Floats:
     """Score every point by the weighted sum of its features.
 
@@ -101,6 +110,7 @@ def detect(
     reason : (N,) is filled with numbers of ``REASON_NAMES``; 0 for points that are not rejected
     parts : (N, 9), of zeros, is filled with what each of ``PARTS`` adds to the score; where their
         sum is negative, the score is 0
+    first : what :func:`look_first` finds of these points, if that is known
 
     Returns
     -------
@@ -129,8 +139,7 @@ def detect(
     score = np.full(len(points), np.nan)
     if len(points) <= K:
         return score
-    scan = see(neighbourhood, points, parameters.gap_factor)
-    weights, result = compute_first(scan, parameters)
+    scan, weights, result = first or look_first(neighbourhood, points, parameters)
     threshold = parameters.of(Evidence).threshold * weights.threshold
     statistic = weigh(result.contributions, _weights(weights)) / threshold
     where = neighbourhood.order
@@ -181,6 +190,14 @@ def _note(
     """Note why points are rejected, if anyone asks."""
     if reason is not None and number is not None:
         reason[where] = np.where(statistic > 1, number, np.uint8(0))
+
+
+def look_first(
+    neighbourhood: Neighbourhood, points: Points, parameters: FilterParameters
+) -> FirstLook:
+    """See more than 20 points, and compute their features; the threshold has no part in it."""
+    scan = see(neighbourhood, points, parameters.gap_factor)
+    return FirstLook(scan, *compute_first(scan, parameters))
 
 
 def compute_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Features]:
