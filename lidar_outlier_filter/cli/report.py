@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.gather import Gathered
     from lidar_outlier_filter.report.sources import Source
 
-MOST_DRAWN = 3_000_000  # points
+MOST_DRAWN = 10_000_000  # points
 
 
 def add_report(commands: Commands) -> None:

@@ -132,7 +132,7 @@ class Keeper:
         )
         self.added += count
         self._held += count
-        if self._held > 2 * self._most or len(self.reasons) > 2 * MOST_REASONS:
+        if self._held > self._most * 5 // 4 or len(self.reasons) > 2 * MOST_REASONS:
             self._thin()
 
     def finish(self) -> Kept:

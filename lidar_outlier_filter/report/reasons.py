@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.report.sliders import Choice
+    from lidar_outlier_filter.report.sliders import SliderValues
 
 NEAR = 0.8  # scores above this are explained, too
 MOST_IN_BLOCK = 2000  # points that are explained of those judged together
@@ -158,7 +158,7 @@ class ExplainingChain(Chain):
 
     """
 
-    def __init__(self, parameters: FilterParameters, possible: Sequence[Choice]) -> None:
+    def __init__(self, parameters: FilterParameters, possible: Sequence[SliderValues]) -> None:
         """Note reasons where a detector of the chain explains its scores."""
         # Under `scores` detectors give the strongest reason, too; no verdict depends on it.
         super().__init__(parameters.changed({'scores': True}))

@@ -62,7 +62,8 @@ class ScoreCounts:
         """Count the points of a cloud."""
         score = cloud.verdict.score.astype(np.float64)
         bins = exceeded(score, self._limits)
-        for column, mask in enumerate((slice(None), bad, good)):
+        every = np.ones(len(bins), np.bool_)
+        for column, mask in enumerate((every, bad, good)):
             self._truth[:, column] += np.bincount(bins[mask], minlength=len(self._truth))
         self._ranges += _crossed(bins, range_bins(cloud), self._ranges.shape)
         self._reasons += _crossed(bins, cloud.verdict.reason, self._reasons.shape)

@@ -25,7 +25,7 @@ MOST_REJECTED = 0.5  # of the tested points: nobody wants to see more than that 
 
 
 @dataclass(frozen=True)
-class Choice:
+class SliderValues:
     """The values that a threshold may have.
 
     Attributes
@@ -45,7 +45,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Slider(Choice):
+class Slider(SliderValues):
     """The steps of one threshold, chosen of its values.
 
     Attributes
@@ -63,13 +63,13 @@ class Slider(Choice):
         return parameters.changed({self.name: self.values[step]})
 
 
-def choices(parameters: FilterParameters) -> tuple[Choice, ...]:
+def choices(parameters: FilterParameters) -> tuple[SliderValues, ...]:
     """List the values of the threshold of each detector of the chain."""
     chain = tuple(dict.fromkeys(parameters.chain))
     return tuple(_choice(detector, parameters) for detector in chain[:BITS])
 
 
-def _choice(detector: str, parameters: FilterParameters) -> Choice:
+def _choice(detector: str, parameters: FilterParameters) -> SliderValues:
     threshold = DETECTORS[detector].threshold(parameters)
     given = float(parameters.flat()[threshold.name])
     middle = threshold.critical(given)
@@ -80,11 +80,11 @@ def _choice(detector: str, parameters: FilterParameters) -> Choice:
     limits = np.array([threshold.critical(value) for value in values])
     with np.errstate(divide='ignore', invalid='ignore'):
         limits = limits / middle
-    return Choice(detector, threshold.name, values, len(stricter), limits)
+    return SliderValues(detector, threshold.name, values, len(stricter), limits)
 
 
 def sliders(
-    given: Sequence[Choice], rejected: Sequence[NDArray[np.int64]], tested: int
+    given: Sequence[SliderValues], rejected: Sequence[NDArray[np.int64]], tested: int
 ) -> tuple[Slider, ...]:
     """Make a slider of each choice, as far as the bits of a point suffice.
 
@@ -110,7 +110,9 @@ def sliders(
     return tuple(made)
 
 
-def _steps(one: Choice, rejected: NDArray[np.int64], tested: int, half: int) -> NDArray[np.intp]:
+def _steps(
+    one: SliderValues, rejected: NDArray[np.int64], tested: int, half: int
+) -> NDArray[np.intp]:
     """Choose values with at most so many on either side of the given one, ascending."""
     stricter, looser = np.arange(one.given)[::-1], np.arange(one.given + 1, len(one.values))
     if not np.isfinite(one.limits[one.given]):

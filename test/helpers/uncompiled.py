@@ -58,7 +58,9 @@ from lidar_outlier_filter.parameters.declaration import walk  # noqa: E402
 from lidar_outlier_filter.parameters.filter import FilterParameters  # noqa: E402
 
 # What a choice needs.
-TOGETHER: dict[str, dict[str, object]] = {'always': {'quadric.start': 'all', 'quadric.surfaces': 1}}
+TOGETHER: dict[str, dict[str, object]] = {
+    model: {'quadric.start': 'all', 'quadric.surfaces': 1} for model in ('always', 'letter')
+}
 SIZES = (1, 7, 48)  # points of clouds that nobody has scanned
 
 

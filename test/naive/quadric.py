@@ -37,6 +37,7 @@ class Rules:
     surfaces: int = 3
     robust: bool = True
     always: bool = False
+    letter: bool = False
 
 
 @dataclass
@@ -76,17 +77,15 @@ class Fit:
 # Models -------------------------------------------------------------------------------------------
 
 
-def row(p: Floats) -> Floats:
-    """B (23), its columns so ordered that the first 4 and 7 are models too; products times √2."""
+def row(p: Floats, r: float) -> Floats:
+    """B (23), its columns so ordered that the first 4 and 7 are models too; products times r."""
     x, y, z = p
-    r = sqrt(2)
     return np.array([1, x, y, z, x * x, r * x * y, y * y, r * x * z, r * y * z, z * z])
 
 
-def gradient(a: Floats, p: Floats) -> Floats:
+def gradient(a: Floats, p: Floats, r: float) -> Floats:
     """Return A (25)-(27)."""
     x, y, z = p
-    r = sqrt(2)
     return np.array(
         [
             a[1] + 2 * a[4] * x + r * a[5] * y + r * a[7] * z,
@@ -138,18 +137,22 @@ def measure_plane(plane: Plane, points: Floats, variance: Floats) -> Fit:
 class Frame:
     """Points in the frame of a plane: x along, y across, z up; the models above a plane."""
 
-    def __init__(self, plane: Plane, points: Floats, variance: Floats) -> None:
-        """Turn points and variances."""
-        turn = plane.axes[::-1]
+    def __init__(
+        self, plane: Plane, points: Floats, variance: Floats, *, letter: bool = False
+    ) -> None:
+        """Turn points and variances; by the letter, not: (19) goes by the axes of the cloud."""
+        turn = np.eye(3) if letter else plane.axes[::-1]
+        self.root = 1.0 if letter else sqrt(2)
+        self.least = 0.0 if letter else LEAST_VARIANCE
         self.points = np.array([turn @ (p - plane.mean) for p in points])
         self.variance = [turn @ d @ turn.T for d in variance]
-        self.rows = np.array([row(p) for p in self.points])
+        self.rows = np.array([row(p, self.root) for p in self.points])
 
     def spread(self, a: Floats, kept: Members) -> tuple[Floats, Floats]:
         """Slopes, and variances (30), which are held at a hundredth of their mean."""
-        steep = [gradient(a, p) for p in self.points]
+        steep = [gradient(a, p, self.root) for p in self.points]
         sigma2 = np.array([g @ d @ g for g, d in zip(steep, self.variance, strict=True)])
-        least = LEAST_VARIANCE * np.mean(sigma2[kept])
+        least = self.least * np.mean(sigma2[kept])
         return np.array([sqrt(g @ g) for g in steep]), np.maximum(sigma2, least)
 
     def step(self, a: Floats, weights: Floats, size: int) -> Step | None:
@@ -355,7 +358,9 @@ class Window:
     def grow(self, start: Members, left: Members, growth: Growth) -> Fit | None:
         """Grow a surface and raise its model as far as it pays."""
         if not self.rules.robust:
-            self.frame = Frame(self.plane(start), self.points, self.variance)
+            self.frame = Frame(
+                self.plane(start), self.points, self.variance, letter=self.rules.letter
+            )
             quadric = self.grow_quadric(start, left, growth)
             if quadric is not None or self.rules.always:
                 return quadric

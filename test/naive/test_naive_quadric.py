@@ -49,11 +49,11 @@ def on_plane(points: Floats) -> Fit:
 def test_row_and_gradient() -> None:
     """Rows are (23) with products times √2, gradients (25)-(27) those of their sum."""
     assert_allclose(
-        naive.row(np.array([2, 3, 5])),
+        naive.row(np.array([2, 3, 5]), np.sqrt(2)),
         [1, 2, 3, 5, 4, 6 * ROOT2, 9, 10 * ROOT2, 15 * ROOT2, 25],
     )
     a = np.array([0, 1, 0, 0, 1, ROOT2 / 2, 1, 0, 0, 3])  # x + x² + xy + y² + 3 z²
-    assert_allclose(naive.gradient(a, np.array([2, 3, 5])), [1 + 4 + 3, 2 + 6, 30])
+    assert_allclose(naive.gradient(a, np.array([2, 3, 5]), np.sqrt(2)), [1 + 4 + 3, 2 + 6, 30])
 
 
 def test_plane() -> None:

@@ -15,9 +15,12 @@ from helpers.profile_scanner import Drive
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.gather import gather
+from lidar_outlier_filter.report.header import header
+from lidar_outlier_filter.report.pack import pack
 from lidar_outlier_filter.report.sources import RecordedSource
 
 if TYPE_CHECKING:
@@ -38,6 +41,14 @@ def test_moved_points(tmp_path: Path) -> None:
     assert found.tally.all.bad == np.count_nonzero(recorded.drive.wrong)
     assert (found.found.moved, found.found.unmoved) == (True, 3)
     assert cut(found).together
+    # The way of the sensor: where its first point was measured from, cloud by cloud.
+    clouds = RecordedClouds(recorded.bag, parameters, with_eyes=True)
+    eyes = [taken.eye[0, 0] for taken in clouds if taken.eye is not None and len(taken.eye)]
+    assert len(eyes) == len(found.found.path) == 3
+    assert np.abs(np.array(found.found.path) - eyes).max() < 0.2
+    assert np.ptp(np.array(found.found.path), axis=0).max() > 0.5
+    frames = cut(found)
+    assert len(header(found, frames, pack(found, frames))['path']) == len(eyes)
 
 
 def test_refused_clouds_are_said(tmp_path: Path) -> None:

@@ -25,36 +25,43 @@ export function findGroups(data, bit) {
   return { groups, total };
 }
 
-function ofPart(data, numbers, bit) {
-  const members = [];
-  const where = [];
+// The rejected points of some frames: the frame and the index of each, and where they are.
+function rejectedOf(data, numbers, bit) {
+  const most = numbers.reduce((sum, number) => sum + data.frames[number].marked, 0);
+  const [frames, indices, where] = [new Int32Array(most), new Int32Array(most), new Float64Array(3 * most)];
   const there = [0, 0, 0];
+  let count = 0;
   for (const number of numbers) {
     const frame = data.frames[number];
     for (let i = 0; i < frame.marked; i += 1) {
-      if (isRejected(frame, i, bit)) {
-        members.push([number, i]);
-        where.push(...position(frame, i, there));
-      }
+      if (!isRejected(frame, i, bit)) continue;
+      where.set(position(frame, i, there), 3 * count);
+      frames[count] = number;
+      indices[count] = i;
+      count += 1;
     }
   }
+  return { frames, indices, where: where.subarray(0, 3 * count) };
+}
+
+function ofPart(data, numbers, bit) {
+  const { frames, indices, where } = rejectedOf(data, numbers, bit);
   const groups = new Map();
   connect(where).forEach((label, m) => {
-    const [number, i] = members[m];
     let group = groups.get(label);
     if (!group) {
       group = { count: 0, low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity], range: Infinity, score: -2 };
       groups.set(label, group);
     }
     group.count += 1;
-    const xyz = where.slice(3 * m, 3 * m + 3);
     for (let a = 0; a < 3; a += 1) {
-      group.low[a] = Math.min(group.low[a], xyz[a]);
-      group.high[a] = Math.max(group.high[a], xyz[a]);
+      const value = where[3 * m + a];
+      group.low[a] = Math.min(group.low[a], value);
+      group.high[a] = Math.max(group.high[a], value);
     }
-    group.range = Math.min(group.range, Math.hypot(...xyz));
-    const score = scoreOf(data.frames[number], i) ?? -1;
-    if (score > group.score) Object.assign(group, { score, frame: number, worst: i });
+    group.range = Math.min(group.range, Math.hypot(where[3 * m], where[3 * m + 1], where[3 * m + 2]));
+    const score = scoreOf(data.frames[frames[m]], indices[m]) ?? -1;
+    if (score > group.score) Object.assign(group, { score, frame: frames[m], worst: indices[m] });
   });
   return [...groups.values()];
 }
@@ -62,7 +69,8 @@ function ofPart(data, numbers, bit) {
 // A number for each point, the same for those of one group. `where` has three numbers for each.
 export function connect(where) {
   const count = where.length / 3;
-  const cells = Float64Array.from(where, (value) => Math.floor(value / CELL));
+  const cells = new Float64Array(where.length);
+  for (let k = 0; k < cells.length; k += 1) cells[k] = Math.floor(where[k] / CELL);
   let size = 16;
   while (size < 2 * count) size *= 2;
   const table = new Int32Array(size).fill(-1); // by cell its first point

@@ -12,7 +12,7 @@ const MOVES = [
   ['arrows', 'turn'], ['W A S D', 'fly ahead, left, back, right'], ['Q E', 'fly down, up'], ['+ −', 'zoom'],
   ['1 2 3', 'orbit, top, side'],
 ];
-const POINTER = [['drag', 'turn; right button: move'], ['?', 'these keys'], ['Esc', 'close, choose nothing']];
+const POINTER = [['drag', 'turn; right button: move'], ['?', 'these keys'], ['Esc', 'close these, put a tool away']];
 
 // `more` are the page's own actions by key, `names` how the table lists them; `escaped` is called at Escape.
 export function listenToKeys(view, more, names, escaped = () => {}) {

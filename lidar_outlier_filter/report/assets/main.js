@@ -198,7 +198,7 @@ function listGroups() {
     state.group = -1;
     state.found = { bit: state.bit, ...findGroups(data, state.bit) };
     groupsAgain();
-  }, 100);
+  }, 300);
 }
 
 function groupsAgain() {

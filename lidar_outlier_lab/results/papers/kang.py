@@ -13,8 +13,10 @@ from lidar_outlier_filter.core.detectors.elevation.detector import body, detect,
 from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.report import percent
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
-from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS
+from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, count
+from lidar_outlier_lab.results.papers.methods import METHODS
 from lidar_outlier_lab.results.papers.published import KANG
 from lidar_outlier_lab.results.papers.side_views import View, draw
 from lidar_outlier_lab.results.samples import simulated
@@ -27,15 +29,17 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.results.samples import Sample
 
 
-LETTER = 'by the letter: x and y, low points'
+LETTER = 'by the letter: histogram, x and y, low points'
+BARE = 'without the histogram: x and y, low points'
 OURS = '`elevation` by default: x and y, both sides, histogram'
-# The first step, the histogram, is left out where nothing is obvious by eye: gap 0.
+SPACE = 'x, y and z, low points'
+# Section 4 applies the histogram in both of its tests. Without it: gap 0.
 READINGS: Mapping[str, Elevation] = {
-    LETTER: Elevation(sides='low', gap=0.0, sigma_floor=1e-6),
-    'x and y, low points, histogram': Elevation(sides='low', sigma_floor=1e-6),
+    LETTER: FilterParameters().changed(METHODS['kang2018']).of(Elevation),
+    BARE: Elevation(sides='low', gap=0.0, sigma_floor=1e-6),
     'x and y, both sides': Elevation(gap=0.0, sigma_floor=1e-6),
     OURS: Elevation(sigma_floor=1e-6),
-    'x, y and z, low points': Elevation(sides='low', gap=0.0, sigma_floor=1e-6, neighbours='space'),
+    SPACE: Elevation(sides='low', gap=0.0, sigma_floor=1e-6, neighbours='space'),
     'x, y and z, low points, histogram': Elevation(
         sides='low', sigma_floor=1e-6, neighbours='space'
     ),
@@ -43,7 +47,8 @@ READINGS: Mapping[str, Elevation] = {
 }
 TABLE = (30, 60)  # neighbours
 CURVE = (5, 10, 20, 30, 45, 60, 90, 120)
-DRAWN = (LETTER, OURS, 'x, y and z, both sides')
+DRAWN = (LETTER, BARE, OURS, 'x, y and z, both sides')
+SURFACES = '`quadric` by default: surfaces through sections'
 STRIP = 60.0  # metres of a side view, across
 
 
@@ -64,11 +69,13 @@ def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress)
         progress(number, 2 * len(areas), f'simulating {area}')
         samples += simulated(area, seed)
     progress(len(areas), 2 * len(areas), 'gross errors')
-    rows, sigmas, views = [], [], []
+    rows, sigmas, views, ranges, surfaces = [], [], [], [], []
     for sample in samples:
         rows += _rows(sample)
         sigmas += _sigmas(sample)
         views.append(_views(sample))
+        ranges += _ranges(sample)
+        surfaces += _surfaces(sample)
     draw(views, folder / 'kang2018_figure_4.png', ('along, m', 'elevation, m'))
     pictures = [_curves(sample, folder) for sample in samples]
     head = (
@@ -87,6 +94,12 @@ def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress)
         'Times of the paper are of a machine of 2018 and of clouds whose size it does not print.',
         '### What makes the standard deviation',
         table(('', 'σ of all M, m', 'σ without the gross errors, m', '3 σ, m'), sigmas),
+        '### Section 4: elevations before and after, m',
+        table(('', 'lowest', 'highest', 'range'), ranges),
+        'The good points are those of the simulation. `gap` is 5 m, so what is nearer than that to '
+        'the next point is left to step (5).',
+        '### Section 4: against a method that fits surfaces',
+        table(('', 'share eliminated', 'gross errors found', 'good points lost', 'time'), surfaces),
         '### Choice of k',
         *(
             paragraphs(image(name, f'Share eliminated against k, {sample.name}'), text)
@@ -141,7 +154,7 @@ def _sigmas(sample: Sample) -> list[Sequence[str]]:
     """Say how much of the standard deviation of M the gross errors make."""
     (xyz,) = sample.clouds
     rows: list[Sequence[str]] = []
-    for name in (LETTER, OURS, 'x, y and z, low points'):
+    for name in (LETTER, BARE, SPACE):
         parameters = READINGS[name]
         low, high = body(xyz[:, 2], parameters.gap, parameters.share)
         left = (xyz[:, 2] >= low) & (xyz[:, 2] <= high)
@@ -150,6 +163,37 @@ def _sigmas(sample: Sample) -> list[Sequence[str]]:
         # Good points keep the neighbours that they have: gross errors may be among them.
         sigma, clean = float(np.std(m, ddof=1)), float(np.std(m[good], ddof=1))
         rows.append((f'{sample.name}: {name}', *(f'{v:.2f}' for v in (sigma, clean, 3 * sigma))))
+    return rows
+
+
+def _ranges(sample: Sample) -> list[Sequence[str]]:
+    """Say between which elevations points are: at first, after the histogram, after all steps."""
+    (xyz,) = sample.clouds
+    z, letter = xyz[:, 2], READINGS[LETTER]
+    low, high = body(z, letter.gap, letter.share)
+    kept = {
+        'before': np.ones(len(z), np.bool_),
+        'after the histogram': (z >= low) & (z <= high),
+        **{f'by the letter, k = {k}': ~judge(xyz, _with(letter, k)).rejected for k in TABLE},
+        'x and y, both sides, histogram, k = 30': ~judge(xyz, READINGS[OURS]).rejected,
+        'good points alone': ~sample.data.bad,
+    }
+    return [
+        (f'{sample.name}: {name}', *(f'{v:.1f}' for v in (*ends, ends[1] - ends[0])))
+        for name, some in kept.items()
+        for ends in [(float(z[some].min()), float(z[some].max()))]
+    ]
+
+
+def _surfaces(sample: Sample) -> list[Sequence[str]]:
+    """Compare with surfaces fitted to the points: the paper's "method based on entity"."""
+    rows: list[Sequence[str]] = []
+    for name, values in ((LETTER, METHODS['kang2018']), (SURFACES, {'chain': ['quadric']})):
+        found = count(sample, values)
+        whole = found.whole
+        shares = (float(found.rejected.mean()), whole.recall.ratio, whole.false_rejections.ratio)
+        cells = (*map(percent, shares), f'{found.seconds:.1f} s')
+        rows.append((f'{sample.name}: {name}', *cells))
     return rows
 
 

@@ -65,6 +65,8 @@ METHODS: Mapping[str, Mapping[str, object]] = MappingProxyType(
         'pirotti2018_lof': {'chain': ['lof'], 'lof.min_pts': 10, 'lof.threshold': 1.1},
         'kang2018': {
             'chain': ['elevation'],
+            'elevation.gap': 5.0,
+            'elevation.share': 0.001,
             'elevation.k': 30,
             'elevation.multiplier': 3.0,
             'elevation.sides': 'low',

@@ -1,19 +1,20 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures 6 to 8 of Pirotti, Ravanelli, Fissore and Masiero (2018): a cloud from images."""
+"""Tables 1 and 2, figures 6 to 8 of Pirotti et al. (2018): a cloud from images."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import poch
 
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
-from lidar_outlier_lab.results.neighbour_curves import CLOSE, STATISTICS
-from lidar_outlier_lab.results.papers import pirotti_buses
+from lidar_outlier_lab.results.neighbour_curves import CLOSE, STATISTICS, statistics
+from lidar_outlier_lab.results.papers import pcl_lof, pirotti_buses
 from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS
 from lidar_outlier_lab.results.papers.published import PIROTTI_CLUSTERED, PIROTTI_LIMITS
 from lidar_outlier_lab.results.papers.roc import NEIGHBOURS, Found, explore
@@ -23,12 +24,34 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Progress
+    from lidar_outlier_filter.annotations import Floats, Progress
+    from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 LAWS: Mapping[str, aerial.Law] = {
     'uniform': aerial.uniform,
     'log-uniform': aerial.log_uniform,
 }
+
+
+PCL, PCL2 = 'PCL-LOFFilter', 'PCL-LOFFilter, LOF2'
+SHOWN = (*STATISTICS, PCL, PCL2)
+PAIRS = (('SOR', 'SOR2'), ('LOF', 'LOF2'), (PCL, PCL2))
+
+
+def with_pcl(near: Neighbourhood, k: int) -> dict[str, Floats]:
+    """Measure every point in the four ways of the paper, and by the code that it names."""
+    factor = pcl_lof.measure(near, k)
+    return {**statistics(near, k), PCL: factor, PCL2: np.abs(factor - np.median(factor))}
+
+
+def mean_distance(k: int, density: float) -> float:
+    """Return the mean distance, metres, to the k nearest of points thrown on a plane.
+
+    ``density`` is their number per square metre. The mean distance to the j-th nearest is
+    Γ(j + 1/2) ÷ Γ(j) ÷ √(π density).
+    """
+    j = np.arange(1, k + 1)
+    return float(np.mean(poch(j, 0.5)) / np.sqrt(np.pi * density))
 
 
 def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress) -> str:
@@ -49,7 +72,7 @@ def _images(seed: int, folder: Path, progress: Progress) -> str:
         progress(index, 2 * len(LAWS), f'a cloud from images, {law} distances')
         (cloud,) = aerial.photogrammetry(seed, None, lambda _: None, draws)
         xyz = np.stack([cloud.points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
-        found[law] = explore(xyz, cloud.points['label'], Cause.CLUSTER)
+        found[law] = explore(xyz, cloud.points['label'], Cause.CLUSTER, measure=with_pcl)
         plots.draw_lines(
             found[law].auc,
             NEIGHBOURS,
@@ -84,6 +107,12 @@ def _images(seed: int, folder: Path, progress: Progress) -> str:
         ),
         '### Thresholds at the best point, and what they find',
         _limits(found),
+        '### Table 1: outliers that are not found, at the best k and threshold',
+        _missed(found),
+        '### Table 2: truth against verdict, at the best k and threshold',
+        _counts(found),
+        '### SOR2 against SOR, LOF2 against LOF',
+        _pairs(found),
         '### Figure 8: medians against k',
         image('pirotti2018_median_sor.png', 'Median of SOR against k'),
         image('pirotti2018_median_lof.png', 'Median of LOF against k'),
@@ -126,20 +155,22 @@ def _limits(found: Mapping[str, Found]) -> str:
         'threshold there',
         'threshold, k = 10',
         'threshold, k = 60',
+        f'clustered found at {percent(CLOSE)} lost, k = 10',
         f'clustered found at {percent(CLOSE)} lost, k = 60',
         f'single found at {percent(CLOSE)} lost, k = 60',
     )
     rows = []
     ten, sixty = NEIGHBOURS.index(10), NEIGHBOURS.index(60)
     for law, got in found.items():
-        for name in STATISTICS:
-            best, limit = got.best(name), got.limit[name]
+        for name in SHOWN:
+            best, limits = got.best(name), got.best_of[name]
             rows.append(
                 (
                     law,
                     name,
                     str(NEIGHBOURS[best]),
-                    *(number(limit[index]) for index in (best, ten, sixty)),
+                    *(number(limits[index].threshold) for index in (best, ten, sixty)),
+                    percent(got.clustered[name][ten]),
                     percent(got.clustered[name][sixty]),
                     percent(got.single[name][sixty]),
                 )
@@ -149,4 +180,70 @@ def _limits(found: Mapping[str, Found]) -> str:
         f'The paper: SOR2 {PIROTTI_LIMITS["SOR2"]} m with k = 60, LOF {PIROTTI_LIMITS["LOF"]} with '
         f'k = 10; of the clustered outliers LOF2 finds {percent(PIROTTI_CLUSTERED["LOF2"])}, SOR2 '
         f'{percent(PIROTTI_CLUSTERED["SOR2"])}, at thresholds of its own.',
+        f'Of points thrown on a plane, {aerial.DENSITY:.0f} to the square metre, the mean distance '
+        f'to the 60 nearest is {mean_distance(60, aerial.DENSITY):.2f} m. On hills and trees it is '
+        'more: see the median of SOR below. The text of the paper says that its threshold of '
+        f'{PIROTTI_LIMITS["SOR2"]} m is this mean distance, of which it is half.',
     )
+
+
+def _missed(found: Mapping[str, Found]) -> str:
+    rows = []
+    for law, got in found.items():
+        for name in SHOWN:
+            best = got.best(name)
+            one = got.best_of[name][best]
+            cells = (
+                cell
+                for share in (one.single, one.clustered)
+                for cell in (f'{share.part:,} of {share.total:,}', percent(share.ratio))
+            )
+            rows.append((law, name, str(NEIGHBOURS[best]), *cells))
+    head = ('distances', 'statistic', 'best k', 'single', 'of them', 'clustered', 'of them')
+    return paragraphs(
+        table(head, rows),
+        'The text of the paper, in words: SOR, SOR2 and LOF2 find almost all single ones, LOF very '
+        'few. Of the clustered ones LOF2 leaves fewest: by the abstract '
+        f'{percent(1 - PIROTTI_CLUSTERED["LOF2"])}, SOR2 {percent(1 - PIROTTI_CLUSTERED["SOR2"])}.',
+    )
+
+
+def _counts(found: Mapping[str, Found]) -> str:
+    rows = []
+    for law, got in found.items():
+        for name in SHOWN:
+            whole = got.best_of[name][got.best(name)].whole
+            counts = (whole.found, whole.missed, whole.lost, whole.kept)
+            shares = (whole.recall.ratio, whole.false_rejections.ratio)
+            rows.append((law, name, *(f'{one:,}' for one in counts), *map(percent, shares)))
+    head = ('distances', 'statistic', 'TP', 'FN', 'FP', 'TN', 'TPR', 'FPR')
+    return table(head, rows)
+
+
+def _pairs(found: Mapping[str, Found]) -> str:
+    """Say what the difference from the median changes: the points far below it."""
+    rows = []
+    for law, got in found.items():
+        for plain, other in PAIRS:
+            for k in (10, 60):
+                index = NEIGHBOURS.index(k)
+                below = got.best_of[plain][index].below
+                rows.append(
+                    (
+                        f'{law}: {other} against {plain}, k = {k}',
+                        *(number(got.auc[name][index]) for name in (plain, other)),
+                        *(percent(got.clustered[name][index]) for name in (plain, other)),
+                        f'{below.total:,}',
+                        f'{below.part:,}',
+                    )
+                )
+    head = (
+        '',
+        'AUC, value',
+        'AUC, difference',
+        f'clustered found at {percent(CLOSE)} lost, value',
+        'the same, difference',
+        'points as far below the median as the best threshold is above',
+        'outliers among them',
+    )
+    return table(head, rows)

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.evaluation.confusion import Confusion, Share, confusion
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.neighbour_curves import CLOSE, statistics
@@ -17,12 +18,31 @@ from lidar_outlier_lab.results.neighbour_curves import CLOSE, statistics
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from lidar_outlier_filter.annotations import Bytes, Floats
+    from lidar_outlier_filter.annotations import Bools, Bytes, Floats
 
     Measure = Callable[[Neighbourhood, int], Mapping[str, Floats]]
 
 NEIGHBOURS = (3, 5, 10, 20, 40, 60, 70, 100, 150, 200)
 SHOWN = (3, 10, 20, 60, 200)  # neighbours whose ROC curves are drawn
+
+
+class AtBest(NamedTuple):
+    """What one statistic with one number of neighbours says at its best threshold.
+
+    Attributes
+    ----------
+    threshold : where recall less false rejections is largest; at least this is rejected
+    whole : of all points
+    single, clustered : outliers of each kind that are kept, of all of the kind
+    below : outliers, of all points, at least as far below the median as the threshold is above it
+
+    """
+
+    threshold: float
+    whole: Confusion
+    single: Share
+    clustered: Share
+    below: Share
 
 
 @dataclass(frozen=True)
@@ -31,8 +51,8 @@ class Found:
 
     Attributes
     ----------
-    auc, limit : of each statistic, for each k; area under the ROC curve, and the threshold where
-        recall less false rejections is largest
+    auc, best_of : of each statistic, for each k; area under the ROC curve, and what the best
+        threshold finds
     clustered, single : of each statistic, for each k; share of these outliers found where
         ``CLOSE`` of the good points are rejected
     median : of SOR and of LOF, for each k
@@ -41,7 +61,7 @@ class Found:
     """
 
     auc: dict[str, list[float]]
-    limit: dict[str, list[float]]
+    best_of: dict[str, list[AtBest]]
     clustered: dict[str, list[float]]
     single: dict[str, list[float]]
     median: dict[str, list[float]]
@@ -70,11 +90,10 @@ def explore(
             found.median.setdefault(name, []).append(float(np.median(values[name])))
         for name, score in values.items():
             roc = curve(bad, score)
-            best = int(np.argmax(roc.recall - roc.false_rejections))
+            found.best_of.setdefault(name, []).append(_at_best(roc, bad, score, one, many))
             close = float(np.quantile(score[~bad], 1 - CLOSE))
             for into, value in (
                 (found.auc, roc.auc),
-                (found.limit, float(roc.threshold[best])),
                 (found.clustered, float(np.mean(score[many] > close))),
                 (found.single, float(np.mean(score[one] > close))),
             ):
@@ -82,3 +101,22 @@ def explore(
             if k in SHOWN:
                 found.curves.setdefault(name, {})[k] = roc
     return found
+
+
+def _at_best(roc: Curve, bad: Bools, score: Floats, single: Bools, clustered: Bools) -> AtBest:
+    """Reject by the threshold of one curve that is best."""
+    threshold = float(roc.threshold[int(np.argmax(roc.recall - roc.false_rejections))])
+    kept = score < threshold
+    below = score <= 2 * float(np.median(score)) - threshold
+    return AtBest(
+        threshold,
+        confusion(bad, ~kept),
+        _share(single, kept),
+        _share(clustered, kept),
+        _share(below, bad),
+    )
+
+
+def _share(of: Bools, which: Bools) -> Share:
+    """Return how many of some points are others, too."""
+    return Share(int(np.sum(of & which)), int(np.sum(of)))

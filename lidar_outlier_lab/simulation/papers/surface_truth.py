@@ -21,7 +21,8 @@ from lidar_outlier_lab.simulation.world.landscape import Plants
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.annotations import Floats, Ints
+    from lidar_outlier_lab.simulation.world.landscape import Landscape
 
 
 # 115 820 points in the paper, σ = 0.22 m; half of the shots into trees go in, 2.5 m on average.
@@ -31,6 +32,7 @@ LEAVES = (0.5, 2.5)
 MATCHING = 0.365  # standard deviation of the surface model, metres, table 2
 SMOOTH = 0.8  # metres over which matching smooths
 GRID = 1.0  # metres between the corners of its triangles
+CHECKS = 128  # points whose heights are measured by hand, in the paper
 FINE = 0.25  # metres between the samples by which the distance to a triangle is found
 BEYOND = 2.0  # standard deviations: "outside the 95 % confidence interval"
 
@@ -45,12 +47,15 @@ class City(NamedTuple):
         Distance from the surface model, metres.
     limit : float
         Points farther than this are outliers, metres.
+    checks : (128,) float64
+        Heights of places chosen by lot over the surface model, metres.
 
     """
 
     xyz: Floats
     residual: Floats
     limit: float
+    checks: Floats
 
     @property
     def bad(self) -> NDArray[np.bool_]:
@@ -72,7 +77,17 @@ def city(seed: int, how: Flight = CITY) -> City:
     height = gaussian_filter(height, SMOOTH / GRID) + MATCHING * rough / rough.std()
     residual = distances(xyz, height, GRID)
     # About the residuals' mean of zero: the mean square is what an interval on both sides has.
-    return City(xyz, residual, BEYOND * float(np.sqrt(np.mean(residual**2))))
+    limit = BEYOND * float(np.sqrt(np.mean(residual**2)))
+    return City(xyz, residual, limit, _checks(land, height, np.random.default_rng([seed, CHECKS])))
+
+
+def _checks(land: Landscape, height: Floats, rng: np.random.Generator) -> Floats:
+    """Measure the top of what stands at some places, and compare it with the surface model."""
+    shape = np.array(height.shape) - 1
+    place = rng.uniform(0.0, 1.0, (CHECKS, 2)) * np.minimum(GRID * shape, land.size)
+    (i, j), (u, v) = np.divmod(place.T / GRID, 1.0)
+    model = _on_triangles(height, i.astype(np.int64), j.astype(np.int64), u, v)
+    return land.look(*place.T).height - model
 
 
 def distances(xyz: Floats, height: Floats, grid: float) -> Floats:
@@ -90,12 +105,17 @@ def distances(xyz: Floats, height: Floats, grid: float) -> Floats:
         i, j = np.nonzero(parts == count)
         u, v = np.meshgrid(*(2 * [np.arange(count + 1) / count]), indexing='ij')
         u, v = u.ravel()[None], v.ravel()[None]
-        a, b = height[i, j][:, None], height[i + 1, j + 1][:, None]
-        c, d = height[i + 1, j][:, None], height[i, j + 1][:, None]
-        # Of the two triangles below and above the diagonal from (0, 0) to (1, 1).
-        z = np.where(u >= v, a + u * (c - a) + v * (b - c), a + v * (d - a) + u * (b - d))
+        z = _on_triangles(height, i[:, None], j[:, None], u, v)
         samples.append(
             np.stack([(i[:, None] + u) * grid, (j[:, None] + v) * grid, z], axis=2).reshape(-1, 3)
         )
     found: Floats = cKDTree(np.concatenate(samples)).query(xyz)[0]
     return found
+
+
+def _on_triangles(height: Floats, i: Ints, j: Ints, u: Floats, v: Floats) -> Floats:
+    """Return the heights at (u, v), 0 to 1, of squares (i, j)."""
+    a, b, c, d = height[i, j], height[i + 1, j + 1], height[i + 1, j], height[i, j + 1]
+    # Of the two triangles below and above the diagonal from (0, 0) to (1, 1).
+    z: Floats = np.where(u >= v, a + u * (c - a) + v * (b - c), a + v * (d - a) + u * (b - d))
+    return z

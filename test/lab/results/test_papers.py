@@ -11,23 +11,51 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers import ROOT
+from naive import pcl_lof as naive
+from numpy.testing import assert_allclose
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.tuning.training import Training
 from lidar_outlier_lab.results.neighbour_curves import statistics
-from lidar_outlier_lab.results.papers import kang, maps, pirotti_buses, roc, side_views
+from lidar_outlier_lab.results.papers import (
+    kang,
+    maps,
+    pcl_lof,
+    pirotti,
+    pirotti_buses,
+    roc,
+    side_views,
+)
 from lidar_outlier_lab.results.papers import sotoodeh_hod as hod
 from lidar_outlier_lab.results.papers import sotoodeh_lof as lof
+from lidar_outlier_lab.results.papers.methods import METHODS
 from lidar_outlier_lab.results.papers.pages import PAGES
 from lidar_outlier_lab.results.papers.published import HIERARCHICAL, LOF
-from lidar_outlier_lab.simulation.papers import aerial, bus_tracks, sotoodeh_clusters
+from lidar_outlier_lab.results.samples import Sample
+from lidar_outlier_lab.simulation.papers import (
+    aerial,
+    bus_tracks,
+    sotoodeh_clusters,
+    surface_truth,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 DOC = ROOT / 'doc' / 'papers'
+# Numbers of a page that no command of ours finds.
+SAID: dict[str, set[str]] = {
+    'kang2018': {'0.27', '0.13', '1.4'},  # of a normal law; of all results
+    'leslar2010': {'0.001'},  # our significance
+    'pirotti2018': {'1.08', '1.12', '0.53'},  # see test_thresholds_of_pcl_lof, test_mean_distance
+    'sotoodeh2006': {'98', '3.69', '2.5', '0.22'},  # all results; 4273 of 115 820; the city
+    'sotoodeh2007': {'656', '0.457', '4.2'},  # 3 of 656; a section
+}
 
 
 @pytest.mark.parametrize('name', PAGES)
@@ -54,6 +82,51 @@ def test_functions_are_there(name: str) -> None:
         resolve_name(f'{package}{path}')
 
 
+def numbers(text: str) -> tuple[set[str], set[str]]:
+    """Return the shares, in percent, and all other numbers with decimals, as they are written."""
+    # "1.7 to 2.8 %", "28, 15 and 3 %": all of them are shares.
+    joined = re.sub(
+        r'(?<=\d)(?=(?:(?:,\s+|\s+(?:and|to|instead\s+of)\s+)\d[\d.]*)+\s%)', ' %', text
+    )
+    shares = set(re.findall(r'(?<![\w.,/=-])(\d+(?:\.\d+)?)\s%', joined))
+    others = set(re.findall(r'(?<![\w.,/=-])(\d+\.\d+)(?!\w|\.\d|\s%)', joined))
+    return shares, others
+
+
+@pytest.mark.parametrize('name', PAGES)
+def test_prose_has_numbers_of_the_tables(name: str) -> None:
+    """What a page argues from is what its command wrote, rounded, or what the paper prints."""
+    text = (DOC / f'{name}.md').read_text(encoding='utf-8')
+    before, begin, rest = text.partition(f'<!-- begin {name}')
+    written, end, after = rest.partition(f'<!-- end {name} -->')
+    assert begin
+    assert end
+    there = [set(map(float, some)) for some in numbers(written.replace('%\n', ''))]
+    there[0] |= {float(cell) for cell in re.findall(r'(?<=\| )\d+\.\d\d(?= \|)', written)}
+    prose = re.sub(
+        r'`[^`\n]*`|\(http[^)]*\)', '', before.partition('## What the paper leaves')[2] + after
+    )
+    stray = [
+        one
+        for some, known in zip(numbers(prose), there, strict=True)
+        for one in some - SAID.get(name, set())
+        if not any(abs(other - float(one)) <= _half(one) for other in known)
+    ]
+    assert stray == []
+
+
+def _half(written: str) -> float:
+    """Return half a unit of the last digit, and a little."""
+    return 0.5000001 * 10.0 ** -len(written.partition('.')[2])
+
+
+def test_numbers() -> None:
+    """Shares in a row, and what is none."""
+    shares, others = numbers('28.3 and 5 %, 1.7 to 2.8 %: 0.20 m, 2596, k = 3, section 3.1, 0.99.')
+    assert shares == {'28.3', '5', '1.7', '2.8'}
+    assert others == {'0.20', '3.1', '0.99'}
+
+
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Pages go to papers/ beside the page of the results; only those that are asked for."""
     page = tmp_path / 'doc' / 'results.md'
@@ -68,8 +141,33 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 
 def test_errors_of_2006() -> None:
-    """They are those that the paper prints, but for its rounding."""
+    """They are those that the paper prints, and where it rounds otherwise its own are shown."""
     assert lof._errors(LOF)[:5] == ('115,820', '3.96 %', '6.95 %', '1.09 %', '3.69 %')
+    assert '| paper, MinPts 20 | 115,820 | 3.96 % | 6.95 % | 1.09 % | 3.68 % |' in lof._table(
+        [], [], 1
+    )
+
+
+def test_tables_of_2006() -> None:
+    """Images, checks of the surface, and the verdict as two by two, each beside the paper's."""
+    assert '| focal length | 153.59 mm | –: no images |' in lof._images()
+    xyz = np.zeros((7, 3))
+    residual = np.array([0.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0])
+    city = surface_truth.City(xyz, residual, 1.0, np.array([-0.5, 0.5, 0.5, 0.5]))
+    text = lof._residuals([city], 5)
+    assert '| manual measurements: paper | 0.126 | 0.365 | 1.774 | – |' in text
+    assert '| 4 places: ours, seed 5 | 0.250 | 0.433 | 0.500 | – |' in text
+    assert '| laser: paper | 0.201 | 1.533 | 7.474 | 3.066 |' in text
+    factor = np.array([1.0, 1.0, 1.0, 1.3, 1.0, 1.3, 1.3])
+    lines = lof._two_by_two([city], [{20: factor}], 5).splitlines()
+    assert lines[2] == '| paper: reference inliers | 109,967 | 1,261 | 111,228 |'
+    assert lines[3] == '| paper: reference outliers | 4,273 | 319 | 4,592 |'
+    assert lines[4] == '| paper: reference all | 114,240 | 1,580 | 115,820 |'
+    assert [line.partition('reference ')[2] for line in lines[5:]] == [
+        'inliers | 3 | 1 | 4 |',
+        'outliers | 1 | 2 | 3 |',
+        'all | 4 | 3 | 7 |',
+    ]
 
 
 def test_table_of_2007() -> None:
@@ -79,11 +177,21 @@ def test_table_of_2007() -> None:
     seen = hod._counts(range(1, 3), 2, cluttered=True)
     assert sum(seen) == counts[0] + counts[2]
     text = hod._table([counts, seen], [counts, seen])
-    assert '| phase 1: paper | 656 | 569 | 3 | 9 | 75 | 0.46 % | 1.37 % |' in text
+    assert '| phase 1: paper | 656 | 569 | 3 | 9 | 75 | 0.45 % | 1.37 % |' in text
     assert '| phase 2: paper | 578 | 565 | 6 | 3 | 4 | 1.04 % | 0.52 % |' in text
     # The slip of the paper: phase 1 leaves 9 outliers, phase 2 sees 7.
     assert HIERARCHICAL[0].missed == 9
     assert HIERARCHICAL[1].outliers == 7
+
+
+def test_other_least_clusters() -> None:
+    """What stays must be as large: the larger, the more inliers go."""
+    rows = [row.split(' | ')[1:] for row in hod._least(range(1, 4)).splitlines()[2:]]
+    lost, left = (np.array([float(row[column].strip(' |')) for row in rows]) for column in (0, 1))
+    assert len(rows) == len(hod.LEAST)
+    assert (np.diff(lost) >= 0).all()
+    assert (np.diff(left) <= 0).all()
+    assert lost[-1] > lost[0]
 
 
 def test_clutter_can_be_lost() -> None:
@@ -100,11 +208,49 @@ def test_clutter_can_be_lost() -> None:
 # Kang ---------------------------------------------------------------------------------------------
 
 
+def test_the_letter_is_one() -> None:
+    """The row of the page is the file of the method, with the histogram that section 4 has."""
+    values = METHODS['kang2018']
+    assert FilterParameters().changed(values).of(Elevation) == kang.READINGS[kang.LETTER]
+    assert kang.READINGS[kang.LETTER].gap > 0
+    page = (DOC / 'kang2018.md').read_text(encoding='utf-8')
+    assert page.count(f'| {kang.LETTER} | ') == 2
+
+
+def floor() -> Sample:
+    """Lay out a floor of 900 points with one far above, one a little above and one below it."""
+    rng = np.random.default_rng(1)
+    xyz = rng.uniform(0, [40, 40, 0.2], (900, 3))
+    xyz[7:10, 2] = 90.0, 4.0, -4.0
+    bad = np.isin(np.arange(900), [7, 8, 9])
+    zeros = np.zeros(900, np.int64)
+    points = Points(xyz, zeros, zeros, np.ones(900, np.bool_))
+    data = Training((points,), bad, ~bad, zeros, 1, streamed=False)
+    return Sample('floor', 1, data, bad.astype(np.int64), timed=False, in_own_frame=False)
+
+
+def test_elevations_before_and_after() -> None:
+    """The histogram takes the far one, the letter the low one, both sides all three."""
+    rows = [row[1:] for row in kang._ranges(floor())]
+    assert rows[0] == ('-4.0', '90.0', '94.0')
+    assert rows[1] == ('-4.0', '4.0', '8.0')
+    assert rows[2] == rows[3] == ('0.0', '4.0', '4.0')
+    assert rows[4] == rows[5] == ('0.0', '0.2', '0.2')
+
+
+@pytest.mark.slow
+def test_against_surfaces() -> None:
+    """Both find what is far from a floor; the letter leaves what is a little above."""
+    rows = kang._surfaces(floor())
+    assert [row[2] for row in rows] == ['66.67 %', '100.00 %']
+    assert [row[0] for row in rows] == [f'floor: {kang.LETTER}', f'floor: {kang.SURFACES}']
+
+
 def test_readings() -> None:
     """The letter takes low points only; in space neighbours are others."""
     rng = np.random.default_rng(1)
     xyz = rng.uniform(0, [40, 40, 0.2], (900, 3))
-    xyz[7, 2], xyz[8, 2] = -9.0, 9.0
+    xyz[7, 2], xyz[8, 2] = -9.0, 4.0
     rejected = {name: kang.judge(xyz, one).rejected for name, one in kang.READINGS.items()}
     assert rejected[kang.LETTER][7]
     assert not rejected[kang.LETTER][8]
@@ -136,10 +282,68 @@ def test_explored() -> None:
     assert found.auc['SOR'] == [1.0, 1.0]
     assert found.best('SOR') == 0
     assert found.single['SOR'] == found.clustered['SOR'] == [1.0, 1.0]
-    assert 30 < found.limit['SOR'][0] < 60
+    best = found.best_of['SOR'][0]
+    assert 30 < best.threshold < 60
+    assert (best.whole.found, best.whole.lost) == (2, 0)
+    assert best.single == best.clustered == (0, 1)
+    assert best.below == (0, 0)
     assert list(found.curves['LOF']) == [3]
     values = statistics(Neighbourhood(xyz, 5), 5)
     assert found.median['LOF'][1] == np.median(values['LOF'])
+
+
+@pytest.mark.parametrize('k', [2, 5, 12])
+def test_pcl_lof_against_loops(k: int) -> None:
+    """The factors are those of its code, loop by loop."""
+    rng = np.random.default_rng(k)
+    xyz = np.concatenate([rng.normal(size=(60, 3)), rng.normal(size=(20, 3)) / 10 + 3, [[9, 9, 9]]])
+    near = Neighbourhood(xyz, 15)
+    assert_allclose(pcl_lof.measure(near, k), naive.factors(xyz.tolist(), k), rtol=1e-12)
+    found = pirotti.with_pcl(near, k)
+    assert tuple(found) == pirotti.SHOWN
+    middle = np.median(found[pirotti.PCL])
+    assert_allclose(found[pirotti.PCL2], np.abs(found[pirotti.PCL] - middle))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('law', 'code', 'equations'), [('uniform', 1.08, 1.04), ('log-uniform', 1.12, 1.06)]
+)
+def test_thresholds_of_pcl_lof(law: str, code: float, equations: float) -> None:
+    """With k = 10 the paper has 1.1: between those of its code, above those of its equations."""
+    (cloud,) = aerial.photogrammetry(101, None, lambda _: None, pirotti.LAWS[law])
+    xyz = np.stack([cloud.points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
+    found = roc.explore(xyz, cloud.points['label'], Cause.CLUSTER, (10,), pirotti.with_pcl)
+    assert round(found.best_of[pirotti.PCL][0].threshold, 2) == code
+    assert round(found.best_of['LOF'][0].threshold, 2) == equations
+
+
+def test_mean_distance() -> None:
+    """On a plane the nearest is 1/2, the second 3/4 of 1 ÷ √density away, on average."""
+    assert pirotti.mean_distance(1, 4.0) == pytest.approx(0.25)
+    assert pirotti.mean_distance(2, 1.0) == pytest.approx((1 / 2 + 3 / 4) / 2)
+    assert round(pirotti.mean_distance(60, aerial.DENSITY), 2) == 0.53
+    rng = np.random.default_rng(1)
+    xyz = np.concatenate([rng.uniform(0, 30, (31 * 900, 2)), np.zeros((31 * 900, 1))], axis=1)
+    inside = (np.abs(xyz[:, :2] - 15) < 13).all(axis=1)
+    measured = statistics(Neighbourhood(xyz, 60), 60)['SOR'][inside].mean()
+    assert pirotti.mean_distance(60, 31.0) == pytest.approx(measured, rel=0.01)
+
+
+def test_tables_of_pirotti() -> None:
+    """What is missed, the four counts, and what lies below the median."""
+    rng = np.random.default_rng(1)
+    xyz = np.concatenate([rng.normal(size=(400, 3)), [[40.0, 0, 0], [0, 60.0, 0]]])
+    code = np.zeros(402, np.uint8)
+    code[400:] = Cause.SINGLE, Cause.CLUSTER
+    got = roc.explore(xyz, code, Cause.CLUSTER, measure=pirotti.with_pcl)
+    found = {'uniform': got}
+    assert '| uniform | SOR | 3 | 0 of 1 | 0.00 % | 0 of 1 | 0.00 % |' in pirotti._missed(found)
+    assert '| uniform | SOR | 2 | 0 | 0 | 400 | 100.00 % | 0.00 % |' in pirotti._counts(found)
+    row = '| uniform: SOR2 against SOR, k = 10 | 1.000 | 1.000 | 100.00 % | 100.00 % | 0 | 0 |'
+    assert row in pirotti._pairs(found)
+    (cell,) = pirotti_buses._rates(roc.Found({'SOR': got.auc['SOR']}, got.best_of, {}, {}, {}, {}))
+    assert cell == '100.00 % (3, 0.00 %)'
 
 
 def test_off_the_line() -> None:

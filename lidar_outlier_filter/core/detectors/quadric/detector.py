@@ -104,7 +104,7 @@ def _sections(
     room = int((tree.last - tree.first)[cores].max()) + quadric_windows.RIM * section
 
     def work(begin: int, end: int) -> tuple[NDArray[np.int64], Floats]:
-        window = empty_window(room, variance.shape[1])
+        window = empty_window(room, variance.shape[1], letter=rules.letter)
         return quadric_windows.judge_sections(
             xyz, variance, tree, levels, cores[begin:end], section, rules, window, score
         )
@@ -131,7 +131,7 @@ def _patches(
     rank[place] = np.arange(len(xyz))
 
     def work(begin: int, end: int) -> None:
-        window = empty_window(nearest.shape[1] + 1, variance.shape[1])
+        window = empty_window(nearest.shape[1] + 1, variance.shape[1], letter=rules.letter)
         quadric_windows.judge_patches(
             xyz, variance, nearest, place, rank, begin, end, rules, window, score
         )
@@ -148,7 +148,8 @@ def _rules(parameters: Quadric) -> Rules:
         parameters.min_points,
         parameters.surfaces,
         parameters.start == 'robust',
-        parameters.model == 'always',
+        parameters.model != 'lowest',
+        parameters.model == 'letter',
     )
 
 

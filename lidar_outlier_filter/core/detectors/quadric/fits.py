@@ -5,7 +5,8 @@
 The three are one model with 4, 7 or 10 of the parameters of (18), nested: the columns of B (23) are
 1, x, y, z, then x², xy, y², then xz, yz, z², where z is the normal of a plane through the points
 (a paraboloid stands on it). Products of two coordinates are multiplied by √2, so that the norm (19)
-is the same whichever way the axes point; a4, a5 and a6 of (18) are √2 times the ones here.
+is the same whichever way the axes point; a4, a5 and a6 of (18) are √2 times the ones here. By the
+letter of the paper they are multiplied by 1, and x, y and z are the axes of the cloud.
 """
 
 from __future__ import annotations
@@ -35,10 +36,8 @@ from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats
 
-ROOT2 = 2**0.5
 ADJUSTMENTS = 10
 CONVERGED = 1e-6  # largest change of a parameter
-LEAST_VARIANCE = 0.01  # of the mean of all: near an edge the gradient vanishes
 
 
 @inner_kernel
@@ -163,17 +162,24 @@ def _variance_along(variance: Floats, x: float, y: float, z: float) -> float:
 
 
 @inner_kernel
+def level(window: Window) -> None:
+    """Turn the frame of the plane into the axes of the cloud."""
+    window.plane[:MEAN] = 0.0
+    window.plane[NORMAL + 2] = window.plane[MIDDLE + 1] = window.plane[LONG] = 1.0
+
+
+@inner_kernel
 def fill_rows(window: Window, n: int) -> None:
     """Fill B (23) of all points, in the frame of the plane."""
-    xyz, plane, rows = window.xyz, window.plane, window.rows
+    xyz, plane, rows, root = window.xyz, window.plane, window.rows, window.root
     for i in range(n):
         a, b, c = xyz[0, i] - plane[MEAN], xyz[1, i] - plane[MEAN + 1], xyz[2, i] - plane[MEAN + 2]
         x = plane[LONG] * a + plane[LONG + 1] * b + plane[LONG + 2] * c
         y = plane[MIDDLE] * a + plane[MIDDLE + 1] * b + plane[MIDDLE + 2] * c
         z = plane[NORMAL] * a + plane[NORMAL + 1] * b + plane[NORMAL + 2] * c
         rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3] = 1.0, x, y, z
-        rows[i, 4], rows[i, 5], rows[i, 6] = x * x, ROOT2 * x * y, y * y
-        rows[i, 7], rows[i, 8], rows[i, 9] = ROOT2 * x * z, ROOT2 * y * z, z * z
+        rows[i, 4], rows[i, 5], rows[i, 6] = x * x, root * x * y, y * y
+        rows[i, 7], rows[i, 8], rows[i, 9] = root * x * z, root * y * z, z * z
 
 
 @inner_kernel
@@ -184,12 +190,13 @@ def measure_gradient(window: Window, n: int) -> None:
     at a hundredth of the mean of the kept points, or those few would decide all.
     """
     a, plane, rows, sigma2 = window.a, window.plane, window.rows, window.sigma2
+    root = window.root
     total, count = 0.0, 0
     for i in range(n):
         x, y, z = rows[i, 1], rows[i, 2], rows[i, 3]
-        u = a[1] + 2 * a[4] * x + ROOT2 * (a[5] * y + a[7] * z)
-        v = a[2] + 2 * a[6] * y + ROOT2 * (a[5] * x + a[8] * z)
-        w = a[3] + 2 * a[9] * z + ROOT2 * (a[7] * x + a[8] * y)
+        u = a[1] + 2 * a[4] * x + root * (a[5] * y + a[7] * z)
+        v = a[2] + 2 * a[6] * y + root * (a[5] * x + a[8] * z)
+        w = a[3] + 2 * a[9] * z + root * (a[7] * x + a[8] * y)
         window.slope[i] = np.sqrt(u * u + v * v + w * w)
         sigma2[i] = _variance_along(
             window.variance[i],
@@ -200,7 +207,7 @@ def measure_gradient(window: Window, n: int) -> None:
         if window.kept[i]:
             total += sigma2[i]
             count += 1
-    least = LEAST_VARIANCE * total / count
+    least = window.least * total / count
     for i in range(n):
         sigma2[i] = max(sigma2[i], least)
 

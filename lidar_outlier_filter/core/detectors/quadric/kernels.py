@@ -18,6 +18,8 @@ PLANE, PARABOLOID, QUADRIC = 4, 7, 10  # parameters, one of which the norm takes
 # each of them. That is a fifth of the time to compile, and saves a tenth of the time to run.
 SIZES = (PLANE, PARABOLOID, QUADRIC)
 BEGIN = (0,)
+ROOT2 = 2**0.5
+LEAST_VARIANCE = 0.01  # of the mean of all: near an edge the gradient vanishes
 HEIGHT = 3  # the column of z
 BORDERED = QUADRIC + 1
 NORMAL, MIDDLE, LONG, MEAN, MOMENTS, WEIGHT = 0, 3, 6, 9, 12, 15  # parts of Window.plane
@@ -31,6 +33,9 @@ class Window(NamedTuple):
 
     Attributes
     ----------
+    root, least : float
+        What products of two coordinates are multiplied by, and the part of the mean variance that
+        none is below: √2 and a hundredth; 1 and 0 are the paper by its letter.
     xyz : (3, M) float64
         Coordinates.
     variance : (M, C) float64
@@ -56,6 +61,8 @@ class Window(NamedTuple):
 
     """
 
+    root: float
+    least: float
     xyz: Floats
     variance: Floats
     rows: Floats
@@ -80,9 +87,11 @@ class Window(NamedTuple):
     vectors: Floats
 
 
-def empty_window(room: int, components: int) -> Window:
+def empty_window(room: int, components: int, *, letter: bool = False) -> Window:
     """Make room for windows of up to so many points, with so many components of variance."""
     return Window(
+        1.0 if letter else ROOT2,
+        0.0 if letter else LEAST_VARIANCE,
         np.zeros((3, room)),
         np.zeros((room, components)),
         np.zeros((room, QUADRIC)),

@@ -36,8 +36,9 @@ class Quadric(Section):
     model: str = declare(
         'lowest',
         'lowest: a plane or a paraboloid where it will do; always: all ten parameters, of whatever '
-        'the window holds (the paper; needs start: all and surfaces: 1).',
-        choices=('lowest', 'always'),
+        'the window holds (the paper); letter: the same with its norm (19), along the axes of the '
+        'cloud. Both need start: all and surfaces: 1.',
+        choices=('lowest', 'always', 'letter'),
     )
     min_points: int = declare(
         12, 'Fewest points that make a surface; with fewer a point stays untested.', '', 11, 1000
@@ -48,6 +49,7 @@ class Quadric(Section):
 
     def check(self) -> None:
         """Refuse a robust start of quadrics that nothing may lower."""
-        if self.model == 'always' and (self.start, self.surfaces) != ('all', 1):
+        if self.model != 'lowest' and (self.start, self.surfaces) != ('all', 1):
             got = f'start: {self.start} and surfaces: {self.surfaces}'
-            raise ParameterError('quadric.model always', 'with start: all and surfaces: 1', got)
+            name = f'quadric.model {self.model}'
+            raise ParameterError(name, 'with start: all and surfaces: 1', got)

@@ -48,6 +48,8 @@ class Rules(NamedTuple):
         Whether a surface begins with the points nearest to a plane; else with all, as a quadric.
     always : bool
         Whether nothing but a quadric is fitted, ambiguous or not, and every window is decided.
+    letter : bool
+        Whether its axes are those of the cloud, as the norm (19) by the letter wants.
 
     """
 
@@ -58,6 +60,7 @@ class Rules(NamedTuple):
     surfaces: int
     robust: bool
     always: bool
+    letter: bool
 
 
 class FittedSurface(NamedTuple):

@@ -21,6 +21,7 @@ from lidar_outlier_filter.core.detectors.quadric.fits import (
     fill_rows,
     fit_plane,
     is_plane,
+    level,
     measure_heights,
     start_algebraic,
     weigh,
@@ -226,6 +227,8 @@ def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface
         for i in range(n):
             window.weight[i] = 1.0 if window.kept[i] else 0.0
         fit_plane(window, BEGIN[0], n)
+        if rules.letter:
+            level(window)
         fill_rows(window, n)
         start = window.kept[:n].copy()
         quadric = _grow_quadric(window, n, rules, growth)
