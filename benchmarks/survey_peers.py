@@ -1,14 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Peers at their best thresholds on clouds without scan lines, beside the default as it is.
+"""Peers at their best thresholds and as they come, on clouds without scan lines, and the default.
 
     scripts/environment python benchmarks/survey_peers.py [--data ../shared/data] [--seeds 501 502]
+    scripts/environment python benchmarks/survey_peers.py --shipped
 
-The peers are the statistical and the radius filter of PDAL (filters.outlier) and of Open3D, and the
-isolated voxels of LAStools (lasnoise), written anew. Each gets the best threshold of every single
-cloud, which nobody knows in the field. Of our detectors the best one is beside them, with its
-defaults. Printed are F1, its mean over the seeds, the least and the most, and the share of the good
-points that is lost.
+The peers are the statistical and the radius filter of PDAL (filters.outlier) and of Open3D, the
+extended local minimum of PDAL (filters.elm), and the isolated voxels of LAStools (lasnoise) and
+lidR (ivf), written anew by their definitions. Each gets the best threshold of every single cloud,
+which nobody knows in the field. With --shipped each has the defaults that it comes with instead;
+lidR's and CloudCompare's statistical filters are beside them. Of our detectors the best one, and
+with --shipped each, is beside them, with its defaults. Printed are F1, its mean over the seeds, the
+least and the most, and the share of the good points that is lost; with --shipped the shares of the
+outliers that are found and of the good points that are lost.
 """
 # ruff: noqa: INP001, T201  a script, no package
 
@@ -38,21 +42,32 @@ MEAN_K, MIN_K = 8, 2  # the defaults of PDAL
 NB_NEIGHBORS, NB_POINTS = 20, 16  # those of the tutorial of Open3D
 VOXELS = 2.0 ** np.arange(-1.0, 8.0)  # sides, typical distances to the eighth neighbour
 FEW = 5  # points in a voxel and the 26 around it, the default of lasnoise
+FEW_IVF, SIDE_IVF = 6, 5.0  # the defaults of lidR
+CELL, DROP = 10.0, 1.0  # metres, the defaults of PDAL's filters.elm
+CELLS, DROPS = (2.0, 5.0, 10.0, 20.0, 50.0), (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # metres
+SIGMAS = {  # neighbours and standard deviations of statistical filters as they come
+    'PDAL, statistical': (8, 2.0),
+    'Open3D, statistical': (19, 2.0),  # 20 with the point itself
+    'lidR, sor': (10, 3.0),
+    'CloudCompare, SOR': (6, 1.0),
+}
+OURS = ('lof', 'sor', 'hierarchical', 'elevation')
 PRESETS = ('kang-urban', 'kang-mountain', 'pirotti-sfm', 'pirotti-fcd', 'sotoodeh-hod')
 
 
 class Best(NamedTuple):
-    """F1, and the share of the good points that is lost."""
+    """F1, the share of the good points that is lost, and that of the outliers that is found."""
 
     f1: float
     lost: float
+    found: float
 
 
 def judged(rejected: Bools, bad: Bools) -> Best:
     """Count what is rejected."""
     both = int((rejected & bad).sum())
     f1 = 2.0 * both / max(int(rejected.sum()) + int(bad.sum()), 1)
-    return Best(f1, float(rejected[~bad].mean()))
+    return Best(f1, float(rejected[~bad].mean()), both / max(int(bad.sum()), 1))
 
 
 def best(score: Floats, bad: Bools) -> Best:
@@ -62,7 +77,8 @@ def best(score: Floats, bad: Bools) -> Best:
     f1 = 2.0 * found / (np.arange(1, len(bad) + 1) + bad.sum())
     last = np.append(np.diff(score[order]) != 0, True)  # equal scores go together
     at = int(np.argmax(np.where(last, f1, 0.0)))
-    return Best(float(f1[at]), float((at + 1 - found[at]) / max(int((~bad).sum()), 1)))
+    lost = (at + 1 - found[at]) / max(int((~bad).sum()), 1)
+    return Best(float(f1[at]), float(lost), float(found[at] / max(int(bad.sum()), 1)))
 
 
 def statistical(xyz: Floats, bad: Bools) -> Best:
@@ -91,7 +107,44 @@ def voxels(xyz: Floats, bad: Bools) -> Best:
     return max(judged(_isolated(xyz, side * typical), bad) for side in VOXELS)
 
 
-def _isolated(xyz: Floats, side: float) -> Bools:
+def low(xyz: Floats, bad: Bools) -> Best:
+    """Reject the extended local minima of cells, at the best of several sides and drops."""
+    found = [_minima(xyz, cell, drop) for cell in CELLS for drop in DROPS]
+    return max(judged(rejected, bad) for rejected in found)
+
+
+def _minima(xyz: Floats, cell: float, drop: float) -> Bools:
+    """In each cell, the lowest points up to the first that is less than ``drop`` below the next."""
+    number = np.floor((xyz[:, :2] - xyz[:, :2].min(axis=0)) / cell).astype(np.int64)
+    order = np.lexsort([xyz[:, 2], number[:, 1], number[:, 0]])
+    own = number[order]
+    begins = np.append(True, (own[1:] != own[:-1]).any(axis=1))
+    rises = np.append(np.diff(xyz[order, 2]) >= drop, False)
+    rises[np.append(begins[1:], True)] = False  # the last of its cell
+    ends = np.flatnonzero(~rises)  # of each run of rises
+    first = np.flatnonzero(begins)[np.cumsum(begins) - 1]
+    rejected = np.zeros(len(xyz), np.bool_)
+    rejected[order] = np.arange(len(xyz)) < ends[np.searchsorted(ends, first)]
+    return rejected
+
+
+def shipped(way: str, xyz: Floats) -> Bools:
+    """Reject as a filter does with the defaults that it comes with, or that its page shows."""
+    if way in SIGMAS:
+        neighbours, sigmas = SIGMAS[way]
+        mean = distances(xyz, neighbours).mean(axis=1)
+        return mean > mean.mean() + sigmas * mean.std(ddof=1)
+    if way == 'PDAL, radius':
+        return distances(xyz, MIN_K)[:, -1] > 1.0
+    if way == 'PDAL, elm':
+        return _minima(xyz, CELL, DROP)
+    if way == 'lidR, ivf':
+        return _isolated(xyz, SIDE_IVF, FEW_IVF)
+    chain = {} if way == 'default' else {'chain': (way,)}
+    return detect_outliers(xyz, parameters={'evidence.sensor': 'survey', **chain}).outlier
+
+
+def _isolated(xyz: Floats, side: float, few: int = FEW) -> Bools:
     voxel = np.floor((xyz - xyz.min(axis=0)) / side).astype(np.int64) + 1
     count = voxel.max(axis=0) + 2
     step = np.array([count[1] * count[2], count[2], 1])
@@ -101,7 +154,7 @@ def _isolated(xyz: Floats, side: float) -> Bools:
         wanted = number + (np.array(offset) - 1) @ step
         at = np.minimum(np.searchsorted(number, wanted), len(number) - 1)
         total += np.where(number[at] == wanted, held[at], 0)
-    return total[inverse] <= FEW
+    return total[inverse] <= few
 
 
 def default(xyz: Floats, bad: Bools) -> Best:
@@ -112,8 +165,7 @@ def default(xyz: Floats, bad: Bools) -> Best:
 
 def ours(xyz: Floats, bad: Bools) -> Best:
     """Judge by each of our detectors that needs no lines, and keep the best."""
-    chains = ('lof', 'sor', 'hierarchical', 'elevation')
-    found = [detect_outliers(xyz, parameters={'chain': (one,)}).outlier for one in chains]
+    found = [detect_outliers(xyz, parameters={'chain': (one,)}).outlier for one in OURS]
     return max(judged(rejected, bad) for rejected in found)
 
 
@@ -124,9 +176,11 @@ WAYS = {
     'PDAL, radius': radius,
     'Open3D, statistical': of_twenty,
     'Open3D, radius': of_sixteen,
+    'PDAL, elm': low,
     'voxels': voxels,
 }
-PEERS = [name for name in WAYS if name not in {'default', 'best of ours'}]
+SHIPPED = ('default', *OURS, *SIGMAS, 'PDAL, radius', 'PDAL, elm', 'lidR, ivf')
+WITH_US = {'default', 'best of ours', *OURS}
 
 
 def clouds(data: Path, presets: list[str], seeds: list[int]) -> Iterator[tuple[str, Floats, Bools]]:
@@ -144,6 +198,12 @@ def _positions(sample: Sample) -> Floats:
     return np.concatenate([cloud.xyz for cloud in sample.data.clouds])
 
 
+def of_shipped(found: list[Best]) -> str:
+    """Write what is found and lost, percent, means of all seeds."""
+    shares = [(one.found, one.lost) for one in found]
+    return ' / '.join(f'{100 * share:.2g}' for share in np.mean(shares, axis=0))
+
+
 def cell(found: list[Best]) -> str:
     """Write the mean F1, the least and the most where there are several, and what is lost."""
     f1, lost = [one.f1 for one in found], 100 * np.mean([one.lost for one in found])
@@ -154,7 +214,9 @@ def cell(found: list[Best]) -> str:
 def worse(name: str, row: dict[str, list[Best]]) -> str | None:
     """Say which peers have a higher mean F1 than the default; None: no one."""
     f1 = {way: float(np.mean([one.f1 for one in found])) for way, found in row.items()}
-    better = [f'{peer} {f1[peer]:.3f}' for peer in PEERS if f1[peer] > f1['default']]
+    better = [
+        f'{way} {one:.3f}' for way, one in f1.items() if way not in WITH_US and one > f1['default']
+    ]
     return f'`{name}`: default {f1["default"]:.3f}; {", ".join(better)}' if better else None
 
 
@@ -164,17 +226,21 @@ def main() -> None:
     parser.add_argument('--data', type=Path, default=Path('../shared/data'), metavar='DIR')
     parser.add_argument('--seeds', type=int, nargs='+', default=[501, 502], metavar='N')
     parser.add_argument('--presets', nargs='*', choices=PRESETS, default=PRESETS, metavar='P')
+    parser.add_argument('--shipped', action='store_true', help='peers with their defaults')
     options = parser.parse_args()
+    ways = SHIPPED if options.shipped else tuple(WAYS)
     rows: dict[str, dict[str, list[Best]]] = {}
     for name, xyz, bad in clouds(options.data, options.presets, options.seeds):
-        row = rows.setdefault(name, {way: [] for way in WAYS})
-        for way, judge in WAYS.items():
-            row[way].append(judge(xyz, bad))
+        row = rows.setdefault(name, {way: [] for way in ways})
+        for way in ways:
+            one = judged(shipped(way, xyz), bad) if options.shipped else WAYS[way](xyz, bad)
+            row[way].append(one)
         print(name, {way: round(found[-1].f1, 3) for way, found in row.items()}, file=sys.stderr)
-    print('| cloud |', ' | '.join(WAYS), '|')
-    print('| --- |', ' | '.join('---:' for _ in WAYS), '|')
+    print('| cloud |', ' | '.join(ways), '|')
+    print('| --- |', ' | '.join('---:' for _ in ways), '|')
     for name, row in rows.items():
-        print(f'| `{name}` |', ' | '.join(cell(found) for found in row.values()), '|')
+        write = of_shipped if options.shipped else cell
+        print(f'| `{name}` |', ' | '.join(write(found) for found in row.values()), '|')
     for sentence in filter(None, (worse(name, row) for name, row in rows.items())):
         print(f'\n* {sentence}')
 
