@@ -69,8 +69,8 @@ def row(kind: str, known: dict[str, Any], unseen: dict[str, Any]) -> list[str]:
         f'{known["f1"]:.2f}',
         f'{unseen["f1"]:.2f}',
         f'{unseen["best_f1"]:.2f}',
-        f'{known["lost"]:.2%}',
-        f'{unseen["lost"]:.2%}',
+        f'{100 * known["lost"]:.2f} %',
+        f'{100 * unseen["lost"]:.2f} %',
     ]
 
 
