@@ -30,7 +30,8 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenes, 'STREETS', ())
     monkeypatch.setattr(scenes, 'OF_EACH', 1)
     monkeypatch.setattr(scenes, 'WEATHERS', {'dust': WEATHERS['dust']})
-    monkeypatch.setattr(train.Recipe.__new__, '__defaults__', (1, (3, 4), (), False))
+    seed, _, *others = train.Recipe.__new__.__defaults__ or ()
+    monkeypatch.setattr(train.Recipe.__new__, '__defaults__', (seed, (3, 4), *others))
 
 
 def sensor(recordings: Path, name: str) -> scenes.CleanRecording:
