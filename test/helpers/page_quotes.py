@@ -137,7 +137,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             Quote(
                 SHORTLY,
                 'sensor left out | F1 | intensities hidden |\n| --- | ---: | ---: |\n{weather}\n\n'
-                'Clean recordings in dry air',
+                'Does it need to have seen the weather?',
             ),
             Quote(
                 SHORTLY,
