@@ -31,7 +31,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.elevation.ground import heights
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
@@ -118,6 +117,9 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
 
 def _above_ground(xyz: Floats, parameters: Elevation) -> Floats:
     """Score heights above the ground, and depths below it."""
+    # SciPy's filters take a third of a second to import, and neighbours need none of them.
+    from lidar_outlier_filter.core.detectors.elevation.ground import heights  # noqa: PLC0415
+
     height = heights(xyz, parameters.cell, parameters.widest, parameters.slope)
     above, below = height, -parameters.depth_counts * height
     sides = {'high': above, 'low': below, 'both': np.maximum(above, below)}
