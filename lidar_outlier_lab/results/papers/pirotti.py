@@ -21,11 +21,12 @@ from lidar_outlier_lab.results.papers.roc import NEIGHBOURS, Found, explore
 from lidar_outlier_lab.simulation.papers import aerial
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from lidar_outlier_filter.annotations import Floats, Progress
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    from lidar_outlier_lab.results.papers.roc import AtBest
 
 LAWS: Mapping[str, aerial.Law] = {
     'uniform': aerial.uniform,
@@ -187,18 +188,26 @@ def _limits(found: Mapping[str, Found]) -> str:
     )
 
 
-def _missed(found: Mapping[str, Found]) -> str:
-    rows = []
+def _at_best(found: Mapping[str, Found]) -> Iterator[tuple[str, str, int, AtBest]]:
+    """Give each law and statistic with its best number of neighbours, and what that finds."""
     for law, got in found.items():
         for name in SHOWN:
             best = got.best(name)
-            one = got.best_of[name][best]
-            cells = (
+            yield law, name, NEIGHBOURS[best], got.best_of[name][best]
+
+
+def _missed(found: Mapping[str, Found]) -> str:
+    rows = [
+        (
+            *(law, name, str(k)),
+            *(
                 cell
                 for share in (one.single, one.clustered)
                 for cell in (f'{share.part:,} of {share.total:,}', percent(share.ratio))
-            )
-            rows.append((law, name, str(NEIGHBOURS[best]), *cells))
+            ),
+        )
+        for law, name, k, one in _at_best(found)
+    ]
     head = ('distances', 'statistic', 'best k', 'single', 'of them', 'clustered', 'of them')
     return paragraphs(
         table(head, rows),
@@ -210,12 +219,11 @@ def _missed(found: Mapping[str, Found]) -> str:
 
 def _counts(found: Mapping[str, Found]) -> str:
     rows = []
-    for law, got in found.items():
-        for name in SHOWN:
-            whole = got.best_of[name][got.best(name)].whole
-            counts = (whole.found, whole.missed, whole.lost, whole.kept)
-            shares = (whole.recall.ratio, whole.false_rejections.ratio)
-            rows.append((law, name, *(f'{one:,}' for one in counts), *map(percent, shares)))
+    for law, name, _, one in _at_best(found):
+        whole = one.whole
+        counts = (whole.found, whole.missed, whole.lost, whole.kept)
+        shares = (whole.recall.ratio, whole.false_rejections.ratio)
+        rows.append((law, name, *(f'{count:,}' for count in counts), *map(percent, shares)))
     head = ('distances', 'statistic', 'TP', 'FN', 'FP', 'TN', 'TPR', 'FPR')
     return table(head, rows)
 
