@@ -169,11 +169,11 @@ def lost(name: str, setting: Mapping[str, str], size: int, count: int, kind: str
     with (
         subprocess.Popen(  # noqa: S603  ours
             [*call, 'listen'], env=env, stdout=subprocess.PIPE, text=True
-        ) as ear,
+        ) as listener,
         subprocess.Popen([*call, 'send'], env=env) as sensor,  # noqa: S603  ours
     ):
-        said, _ = ear.communicate()
-        if sensor.wait() or ear.returncode:
+        said, _ = listener.communicate()
+        if sensor.wait() or listener.returncode:
             sys.exit('both processes must end well, got another exit status')
     return 1 - int(said) / count
 

@@ -141,9 +141,8 @@ def _judge_steps(  # noqa: PLR0913  what a second reading adds to
     """Judge the clouds at some steps; count, and write the bits of the points that are kept."""
     if not missing:
         return
-    # Under `scores` detectors give reasons.
-    telling = source.parameters.changed({'scores': True})
-    chains = [Chain(given[one].changed(telling, step)) for one, step in missing]
+    with_reasons = source.parameters.changed({'scores': True})
+    chains = [Chain(given[one].changed(with_reasons, step)) for one, step in missing]
     sight = SharedSight()
     for chain in chains:
         chain.see = sight
