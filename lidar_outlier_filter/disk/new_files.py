@@ -37,7 +37,9 @@ _NOT_KNOWN = {errno.ENOSYS, errno.EINVAL, errno.ENOTSUP}  # to an old kernel, or
 if sys.platform != 'win32':
     import fcntl
 LOCK = '.lock-of-the-run'
-YOUNG = 60.0  # seconds: a folder without a lock may get one
+_TO_BE = f'{LOCK}-to-be'  # its name until it is locked
+_GONE = '-gone'  # ends the name of a folder that is being removed
+YOUNG = 60.0  # seconds: a folder with files and without a lock may be of a system that has none
 
 
 @contextmanager
@@ -52,40 +54,53 @@ def hidden_folder(path: Path, kind: str = 'partial') -> Iterator[Path]:
     """
     for left in _folders(path, kind):
         _remove_if_left(left)
-    folder = Path(mkdtemp(prefix=f'.{path.name}.{kind}-', dir=path.parent))
+    folder, lock = _made_and_locked(f'.{path.name}.{kind}-', path.parent)
     try:
-        with _locked(folder):
+        with lock:
             yield folder
     finally:
         _remove(folder)
 
 
-def _remove(folder: Path) -> None:
-    """Remove a folder into which a worker may write still.
+def _made_and_locked(prefix: str, parent: Path) -> tuple[Path, IO[bytes]]:
+    """Make a folder with a lock in it; again, where another run removed it before it had one."""
+    while True:
+        folder = Path(mkdtemp(prefix=prefix, dir=parent))
+        try:
+            return folder, _lock_in(folder)
+        except FileNotFoundError:
+            continue
+        except BaseException:
+            _remove(folder)
+            raise
 
-    It gets another name first: who writes into it by its name finds it gone.
-    """
-    gone = folder.with_name(f'{folder.name}-gone')
-    with suppress(OSError):
-        folder.rename(gone)
-    for name in (gone, folder):
-        shutil.rmtree(name, ignore_errors=True)
 
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the lock on a new folder.
+def _lock_in(folder: Path) -> IO[bytes]:
+    """Take the lock in a new folder.
 
     The file has its name from when it is locked: another run could take it before, and remove all.
     """
     if sys.platform == 'win32':  # where no run takes a lock, and no open file has its name changed
-        with (folder / LOCK).open('wb'):
-            yield
-        return
-    with (folder / f'{LOCK}-to-be').open('wb') as lock:
+        return (folder / LOCK).open('wb')
+    with ExitStack() as stack:
+        lock = stack.enter_context((folder / _TO_BE).open('wb'))
         _take(lock)
-        (folder / f'{LOCK}-to-be').rename(folder / LOCK)
-        yield
+        (folder / _TO_BE).rename(folder / LOCK)
+        stack.pop_all()
+        return lock
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder into which a worker may write still.
+
+    It gets another name first: who writes into it by its name finds it gone. And where this run is
+    killed, the next one knows by the name that nobody needs what is in it.
+    """
+    gone = folder.with_name(f'{folder.name}{_GONE}')
+    with suppress(OSError):
+        folder.rename(gone)
+    for name in (gone, folder):
+        shutil.rmtree(name, ignore_errors=True)
 
 
 @contextmanager
@@ -94,7 +109,7 @@ def held_leftovers(path: Path, kind: str = 'partial') -> Iterator[list[Path]]:
     with ExitStack() as stack:
         held = []
         for left in sorted(_folders(path, kind)):
-            if (left / LOCK).is_file():
+            if (left / LOCK).is_file() and not left.name.endswith(_GONE):
                 lock = stack.enter_context((left / LOCK).open('ab'))
                 if _take(lock):
                     held.append(left)
@@ -114,14 +129,26 @@ def _folders(path: Path, kind: str) -> list[Path]:
 
 def _remove_if_left(folder: Path) -> None:
     """Remove a folder that no run holds."""
+    if folder.name.endswith(_GONE):
+        shutil.rmtree(folder, ignore_errors=True)
+        return
     with suppress(OSError):
         if not (folder / LOCK).is_file():
-            if time() - folder.stat().st_mtime > YOUNG:
-                shutil.rmtree(folder)
+            _remove_without_lock(folder)
             return
         with (folder / LOCK).open('ab') as lock:
             if _take(lock):
-                shutil.rmtree(folder)
+                _remove(folder)
+
+
+def _remove_without_lock(folder: Path) -> None:
+    """Remove a folder in which nothing stands but a lock to be; a run that lives makes another."""
+    (folder / _TO_BE).unlink(missing_ok=True)
+    try:
+        folder.rmdir()  # refuses where the lock got its name meanwhile
+    except OSError:
+        if time() - folder.stat().st_mtime > YOUNG and not (folder / LOCK).exists():
+            _remove(folder)
 
 
 def _take(lock: IO[bytes]) -> bool:

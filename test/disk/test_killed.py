@@ -17,6 +17,7 @@ from helpers.damaged import write_recording
 from helpers.hostile import FORMATS, whole_file
 
 from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.disk import new_files
 from lidar_outlier_filter.disk.new_files import LOCK, hidden_folder
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.files.cleaning.clean import scratch
@@ -49,14 +50,19 @@ def test_killed_runs(recordings: Path, tmp_path: Path, what: str, source: str) -
 
 
 def test_what_is_left_is_removed(tmp_path: Path) -> None:
-    """A folder whose lock is free was left by a killed run; one that is held, or new, stays."""
+    """A folder whose lock is free was left by a killed run; one that is held, or written to, stays.
+
+    So was one in which nothing stands but a lock to be, and one whose removal had begun.
+    """
     output = tmp_path / 'out.las'
-    for name in ('free', 'held', 'new', 'old', 'link'):
-        if name != 'link':
-            (tmp_path / f'.out.las.partial-{name}').mkdir()
+    for name in ('free', 'held', 'new', 'old', 'empty', 'to_be', 'x-gone'):
+        (tmp_path / f'.out.las.partial-{name}').mkdir()
     (tmp_path / '.out.las.partial-link').symlink_to(tmp_path)
     (tmp_path / '.other.las.partial-free').mkdir()
+    for name in ('new', 'old', 'x-gone'):
+        (tmp_path / f'.out.las.partial-{name}' / 'out.las').touch()
     os.utime(tmp_path / '.out.las.partial-old', (0, 0))
+    (tmp_path / '.out.las.partial-to_be' / f'{LOCK}-to-be').touch()
     for name in ('free', 'held'):
         (tmp_path / f'.out.las.partial-{name}' / LOCK).touch()
     with (tmp_path / '.out.las.partial-held' / LOCK).open() as lock:
@@ -69,6 +75,28 @@ def test_what_is_left_is_removed(tmp_path: Path) -> None:
         *(f'.out.las.partial-{name}' for name in ('held', 'link', 'new')),
     )
     assert {path.name for path in tmp_path.iterdir()} == set(kept)
+
+
+@pytest.mark.parametrize('moment', ['mkdtemp', '_take'])
+def test_a_folder_removed_before_its_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    """Where another run takes a folder without a lock for one that was left, a second is made."""
+    output, original, calls = tmp_path / 'out.las', getattr(new_files, moment), list[int]()
+
+    def with_another_run(*given: object, **more: object) -> object:
+        result = original(*given, **more)
+        if not calls:
+            calls.append(1)
+            with hidden_folder(output):
+                pass
+        return result
+
+    monkeypatch.setattr(new_files, moment, with_another_run)
+    with hidden_folder(output) as folder:
+        assert (folder / LOCK).is_file()
+        assert list(tmp_path.iterdir()) == [folder]
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
