@@ -28,11 +28,11 @@ MINUTE = 60.0  # seconds
 
 
 class Prism(NamedTuple):
-    """A wedge of glass: the angle between its faces, rad, its turns a minute, its glass."""
+    """A wedge of glass: the angle between its faces, rad, its turns a minute, its index."""
 
     angle: float
     turns: float
-    index: float = 1.51
+    refraction: float = 1.51
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +126,7 @@ class PrismScanner(FreeScanner):
             across = np.stack([np.cos(turned), np.sin(turned)])
             wedge = np.stack([np.full(len(shot), np.cos(prism.angle)), *(lean * across)])
             first, second = (flat, wedge) if number == 0 else (wedge, flat)
-            beam = refract(refract(beam, first, 1.0 / prism.index), second, prism.index)
+            beam = refract(refract(beam, first, 1.0 / prism.refraction), second, prism.refraction)
         return beam
 
 

@@ -45,7 +45,7 @@ def test_thin_prisms_draw_a_rosette() -> None:
     drawn = replace(MID_40, prisms=thin).directions(SHOTS)
     seconds = SHOTS * MID_40.interval / 1e9
     first, second = (np.exp(2j * np.pi * p.turns / 60.0 * seconds) for p in thin)
-    expected = (thin[0].index - 1.0) * 1e-4 * (first + second)
+    expected = (thin[0].refraction - 1.0) * 1e-4 * (first + second)
     # A wedge bends towards its thick side, away from where its face leans.
     np.testing.assert_allclose(drawn[1] + 1j * drawn[2], -expected, atol=1e-10)
 
