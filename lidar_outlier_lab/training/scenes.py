@@ -27,10 +27,10 @@ from lidar_outlier_lab.training.held_out import CLEAN, STREET
 from lidar_outlier_lab.training.train import Sweep
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from lidar_outlier_filter.annotations import Progress, Singles
+    from lidar_outlier_filter.annotations import Floats, Progress, Singles
     from lidar_outlier_lab.simulation.weather.beams import Beams
     from lidar_outlier_lab.simulation.weather.echoes import WeatherEchoes
     from lidar_outlier_lab.simulation.world.sensors import SpinningScanner
@@ -128,13 +128,22 @@ def _number(name: str) -> int:
     return zlib.crc32(name.encode())
 
 
+def _turning_beams(points: Points, reflectance: Floats) -> Beams:
+    return find_beams(points.xyz, points.t, points.line, reflectance, points.valid)
+
+
 def put_weather(
-    points: Points, weather: str, seed: Sequence[int], returns: str = 'strongest'
+    points: Points,
+    weather: str,
+    seed: Sequence[int],
+    returns: str = 'strongest',
+    find: Callable[[Points, Floats], Beams] = _turning_beams,
 ) -> tuple[Points, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Let the beams of a cloud go through a weather; optics are drawn.
 
     Reflectances are those that the intensities show, or drawn where there are none. ``returns``
-    says which echo of a beam is measured: strongest, first, last, or dual for two.
+    says which echo of a beam is measured: strongest, first, last, or dual for two. ``find`` gives
+    all beams of a cloud, those without a return too.
 
     Returns
     -------
@@ -159,7 +168,7 @@ def put_weather(
         # What came back was above the noise.
         least = optics.floor * distance**2
         reflectance = np.maximum(curve.reflectance(distance, values), least)
-    beams = find_beams(points.xyz, points.t, points.line, reflectance, points.valid)
+    beams = find(points, reflectance)
     both = make_both(weather, beams, int(rng.integers(1 << 31)), optics, returns)
     xyz, source, cause, bright = [], [], [], []
     for echoes in measured(both, returns):

@@ -202,6 +202,7 @@ WAYS: dict[str, dict[str, object]] = {
     'chain': {'chain': ['alpha_beta_gamma', 'lof', 'sor']},
     'hierarchical': {'chain': ['hierarchical'], 'hierarchical.min_cluster': 10},
     'elevation': {'chain': ['elevation'], 'elevation.k': 10, 'elevation.multiplier': 1.5},
+    'evidence of a scanner without rings': {'evidence.sensor': 'free', 'evidence.threshold': 0.7},
     'evidence of a spinning sensor': {'evidence.sensor': 'spinning', 'evidence.threshold': 0.7},
     'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
 }

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from lidar_outlier_lab.simulation.world.drive import Block
+    from lidar_outlier_lab.simulation.world.prisms import FreeScanner
     from lidar_outlier_lab.simulation.world.recording import Cloud
     from lidar_outlier_lab.simulation.world.scene import Air, Surface
 
@@ -120,7 +121,9 @@ def plan(count: int, seed: int) -> Drive:
     return _drive(SENSORS[count], WEATHER[count], seed, rng)
 
 
-def _drive(sensor: SpinningScanner, weather: Weather, seed: int, rng: np.random.Generator) -> Drive:
+def _drive(
+    sensor: SpinningScanner | FreeScanner, weather: Weather, seed: int, rng: np.random.Generator
+) -> Drive:
     start = rng.uniform(4.0, 9.0)
     things, air = _traffic(start, weather, rng)
     flight = (start + rng.uniform(-2.0, 14.0), rng.uniform(-3.0, 3.0))
@@ -168,8 +171,8 @@ def _route(seconds: float, rng: np.random.Generator) -> Route:
     return Route(knots, start, bump=0.03, phase=phase, mount=(0.0, 0.0, 1.9))
 
 
-def dry_turn(sensor: SpinningScanner, seed: int) -> Cloud:
-    """Simulate one turn of a sensor in a street of a seed, in dry air.
+def dry_turn(sensor: SpinningScanner | FreeScanner, seed: int) -> Cloud:
+    """Simulate one turn, or cloud, of a sensor in a street of a seed, in dry air.
 
     What mirrors, edges and birds make of it is labelled.
     """

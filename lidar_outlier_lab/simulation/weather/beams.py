@@ -12,7 +12,11 @@ import numpy as np
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_lab.simulation.world.prisms import FreeScanner
 
 
 TURN = 2.0 * np.pi
@@ -139,6 +143,24 @@ def find_beams(  # noqa: PLR0913  the columns of a cloud
         return some
     ends = int(some.t.min()), int(some.t.max())
     return _join([some, *(_between(one, rate, ends) for one in rings if one.turns)])
+
+
+def beams_of(scanner: FreeScanner, points: Points, reflectance: Floats) -> Beams:
+    """Take all beams of a scanner's first cloud, those without a return too.
+
+    Times of the points count from its first shot; reflectances (N,) are theirs.
+    """
+    shot = np.arange(scanner.shots_per_line)
+    taken = points.t // scanner.interval
+    distance, bright = np.full(len(shot), np.inf), np.zeros(len(shot))
+    source = np.full(len(shot), -1)
+    distance[taken], bright[taken] = points.range, reflectance
+    source[taken] = np.arange(len(points))
+    counted = scanner.before + shot
+    t, ring = shot * scanner.interval, counted % scanner.rings
+    direction = np.ascontiguousarray(scanner.directions(counted).T)
+    every = Beams(direction, distance, bright, ring, t, source)
+    return _take(every, np.lexsort((t, ring)))
 
 
 class _Ring(NamedTuple):
@@ -289,14 +311,13 @@ def _wrap(angle: Floats) -> Floats:
     return wrapped
 
 
-def _take(beams: Beams, part: slice) -> Beams:
+def _take(beams: Beams, part: slice | NDArray[np.intp]) -> Beams:
     return Beams(**{name: values[part] for name, values in vars(beams).items()})
 
 
 def _join(parts: list[Beams]) -> Beams:
     """Join all, sorted by ring and time."""
-    columns = {
-        name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])
-    }
-    order = np.lexsort((columns['t'], columns['ring']))
-    return Beams(**{name: values[order] for name, values in columns.items()})
+    every = Beams(
+        **{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])}
+    )
+    return _take(every, np.lexsort((every.t, every.ring)))

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_lab.simulation.world.prisms import FreeScanner
     from lidar_outlier_lab.simulation.world.scene import Surface
 
 
@@ -73,7 +74,7 @@ class Drive:
 
     scene: Scene
     lines: int
-    sensor: ProfileScanner | SpinningScanner = field(default_factory=ProfileScanner)
+    sensor: ProfileScanner | SpinningScanner | FreeScanner = field(default_factory=ProfileScanner)
     trajectory: Path = field(default_factory=Trajectory)
     disturbances: Disturbances = field(default_factory=Disturbances)
     seed: int = 1

@@ -17,8 +17,9 @@ class Evidence(Section):
     sensor: str = declare(
         'auto',
         'Whose weights count, evidence_profile or evidence_spinning; auto: spinning where lines '
-        'are measured at the same time; survey: none, the cloud is judged without scan lines.',
-        choices=('auto', 'profile', 'spinning', 'survey'),
+        'are measured at the same time; survey: none, the cloud is judged without scan lines; '
+        'free: a scanner without rings, in its own frame, as those of Livox.',
+        choices=('auto', 'profile', 'spinning', 'survey', 'free'),
     )
     threshold: float = declare(
         1.0, "Rejected above this many times the sensor's own threshold.", '', 1e-6, 1e6

@@ -42,7 +42,7 @@ def choose(seen: Seen, parameters: FilterParameters) -> tuple[Way, FoundPattern 
     """Choose how points are judged, and find their scan pattern where that does it."""
     points, sensor = seen.points, parameters.of(Evidence).sensor
     is_lined = has_lines(points) or points.ring is not None
-    if sensor == 'survey' or (seen.whole and not is_lined):
+    if sensor == 'survey' or (seen.whole and not is_lined and sensor != 'free'):
         return Way.SURVEY, None
     found = seen.once(('pattern', sensor), lambda: find_either(points, sensor, seen.threads))
     if found is not None:

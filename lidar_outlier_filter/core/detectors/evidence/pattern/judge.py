@@ -33,6 +33,7 @@ from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_lanes
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, fill
+from lidar_outlier_filter.core.neighbours.elevation_bands import in_bands
 from lidar_outlier_filter.core.neighbours.own_frame import find_own_frame
 from lidar_outlier_filter.core.neighbours.placed_pattern import (
     LINES_AT_ONCE,
@@ -64,10 +65,13 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     Parameters
     ----------
     points : valid ones
-    sensor : 'spinning', 'profile', or 'auto': whichever it is
+    sensor : 'spinning', 'profile', or 'auto': whichever it is; 'free': one without rings
     threads : at most so many at once; 0 for as many as there are cores
 
     """
+    if sensor == 'free':
+        pattern = find_pattern(in_bands(points).in_own_frame, threads, spins=True)
+        return None if pattern is None else FoundPattern(pattern, profile=False)
     # A spinning sensor's lines are measured at once, a profile scanner's are not: at most one of
     # the three fits. The frame of points that others may have moved is sought last, as it takes
     # longest.

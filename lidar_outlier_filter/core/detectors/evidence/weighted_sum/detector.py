@@ -206,7 +206,7 @@ def compute_first(scan: Scan, parameters: FilterParameters) -> tuple[Weights, Fe
     if sensor == 'auto':
         spinning = is_interleaved(scan.ordered.t, scan.lines.first)
     else:
-        spinning = sensor == 'spinning'
+        spinning = sensor in {'spinning', 'free'}
     weights = parameters.of(SpinningWeights) if spinning else parameters.of(Weights)
     return weights, compute(scan, spinning=spinning)
 

@@ -1,0 +1,183 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The default on simulated scanners without rings, as those of Livox, beside DROR, SOR and LOF.
+
+    scripts/environment python benchmarks/livox.py [--write] [--seeds 831 832 833 834 835 836]
+
+Each scanner looks at one street of each seed, as it is, and with the weather that trees are trained
+on in it. The default judges as it does by itself, and with `evidence.sensor: free`. Peers have the
+best threshold of every single cloud, which nobody knows in the field; clean clouds are judged at
+the best one for all weather. ``--write`` puts the table into the page of the sensors.
+"""
+
+# ruff: noqa: INP001, T201  a script, no package
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from weather_peers import PEERS, row
+
+from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_lab.results.markdown import NOTHING, paragraphs, table, write
+from lidar_outlier_lab.results.peers import lof
+from lidar_outlier_lab.simulation.scenes.spinning_streets import dry_turn
+from lidar_outlier_lab.simulation.weather.beams import beams_of
+from lidar_outlier_lab.simulation.world.prisms import L2, MID_40, MID_360
+from lidar_outlier_lab.simulation.world.recording import to_message
+from lidar_outlier_lab.training.held_out import CLEAN, ENOUGH, STREET
+from lidar_outlier_lab.training.scenes import put_weather
+from lidar_outlier_lab.training.train import Sweep
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from weather_peers import Row
+
+    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_lab.simulation.world.prisms import FreeScanner
+
+PAGE = Path(__file__).resolve().parents[1] / 'doc' / 'quickstart' / 'livox.md'
+SECTION = 'livox'
+COMMAND = 'benchmarks/livox.py --write'
+SEEDS = (831, 832, 833, 834, 835, 836)
+SCANNERS: dict[str, FreeScanner] = {'Mid-40': MID_40, 'L2': L2, 'like a Mid-360': MID_360}
+WEATHER = ('light_snow', 'heavy_snow', 'rain', 'fog', 'spray', 'dust')
+KINDS = {CLEAN: 'dry air', STREET: 'mixed points, ghosts, birds'}
+OTHERS: dict[str, Callable[[Points], Floats]] = {
+    'DROR': PEERS['DROR'],
+    'SOR': PEERS['SOR(20)'],
+    'LOF': lambda points: lof(points.xyz, 20),
+}
+DEFAULT, FREE, DARK = 'by itself', '`free`', '`free`, no intensities'
+HEAD = ('scanner, weather', 'clouds', DEFAULT, FREE, DARK, *OTHERS)
+
+
+class Count(NamedTuple):
+    """What a way of the default gives on one cloud: F1, and share of the good points lost."""
+
+    f1: float
+    lost: float
+
+
+@dataclass
+class Judged:
+    """What everybody says of the clouds of one scanner in one weather."""
+
+    ours: dict[str, list[Count]] = field(default_factory=lambda: defaultdict(list))
+    peers: dict[str, list[Row]] = field(default_factory=lambda: defaultdict(list))
+
+    @property
+    def clouds(self) -> int:
+        """Number of clouds."""
+        return len(self.ours[FREE])
+
+
+def street(scanner: FreeScanner, seed: int) -> tuple[Points, Points, np.ndarray]:
+    """Return a cloud in dry air: its good points, all of them, and which are outliers."""
+    cloud = dry_turn(scanner, seed)
+    decoded = Decoder(FilterParameters()).decode(to_message(cloud.stamp, cloud.points, cloud.frame))
+    points = replace(decoded, t=decoded.t - cloud.stamp)
+    bad = cloud.points['label'] > 0
+    return points.take(~bad), points, bad
+
+
+def sweeps(name: str, seed: int) -> Iterator[Sweep]:
+    """Simulate all clouds of a scanner in the street of a seed, in order of time."""
+    scanner = SCANNERS[name]
+    rng = np.random.default_rng([seed, scanner.rings])
+    scanner = replace(scanner, before=int(rng.integers(100 * scanner.shots_per_line)))
+    good, every, bad = street(scanner, seed)
+    yield Sweep(name, name, CLEAN, good, np.zeros(len(good), np.bool_))
+    yield Sweep(name, name, STREET, every, bad)
+    for number, weather in enumerate(WEATHER):
+        find = partial(beams_of, scanner)
+        points, outlier = put_weather(good, weather, [seed, number], find=find)
+        order = np.argsort(points.t, kind='stable')
+        yield Sweep(name, name, weather, points.take(order), outlier[order])
+
+
+def by_default(points: Points, outlier: np.ndarray, sensor: str) -> tuple[Count, str]:
+    """Judge a cloud as a node does; say how, too."""
+    chain = Chain(FilterParameters().changed({'evidence.sensor': sensor}))
+    rejected = chain.judge(points).outlier
+    right = int((rejected & outlier).sum())
+    f1 = 2.0 * right / max(int(rejected.sum() + outlier.sum()), 1)
+    (way,) = chain.ways
+    return Count(f1, float(rejected[~outlier].mean())), way
+
+
+def look(judged: Judged, sweep: Sweep) -> str:
+    """Let everybody judge a cloud; return how the default does by itself."""
+    points, outlier = sweep.points, sweep.outlier
+    found, way = by_default(points, outlier, 'auto')
+    judged.ours[DEFAULT].append(found)
+    judged.ours[FREE].append(by_default(points, outlier, 'free')[0])
+    dark = replace(points, intensity=None)
+    judged.ours[DARK].append(by_default(dark, outlier, 'free')[0])
+    for peer, statistic in OTHERS.items():
+        judged.peers[peer].append(row(sweep, statistic(points)))
+    return way
+
+
+def cells(kind: str, judged: Judged, best: dict[str, int]) -> Iterator[str]:
+    """Write F1, and good points lost in brackets, of everybody; of dry air what is lost."""
+    for counts in judged.ours.values():
+        f1, lost = np.mean(counts, axis=0)
+        yield f'{100 * lost:.2f} %' if kind == CLEAN else f'{f1:.2f} ({100 * lost:.2f} %)'
+    for peer, rows in judged.peers.items():
+        if kind == CLEAN:
+            yield f'{100 * np.mean([one.lost[best[peer]] for one in rows]):.2f} %'
+        else:
+            tops = [one.f1.argmax() for one in rows]
+            f1 = np.mean([one.f1[top] for one, top in zip(rows, tops, strict=True)])
+            lost = np.mean([one.lost[top] for one, top in zip(rows, tops, strict=True)])
+            yield f'{f1:.2f} ({100 * lost:.2f} %)'
+
+
+def rows_of(name: str, seeds: Sequence[int], ways: Counter[str]) -> Iterator[list[str]]:
+    """Judge all clouds of a scanner, and lay out a row for each weather."""
+    judged = {kind: Judged() for kind in (CLEAN, STREET, *WEATHER)}
+    for seed in seeds:
+        for sweep in sweeps(name, seed):
+            if sweep.kind in {CLEAN, STREET} or sweep.outlier.sum() >= ENOUGH:
+                ways[f'{name}: {look(judged[sweep.kind], sweep)}'] += 1
+        print(name, seed, flush=True)
+    mean = {
+        peer: np.mean([one.f1 for kind in WEATHER for one in judged[kind].peers[peer]], axis=0)
+        for peer in OTHERS
+    }
+    best = {peer: int(np.argmax(f1)) for peer, f1 in mean.items()}
+    for kind, one in judged.items():
+        words = f'{name}, {KINDS.get(kind, kind.replace("_", " "))}'
+        nothing = [NOTHING] * (len(HEAD) - 2)
+        found = list(cells(kind, one, best)) if one.clouds else nothing
+        yield [words, str(one.clouds), *found]
+
+
+def main() -> None:
+    """Judge everything, and print or write the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
+    parser.add_argument('--write', action='store_true', help='put the table into the page')
+    parser.add_argument('--seeds', nargs='+', type=int, default=list(SEEDS), metavar='N')
+    options = parser.parse_args()
+    ways: Counter[str] = Counter()
+    rows = [line for name in SCANNERS for line in rows_of(name, options.seeds, ways)]
+    said = '; '.join(f'{way} ({count} clouds)' for way, count in ways.items())
+    text = paragraphs(table(HEAD, rows), f'How the default judges by itself: {said}.')
+    print(text)
+    if options.write:
+        write(PAGE, SECTION, text, command=COMMAND)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,52 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scanners without rings: what the default does with them, by itself and with `free`."""
+
+from __future__ import annotations
+
+import runpy
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import ROOT
+
+
+@pytest.fixture(scope='module')
+def livox() -> dict[str, Any]:
+    """Return what the program defines."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / 'benchmarks'))
+        return runpy.run_path(str(ROOT / 'benchmarks' / 'livox.py'))
+
+
+def test_free_scanners_are_judged_well(livox: dict[str, Any]) -> None:
+    """Where the sensor is `free`, the default finds the snow of a rosette, and keeps the street."""
+    found = {sweep.kind: sweep for sweep in livox['sweeps']('Mid-40', 3)}
+    snow, dry = found['light_snow'], found['clean']
+    assert snow.outlier.sum() > 100
+    found_free, way = livox['by_default'](snow.points, snow.outlier, 'free')
+    assert way == 'trees on the scan pattern'
+    assert found_free.f1 > 0.95
+    assert found_free.lost < 0.002
+    alone, way = livox['by_default'](snow.points, snow.outlier, 'auto')
+    assert way == 'a weighted sum of features'
+    assert alone.f1 < 0.8
+    assert livox['by_default'](dry.points, dry.outlier, 'free')[0].lost < 0.002
+
+
+def test_rows(livox: dict[str, Any]) -> None:
+    """A row says what everybody finds; peers have the best threshold of the cloud."""
+    judged = livox['Judged']()
+    (snow,) = (sweep for sweep in livox['sweeps']('Mid-40', 3) if sweep.kind == 'light_snow')
+    assert livox['look'](judged, snow) == 'a weighted sum of features'
+    found = dict(zip(livox['HEAD'][2:], livox['cells']('light_snow', judged, {}), strict=True))
+    for column, sensor in (('by itself', 'auto'), ('`free`', 'free')):
+        count, _ = livox['by_default'](snow.points, snow.outlier, sensor)
+        assert found[column] == f'{count.f1:.2f} ({100 * count.lost:.2f} %)'
+    far = livox['OTHERS']['DROR'](snow.points)
+    best = 0.0
+    for limit in np.unique(far[snow.outlier]):
+        right = (far[snow.outlier] >= limit).sum()
+        best = max(best, 2.0 * right / ((far >= limit).sum() + snow.outlier.sum()))
+    assert float(found['DROR'].split()[0]) == pytest.approx(best, abs=0.02)
