@@ -181,6 +181,8 @@ def _judge(
     result: Singles,
 ) -> None:
     """Write what trees say of the points of lines begin to end that are asked about."""
+    # It takes seconds to compile: the compiler optimizes all that gathers windows, writes features
+    # and adds trees up once more, in this one place.
     pattern, room, total = prepared.pattern, make_pattern_room(), np.empty(LANES, np.float32)
     places = room.window.places
     for line in range(begin, end):
