@@ -3,10 +3,10 @@
 """Many tiny recordings: what each costs the workers, the scheduler and the command, and a store.
 
     scripts/environment python benchmarks/archive_scale.py FOLDER [--recordings 1000 10000]
-        [--store 10 100 1000]
+        [--workers 2] [--store 10 100 1000]
 
 Each recording has 6 clouds of 120 points: nearly all of its time goes into what an archive adds.
-First a cluster of a scheduler and two workers replays so many, with ``--scheduler``, and the same
+First a cluster of a scheduler and ``--workers`` replays so many, with ``--scheduler``, and the same
 command runs again. Then one process replays so many from one bucket of a server of S3 (moto) to the
 same. ``FOLDER`` is made, and removed.
 """
@@ -67,8 +67,8 @@ def peak(process: psutil.Process) -> float:
     return int(status.partition('VmHWM:')[2].split()[0]) * 1.024e-3
 
 
-def by_cluster(folder: Path, number: int) -> None:
-    """Let two workers of a cluster replay so many recordings."""
+def by_cluster(folder: Path, number: int, workers: int) -> None:
+    """Let so many workers of a cluster replay so many recordings."""
     folder.mkdir()
     tiny = next(write_drive(folder / 'tiny', CLOUDS).glob('*.mcap'))
     drives, output = folder / 'drives', folder / 'cleaned'
@@ -77,7 +77,7 @@ def by_cluster(folder: Path, number: int) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         os.link(tiny, path)
     words = ('replay', str(drives), '--output', str(output), SET)
-    with cluster(2) as (address, scheduler):
+    with cluster(workers) as (address, scheduler):
         me, others = psutil.Process(), psutil.Process().children(recursive=True)
         first = [one for one in others if one.pid == scheduler.process.pid]
         roles = {
@@ -89,7 +89,7 @@ def by_cluster(folder: Path, number: int) -> None:
             role: (sum(map(used, some)), max(map(peak, some))) for role, some in roles.items()
         }
         elapsed = run(*words, '--scheduler', address)
-        print(f'{number} recordings, two workers: {elapsed:.0f} s', flush=True)
+        print(f'{number} recordings, {workers} workers: {elapsed:.0f} s', flush=True)
         for role, some in roles.items():
             seconds, memory = before[role]
             each = (sum(map(used, some)) - seconds) / number
@@ -157,13 +157,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or '').partition('\n')[0])
     parser.add_argument('folder', type=Path)
     parser.add_argument('--recordings', type=int, nargs='*', default=[1000, 10_000])
+    parser.add_argument('--workers', type=int, default=2, help='of the cluster')
     parser.add_argument('--store', type=int, nargs='*', default=[10, 100, 1000])
     options = parser.parse_args()
     folder = options.folder.resolve()
     folder.mkdir()
     print(f'load average {os.getloadavg()[0]:.1f} before')
     for number in options.recordings:
-        by_cluster(folder / 'local', number)
+        by_cluster(folder / 'local', number, options.workers)
     if options.store:
         by_store(folder / 'store', options.store)
     print(f'load average {os.getloadavg()[0]:.1f} after')

@@ -11,40 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from helpers.archives import archive, entry, failed
+from helpers.browsers import new_tab
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from playwright.sync_api import sync_playwright
 
 from lidar_outlier_filter.archive.columns import length
 from lidar_outlier_filter.archive.oddness import drives, robust_z
 from lidar_outlier_filter.archive.page import BARS, page, size, write_page
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from playwright.sync_api import Browser
-
-PATIENCE = 300_000  # ms, on a machine with much other work
-CHROMIUM = '/usr/bin/chromium'
-ARGUMENTS = (
-    '--no-sandbox',
-    '--disable-gpu',
-    '--disable-quic',
-    '--no-first-run',
-    '--disable-background-networking',
-    '--disable-component-update',
-    '--disable-sync',
-)
-
-
-@pytest.fixture(scope='module')
-def browser() -> Iterator[Browser]:
-    """Run Chromium without a window."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
-        yield browser
-        browser.close()
 
 
 def test_files_are_clouds_without_a_length() -> None:
@@ -163,8 +141,7 @@ def test_ten_thousand_recordings(browser: Browser, tmp_path: Path, width: int) -
     lines = archive(10_000)
     lines[9] = failed(lines[9]['source'], 'a sentence that is longer than its line ' * 9)
     write_page(lines, tmp_path / 'archive.html')
-    tab = browser.new_page(viewport={'width': width, 'height': 900})
-    tab.set_default_timeout(PATIENCE)
+    tab = new_tab(browser, viewport={'width': width, 'height': 900})
     tab.goto((tmp_path / 'archive.html').as_uri())
     shown = "[...document.querySelectorAll('tbody tr')].filter(row => row.offsetHeight).length"
     assert tab.evaluate(shown) == 1000
@@ -179,7 +156,7 @@ def test_ten_thousand_recordings(browser: Browser, tmp_path: Path, width: int) -
     assert tab.evaluate(shown) in (1000, 1001)
     tab.locator('#all').check()
     assert tab.evaluate(shown) == 10_000
-    tab.close()
+    tab.context.close()
 
 
 def test_many_recordings_share_bars(tmp_path: Path) -> None:
@@ -208,7 +185,7 @@ def test_units() -> None:
 def test_it_sorts_in_a_browser(browser: Browser, tmp_path: Path) -> None:
     """Every head sorts by its numbers, by key too; there is no error, and no request."""
     write_page(archive(40), tmp_path / 'archive.html')
-    tab = browser.new_page()
+    tab = new_tab(browser)
     wrong: list[str] = []
     asked: list[str] = []
     tab.on('console', lambda line: wrong.append(line.text))
@@ -230,7 +207,7 @@ def test_it_sorts_in_a_browser(browser: Browser, tmp_path: Path) -> None:
             assert len(values) == 40
     assert wrong == []
     assert len(asked) == 1
-    tab.close()
+    tab.context.close()
 
 
 @pytest.mark.parametrize('scheme', ['light', 'dark'])
@@ -238,10 +215,10 @@ def test_it_sorts_in_a_browser(browser: Browser, tmp_path: Path) -> None:
 def test_it_is_readable(browser: Browser, tmp_path: Path, scheme: Any, *, scripts: bool) -> None:
     """On a phone nothing sticks out; the text stands out from its ground; without JS, too."""
     write_page(archive(40), tmp_path / 'archive.html')
-    context = browser.new_context(
-        viewport={'width': 390, 'height': 844}, color_scheme=scheme, java_script_enabled=scripts
+    size_of_a_phone = {'width': 390, 'height': 844}
+    tab = new_tab(
+        browser, viewport=size_of_a_phone, color_scheme=scheme, java_script_enabled=scripts
     )
-    tab = context.new_page()
     tab.goto((tmp_path / 'archive.html').as_uri())
     assert tab.locator('tbody tr').count() == 40
     if scripts:
@@ -256,7 +233,7 @@ def test_it_is_readable(browser: Browser, tmp_path: Path, scheme: Any, *, script
             )
             low, high = sorted((ink, ground))
             assert (high + 0.05) / (low + 0.05) > 4.5  # the least contrast of WCAG, level AA
-    context.close()
+    tab.context.close()
 
 
 def luminance(colour: str) -> float:

@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Chromium without a screen, WebGL in software."""
+"""Chromium without a screen, WebGL in software, and its tabs."""
 
 from __future__ import annotations
 
 import os
 import shutil
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from playwright.sync_api import sync_playwright
@@ -15,8 +15,9 @@ from playwright.sync_api import sync_playwright
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Page
 
+PATIENCE = 300_000  # milliseconds, of a machine with much other work
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 # Software draws; and nothing but the page is fetched, not by the browser itself either.
 OPTIONS = (
@@ -45,3 +46,10 @@ def chromium() -> Iterator[Browser]:
         opened = driver.chromium.launch(executable_path=path, args=list(OPTIONS))
         yield opened
         opened.close()
+
+
+def new_tab(browser: Browser, **options: Any) -> Page:
+    """Open an empty tab in a context of its own; it waits as long as a busy machine takes."""
+    page = browser.new_context(**options).new_page()
+    page.set_default_timeout(PATIENCE)
+    return page

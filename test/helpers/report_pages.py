@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
+from helpers.browsers import new_tab
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
 
 READY = 'html[data-ready=yes]'
 DESKTOP, PHONE = (1280, 900), (390, 844)  # CSS pixels
-LIMIT = 120_000  # milliseconds, of a machine that does much else
 
 
 @contextmanager
@@ -31,18 +32,17 @@ def opened(
     """Open the page; leave it only if nothing was wrong, and nothing was asked of a network."""
     wrong: list[str] = []
     asked: list[str] = []
-    context = browser.new_context(viewport={'width': size[0], 'height': size[1]}, **options)
-    context.set_offline(True)
-    page = context.new_page()
+    page = new_tab(browser, viewport={'width': size[0], 'height': size[1]}, **options)
+    page.context.set_offline(True)
     page.on('console', lambda message: wrong.append(message.text))
     page.on('pageerror', lambda error: wrong.append(str(error)))
     page.on('request', lambda request: asked.append(request.url))
     if script:
         page.add_init_script(script)
     page.goto(written.as_uri())
-    page.wait_for_selector(READY, timeout=LIMIT)
+    page.wait_for_selector(READY)
     yield page
-    context.close()
+    page.context.close()
     assert wrong == []
     assert asked == [written.as_uri()]
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers.browsers import new_tab
 from helpers.report_pages import (
     DESKTOP,
-    LIMIT,
     PHONE,
     READY,
     counted,
@@ -235,12 +235,13 @@ def test_served(browser: Browser, found: Gathered, tmp_path: Path) -> None:
     modules = {name: f'/{path}' for name, path in MODULES.items()}
     (tmp_path / 'index.html').write_text(shell('live', modules, f'/{START}', base='/'))
     handler = partial(QuietHandler, directory=str(tmp_path))
-    with ThreadingHTTPServer(('127.0.0.1', 0), handler) as server, browser.new_context() as context:
+    with ThreadingHTTPServer(('127.0.0.1', 0), handler) as server:
         Thread(target=server.serve_forever, daemon=True).start()
-        page = context.new_page()
+        page = new_tab(browser)
         page.goto(f'http://127.0.0.1:{server.server_port}/index.html')
-        page.wait_for_selector(READY, timeout=LIMIT)
+        page.wait_for_selector(READY)
         assert counted(page) == found.tally.at[0][found.sliders[0].given].points
+        page.context.close()
         server.shutdown()
 
 

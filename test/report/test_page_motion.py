@@ -11,6 +11,7 @@ import pytest
 from helpers.moved_training import Recorded, WithoutFirstPoses
 from helpers.moving_bags import REPLAYED, write
 from helpers.profile_scanner import Drive
+from helpers.report_pages import DESKTOP, opened, wait_for_drawing
 
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
@@ -21,10 +22,13 @@ from lidar_outlier_filter.report.frames import cut
 from lidar_outlier_filter.report.gather import gather
 from lidar_outlier_filter.report.header import header
 from lidar_outlier_filter.report.pack import pack
+from lidar_outlier_filter.report.page import write_page
 from lidar_outlier_filter.report.sources import RecordedSource
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from playwright.sync_api import Browser
 
 
 def test_moved_points(tmp_path: Path) -> None:
@@ -49,6 +53,17 @@ def test_moved_points(tmp_path: Path) -> None:
     assert np.ptp(np.array(found.found.path), axis=0).max() > 0.5
     frames = cut(found)
     assert len(header(found, frames, pack(found, frames))['path']) == len(eyes)
+
+
+def test_the_way_is_drawn(tmp_path: Path, browser: Browser) -> None:
+    """The way of the sensor is a line in the picture, and the legend names it."""
+    bag = write(tmp_path / 'drive', Drive(0.4))
+    found = gather(RecordedSource(bag, FilterParameters().changed(REPLAYED)), ALL_BUT_0, 10**6)
+    write_page(found, tmp_path / 'report.html')
+    with opened(browser, tmp_path / 'report.html', DESKTOP) as page:
+        wait_for_drawing(page)
+        assert page.locator('#legend').inner_text().split('\n') == ['rejected', 'way of the sensor']
+        assert page.locator('#overlay .path').count() > 0
 
 
 def test_refused_clouds_are_said(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from helpers.browsers import new_tab
 from helpers.report_pages import PHONE, counted, move, near, opened, pixels, wait_for_drawing
 
 from lidar_outlier_filter.evaluation.judged import CAUSES
@@ -210,7 +211,7 @@ def test_address_keeps_the_view(browser: Browser, desk: Page, written: Path) -> 
     saved = written.as_uri() + desk.evaluate('location.hash')
     what = """[report.view().pose.map((one) => one.toFixed(2)),
       ...['step', 'mode', 'show', 'frame'].map((name) => report.state[name])]"""
-    page = browser.new_page(viewport={'width': DESK[0], 'height': DESK[1]})
+    page = new_tab(browser, viewport={'width': DESK[0], 'height': DESK[1]})
     page.goto(saved)
     page.wait_for_selector('html[data-ready=yes]')
     assert page.evaluate(what) == desk.evaluate(what)
@@ -218,7 +219,7 @@ def test_address_keeps_the_view(browser: Browser, desk: Page, written: Path) -> 
     page.goto('about:blank')
     page.goto(written.as_uri() + '#value=x&slider=y&frame=z&colour=99&eye=1,2&size=-3')
     page.wait_for_selector('html[data-ready=yes]')
-    page.close()
+    page.context.close()
 
 
 def test_a_detector_is_hidden(browser: Browser, chain: tuple[Gathered, Path]) -> None:

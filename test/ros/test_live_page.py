@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import urlsplit
 
 import pytest
-from helpers.browsers import chromium
+from helpers.browsers import chromium, new_tab
 from helpers.live import Program, environment
 from helpers.nodes import Ros, Sensor
 from rclpy.executors import ExternalShutdownException
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 pytestmark = pytest.mark.slow
-LIMIT = 60_000  # milliseconds, of a machine that does much else
 THRESHOLD = 'evidence.threshold'
 
 
@@ -68,7 +67,7 @@ def served(ros: Ros, sweeps: list[PointCloud2]) -> Iterator[Served]:
     spinning.start()
     wrong: list[str] = []
     with chromium() as browser:
-        page = browser.new_page(viewport={'width': 1280, 'height': 900})
+        page = new_tab(browser, viewport={'width': 1280, 'height': 900})
         page.on('console', lambda message: wrong.append(message.text))
         page.on('pageerror', lambda error: wrong.append(str(error)))
         page.goto(server.address)
@@ -90,7 +89,7 @@ def get(server: PageServer, path: str, host: str = '', method: str = 'GET') -> t
 def test_page_shows_the_node_and_sets_it(served: Served) -> None:
     """Clouds are drawn, a slider sets the parameter, what is refused is said."""
     node, server, page, wrong = served
-    page.wait_for_selector('html[data-frames="4"]', timeout=LIMIT)
+    page.wait_for_selector('html[data-frames="4"]')
     found = page.evaluate('window.live.data.frames.map((one) => [one.points, one.rejected])')
     assert sum(points for points, _ in found) == node.statistics.points - node.statistics.invalid
     assert sum(rejected for _, rejected in found) == node.statistics.outliers
@@ -98,8 +97,8 @@ def test_page_shows_the_node_and_sets_it(served: Served) -> None:
     assert numbers == (
         f'{node.statistics.outliers}of{node.statistics.points - node.statistics.invalid}points'
     )
-    page.wait_for_selector('#shown:not(:empty)', timeout=LIMIT)
-    page.wait_for_selector('.level', timeout=LIMIT)
+    page.wait_for_selector('#shown:not(:empty)')
+    page.wait_for_selector('.level')
     assert '/points' in page.inner_text('#statuses')
     asked = page.evaluate('performance.getEntriesByType("resource").map((one) => one.name)')
     assert (

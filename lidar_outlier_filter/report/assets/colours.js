@@ -81,5 +81,6 @@ export function legend(parent, data, state, view, near) {
     dot(style('--rejected'), 'rejected');
   }
   if (state.show === 1 && state.mode !== TRUTH && state.mode !== REASON) dot(style('--near'), near);
+  if (data.header.path?.length) dot(style('--near'), 'way of the sensor');
   parent.replaceChildren(...dots);
 }
