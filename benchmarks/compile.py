@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processor seconds that compiling takes, and that loading does, for each chain and each kernel.
 
-    python benchmarks/compile.py [CHAIN ...]
+    python benchmarks/compile.py [CHAIN[:SENSOR] ...]
 
 Each chain is compiled in a process of its own, from a copy of the package without what is
 compiled; then once more, from what is on disk by then. The time of a kernel is without that of
-others which it calls. Without a chain it is each detector alone.
+others which it calls; below stand the sums of packages, for what detectors declare. Without a chain
+it is each detector alone. A sensor, ``spinning`` or ``profile``, leaves out what others need.
 """
 
 # ruff: noqa: INP001  a script, no package
@@ -25,12 +26,15 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
 MOST = 12  # kernels of a chain that are listed
+DEPTH = 4  # names of a package, as in core.detectors.evidence.pattern
 
 
 def compile_one(chain: str) -> None:
     """Compile a chain, and print what took how long; in a process of its own."""
+    chain, _, sensor = chain.partition(':')
     from numba.core.event import Event, Listener, register  # noqa: PLC0415
 
+    from lidar_outlier_filter.core.kernels.compiling import SENSORS  # noqa: PLC0415
     from lidar_outlier_filter.parameters.filter import FilterParameters  # noqa: PLC0415
     from lidar_outlier_filter.stream.compiling import make_ready  # noqa: PLC0415
 
@@ -59,11 +63,17 @@ def compile_one(chain: str) -> None:
     parameters = FilterParameters().changed({'chain': chain.split(',')})
     register('numba:compile', Stopwatch())
     began = time.process_time()
-    make_ready(parameters)
+    make_ready(parameters, (sensor,) if sensor else SENSORS)
     total = time.process_time() - began
     print(f'{chain}: {total:.1f} s, {count.total()} compilations')  # noqa: T201
     for name, seconds in took.most_common(MOST):
         print(f'  {seconds:5.2f} s  {count[name]} × {name}')  # noqa: T201
+    of_package: Counter[str] = Counter()
+    for name, seconds in took.items():
+        part = '.'.join(name.split('.')[:DEPTH])
+        of_package[part if part.startswith('core.detectors.') else 'all else'] += seconds
+    for name, seconds in of_package.most_common():
+        print(f'  {seconds:5.2f} s  in {name}')  # noqa: T201
 
 
 def main() -> None:

@@ -128,10 +128,10 @@ class Statistics:
             (self.rejected, verdict.detectors),
             (self.undecided, verdict.undecided),
         ):
+            there = int(np.bitwise_or.reduce(found, initial=0))  # few bits are, mostly one or none
             for name, bit in bits().items():
-                count = int(np.count_nonzero(found & bit))
-                if count:
-                    counter[name] += count
+                if there & bit:
+                    counter[name] += int(np.count_nonzero(found & bit))
         for number, count in enumerate(np.bincount(verdict.reason).tolist()):
             if number and count:
                 self.reasons[reasons()[number].name] += count

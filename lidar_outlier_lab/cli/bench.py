@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -19,15 +20,18 @@ def add_bench(commands: Commands) -> None:
     parser = commands.add_parser(
         'bench',
         help='measure the speed of this machine',
-        description='Compare the answers, then time the smoother, the whole way of a cloud, and a '
-        "peer's statistical outlier removal on the same points: Open3D's where it is installed.",
+        description='Compare the answers, then time detectors, the whole way of a cloud, its '
+        'parts, and the peers that are installed on the same points, on one core and on two.',
+    )
+    parser.add_argument(
+        '--write', type=Path, metavar='PAGE', help='put the tables between markers into a page'
     )
     parser.set_defaults(run=_bench)
 
 
-def _bench(_options: argparse.Namespace) -> int:
+def _bench(options: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lidar_outlier_lab.results.bench import run
+    from lidar_outlier_lab.results.bench_page import run
 
-    return run(Console())
+    return run(Console(), options.write)

@@ -7,15 +7,14 @@ Answers are compared first: what is fast and wrong has no speed.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.util import find_spec
 from statistics import median
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.table import Table
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
@@ -30,19 +29,18 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.session import Session
 from lidar_outlier_lab.results import peers
-from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
+from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_sweeps
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
-    from rich.console import Console
 
 LINES, SHOTS = 300, 1000
 BLOCK = 20  # lines that the stream hands over at once: 0.1 s at 200 lines/s
-NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peer's statistical outlier removal
-ROUNDS = 9
+NEIGHBOURS, MULTIPLIER = 20, 2.0  # of the peers' statistical outlier removal
+ROUNDS = 5
 SIDES = ('both', 'either')
 FORM = 'alpha_beta_gamma.sides'
 SPATIAL = ('quadric', 'lof', 'sor')
@@ -50,6 +48,8 @@ CHAINS = (('evidence',), ('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 
 SWEEPS = ((128, 1024), (64, 2048))  # rings and columns of spinning sensors, 10 Hz
 TURNS = 8
 SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
+SLOW = 8  # part of the cloud that slow peers get
+FLOOR = 48  # bytes of a point that are read and written at least
 
 
 @dataclass
@@ -60,6 +60,11 @@ class Work:
     points: int
     call: Callable[[], object]
     seconds: list[float] = field(default_factory=list)  # of each round
+
+    @property
+    def nanoseconds(self) -> float:
+        """Nanoseconds a point, in the median round."""
+        return median(self.seconds) / self.points * 1e9
 
     @property
     def speed(self) -> float:
@@ -77,36 +82,6 @@ class Work:
         )
 
 
-def run(console: Console) -> int:
-    """Compare, measure and print tables; returns the exit status."""
-    compare_engines()
-    messages = [to_message(stamp, points) for stamp, points in clouds(demo_drive())]
-    xyz = _coordinates(messages)
-    compare_sor(xyz[: len(xyz) // 8])
-    peer = peer_work(xyz)
-    works = [
-        *(smoother_work(sides) for sides in SIDES),
-        neighbours_work(xyz),
-        *(spatial_work(xyz, name) for name in SPATIAL),
-        *(stream_work(messages, chain) for chain in CHAINS),
-        peer,
-    ]
-    measure(works)
-    console.print(_table(works, peer))
-    for rings, columns in SWEEPS:
-        turns = spinning_messages(rings, columns)
-        sweep = peer_work(_coordinates(turns[:1]))
-        works = [*(stream_work(turns, chain, {}) for chain in CHAINS[:2]), sweep]
-        measure(works)
-        console.print(_table(works, sweep, f'sweeps of {rings} × {columns}'))
-    growth = [spatial_work(xyz[: len(xyz) // share], name) for name in SPATIAL for share in SHARES]
-    measure(growth)
-    console.print(_growth_table(growth))
-    threads = f'{os.cpu_count()} cores; the smoother uses one of them, all others use all.'
-    console.print(f'{threads} Medians of {ROUNDS} rounds.', highlight=False)
-    return 0
-
-
 def measure(works: Sequence[Work]) -> None:
     """Time all works in turn, in rounds, after one that does not count."""
     for number in range(ROUNDS + 1):
@@ -115,25 +90,6 @@ def measure(works: Sequence[Work]) -> None:
             work.call()
             if number:
                 work.seconds.append(perf_counter() - begin)
-
-
-def _table(works: Sequence[Work], peer: Work, title: str = 'the demo') -> Table:
-    table = Table(title, 'points', 'million points/s', '× peer')
-    for column in table.columns[1:]:
-        column.justify = 'right'
-    for work in works:
-        ratio = f'{work.times(peer):.2f}'
-        table.add_row(work.name, f'{work.points:,}', f'{work.speed:.2f}', ratio)
-    return table
-
-
-def _growth_table(works: Sequence[Work]) -> Table:
-    """Show the time for each point, for clouds of several sizes."""
-    table = Table('µs/point, of', *(f'{work.points:,}' for work in works[: len(SHARES)]))
-    for i in range(0, len(works), len(SHARES)):
-        row = works[i : i + len(SHARES)]
-        table.add_row(row[0].name, *(f'{1 / work.speed:.2f}' for work in row))
-    return table
 
 
 def compare_engines() -> None:
@@ -227,19 +183,57 @@ def stream_work(
     return Work(f'decode → {", ".join(chain)} → split', points, stream)
 
 
-def peer_work(xyz: NDArray[np.float64]) -> Work:
-    """Run the peer's statistical outlier removal on the same points."""
+def peer_works(xyz: NDArray[np.float64]) -> list[Work]:
+    """Run the peers' detectors on the same points; SciPy's and scikit-learn's on some of them."""
+    some = xyz[: len(xyz) // SLOW]
+    sor_name = f'SOR({NEIGHBOURS}, {MULTIPLIER})'
+    works = []
     if peers.has_open3d():
         cloud = peers.open3d_cloud(xyz)
-        name = f'peer: Open3D remove_statistical_outlier({NEIGHBOURS}, {MULTIPLIER})'
-        return Work(
-            name, len(xyz), lambda: cloud.remove_statistical_outlier(NEIGHBOURS, MULTIPLIER)
+        works.append(
+            Work(
+                f'Open3D: {sor_name}',
+                len(xyz),
+                lambda: cloud.remove_statistical_outlier(NEIGHBOURS, MULTIPLIER),
+            )
         )
-    name = f'peer: SOR({NEIGHBOURS}, {MULTIPLIER}) on scipy cKDTree (no Open3D installed)'
-    return Work(name, len(xyz), lambda: peers.sor(xyz, NEIGHBOURS, MULTIPLIER))
+    scipy = Work(f'SciPy: {sor_name}', len(some), lambda: peers.sor(some, NEIGHBOURS, MULTIPLIER))
+    works.append(scipy)
+    if find_spec('sklearn') is not None:
+        name = f'scikit-learn: LOF({NEIGHBOURS})'
+        works.append(Work(name, len(some), lambda: peers.lof(some, NEIGHBOURS)))
+    return works
 
 
-def _coordinates(messages: list[Any]) -> NDArray[np.float64]:
+def search_works(xyz: NDArray[np.float64]) -> list[Work]:
+    """Search neighbours by ours and by the trees of peers that are installed: trees included.
+
+    Raises
+    ------
+    FilterError
+        If one finds other distances.
+
+    """
+    works = [neighbours_work(xyz)]
+    few = xyz[:: max(len(xyz) // 1000, 1)]
+    wanted = peers.distances(few, NEIGHBOURS)
+    for name, search in peers.searches().items():
+        found = search(few, NEIGHBOURS)
+        if not np.allclose(found, wanted, rtol=1e-5, atol=1e-6):
+            raise FilterError(f'the distances of {name}', "those of SciPy's tree", 'others')
+        works.append(Work(f'{name}', len(xyz), partial(search, xyz, NEIGHBOURS)))
+    return works
+
+
+def floor_work(count: int) -> Work:
+    """Copy as many bytes as points have at least: nothing that reads and writes them is faster."""
+    source = np.ones(count * FLOOR // 8)
+    target = np.empty_like(source)
+    return Work(f'copy of {FLOOR} bytes', count, lambda: np.copyto(target, source))
+
+
+def coordinates(messages: list[Any]) -> NDArray[np.float64]:
+    """Return the returns of clouds (N, 3), metres."""
     parts = [structured(msg).reshape(-1) for msg in messages]
     xyz = np.concatenate([np.stack([part[axis] for axis in 'xyz'], axis=1) for part in parts])
     exact = xyz.astype(np.float64)

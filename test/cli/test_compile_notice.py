@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -54,7 +55,11 @@ def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
 def test_each_part_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     """A detector's own kernels by its name, those of the core as shared; strangers' not at all."""
     say_once = notice()
-    for module in ('detectors.lof', 'kernels', 'detectors.evidence.lines'):
+    pattern = dict(DETECTORS['evidence'].kernels.parts)['pattern']
+    evidence = 'detectors.evidence'
+    inside = ('pattern.judge', 'pattern.window', 'pattern.profile_groups', 'survey.near')
+    modules = [f'{evidence}.{name}' for name in inside]
+    for module in ('detectors.lof', 'kernels', *modules):
         say_once(f'{PACKAGE}.core.{module}')
         say_once(f'{PACKAGE}.core.{module}')
     say_once('lidar_outlier_lab.simulation.world.caster')
@@ -62,9 +67,19 @@ def test_each_part_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err.splitlines() == [
         f'the kernels of lof are compiled, this once: about {seconds("lof")} s',
         f'the kernels that all share are compiled, this once: about {SHARED_SECONDS} s',
-        f'the kernels of evidence are compiled, this once: about {seconds("evidence")} s',
+        f'the kernels of evidence, pattern, are compiled, this once: about {pattern} s',
+        'the kernels of evidence, profile groups, are compiled, this once: about 6 s',
+        'the kernels of evidence are compiled, this once',
         'the kernels of lidar_outlier_lab are compiled, this once',
     ]
+
+
+def test_parts_are_there() -> None:
+    """Each part that a detector declares is a package or a module of it."""
+    for one in DETECTORS.values():
+        for name, took in one.kernels.parts:
+            assert find_spec(f'{one.home}.{name}') is not None
+            assert 0 < took < one.kernels.seconds
 
 
 def test_asking_is_not_compiling() -> None:

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What only a profile scanner's points have, in plain loops: predictions by pairs, free groups."""
+"""What only a profile scanner's points have, in plain loops.
+
+Where the scanner was, predictions by pairs, free groups.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,50 @@ from itertools import product
 from statistics import mean, median
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from naive.scan_pattern import nearest
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from naive.scan_pattern import Point, Ring
 
 LARGE, SMALLEST, MOST = 40, 6, 1000.0
 Cell = tuple[int, int]  # of a return: its line, and its cell there
+
+
+class Seat(NamedTuple):
+    """Where the scanner of a line was: metres; how far returns are off, rad; how unsure, metres."""
+
+    position: list[float]
+    off: float
+    unsure: float
+
+
+def seat(xyz: NDArray[np.float64], turned: list[float]) -> Seat:
+    """Fit a scanner, whose mirror turned so far at each return, to the returns of a line (S, 3)."""
+    centre = xyz.mean(axis=0)
+    *_, axes = np.linalg.svd(xyz - centre)
+    x, y = ((xyz - centre) @ axes[:2].T).T
+    found = []
+    for sense in (1, -1):
+        sine = np.array([sense * math.sin(angle) for angle in turned])
+        cosine = np.array([math.cos(angle) for angle in turned])
+        rows = np.stack([x * sine - y * cosine, x * cosine + y * sine, -sine, cosine], axis=1)
+        weight = np.ones(len(x))
+        for _ in range(3):
+            value, vector = np.linalg.eigh((rows * weight[:, None]).T @ (rows * weight[:, None]))
+            a, b, c, d = vector[:, 0]
+            length = math.hypot(a, b)
+            east, north = (c * a - d * b) / length**2, (c * b + d * a) / length**2
+            far = np.hypot(x - east, y - north)
+            weight = 1 / np.maximum(far, 0.5)
+        off = median(abs(rows @ vector[:, 0]) * weight) / length
+        unsure = math.sqrt(value[0] / (len(x) * value[1])) / length
+        position = centre + east * axes[0] + north * axes[1]
+        found.append(Seat(position.tolist(), float(off), unsure))
+    return min(found, key=lambda one: one.off)
 
 
 class Predictions(NamedTuple):

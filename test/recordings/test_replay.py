@@ -104,7 +104,7 @@ def test_only_what_a_sensor_needs_is_compiled(recordings: Path, tmp_path: Path, 
     loaded = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     evidence = 'lidar_outlier_filter.core.detectors.evidence.'
     assert f'{evidence}pattern.judge' in loaded
-    others = ('profile_pattern', 'profile_groups')
+    others = ('profile_pattern', 'profile_scanner', 'profile_groups', 'profile_features')
     assert not [one for one in loaded if one.endswith(others)]
     assert not [one for one in loaded if one.startswith((f'{evidence}weighted', f'{evidence}surv'))]
 

@@ -98,6 +98,8 @@ class Kernels:
     ----------
     seconds : int
         Of a processor, about, beside those of the kernels that all detectors share.
+    parts : names of packages or modules beside the declaration, and the seconds of their kernels
+        Where not all clouds need the same; the first one that a module is in counts.
     by_sensor : of the parameters of the filter
         Whether each kind of sensor has kernels of its own.
     more : parameters whose kernels ``compile`` makes too, beside those of the defaults
@@ -105,6 +107,7 @@ class Kernels:
     """
 
     seconds: int = 0
+    parts: Sequence[tuple[str, int]] = ()
     by_sensor: Callable[[FilterParameters], bool] = lambda _: False
     more: Sequence[Mapping[str, object]] = ()
 

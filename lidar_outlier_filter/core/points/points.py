@@ -173,15 +173,23 @@ def too_coarse(
     where = np.flatnonzero(valid)
     if not len(where) or not any(single):
         return ''
-    some = xyz[where[:: -(-len(where) // SAMPLE)]][:, np.array(single)]
-    far = float(np.median(np.abs(some), axis=0).max())
-    step = float(np.spacing(np.float32(far / unit))) * unit
+    some = np.abs(xyz[where[:: -(-len(where) // SAMPLE)]][:, np.array(single)])
+    # No median is above the largest, which is found ten times as fast.
+    if _step(float(some.max()), unit) <= COARSEST:
+        return ''
+    far = float(np.median(some, axis=0).max())
+    step = _step(far, unit)
     if step <= COARSEST:
         return ''
     return (
         f'float32 coordinates of {far:.0f} m come in steps of {step:.3g} m, and what is finer is '
         'lost: float64, or a frame near the sensor, keeps it'
     )
+
+
+def _step(far: float, unit: float) -> float:
+    """Return how far apart float32 coordinates are there, all in metres."""
+    return float(np.spacing(np.float32(far / unit))) * unit
 
 
 @kernel

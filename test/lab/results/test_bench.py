@@ -2,17 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The benchmark compares before it times, and times what it says."""
 
+import os
+import threading
 from functools import partial
+from io import StringIO
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kalman as filterpy_engine
 from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_lab.results import bench, peers
-from lidar_outlier_lab.simulation.scenes.demo_street import demo_drive
+from lidar_outlier_lab.results import bench, bench_page, peers
+from lidar_outlier_lab.results.bench_parts import PARTS, parts_of
+from lidar_outlier_lab.results.sheet import Sheet
+from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
 
 
@@ -77,3 +84,75 @@ def test_peer_rejects_what_the_method_says() -> None:
     far = np.array([[50.0, 50.0, 50.0]])
     cloud = np.concatenate([grid, far])
     assert np.flatnonzero(peers.sor(cloud, 21, bench.MULTIPLIER)).tolist() == [100]
+
+
+def test_other_distances_are_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trees of peers that are installed find the distances of ours, or are refused."""
+    xyz = np.random.default_rng(3).normal(size=(400, 3))
+    works = bench.search_works(xyz)
+    assert [work.points for work in works] == [400] * (1 + len(peers.searches()))
+    for work in works:
+        work.call()
+    monkeypatch.setattr(peers, 'searches', lambda: {'x': lambda few, k: np.zeros((len(few), k))})
+    with pytest.raises(FilterError, match="the distances of x must be those of SciPy's tree"):
+        bench.search_works(xyz)
+
+
+def test_one_core_is_left() -> None:
+    """To all threads, until it is over: what the whole process may use is as before then."""
+    before, done = os.sched_getaffinity(0), threading.Event()
+    thread = threading.Thread(target=done.wait)
+    thread.start()
+    try:
+        with bench_page.limited(1):
+            found = [len(os.sched_getaffinity(n)) for n in (0, thread.native_id or 0)]
+        assert found == [1, 1]
+        assert os.sched_getaffinity(thread.native_id or 0) == os.sched_getaffinity(0) == before
+    finally:
+        done.set()
+        thread.join()
+
+
+def test_speeds_of_each_number_of_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each work is timed on one core and on two; the peer is compared with where there is one."""
+    used: list[int] = []
+    monkeypatch.setattr(bench, 'ROUNDS', 1)
+    monkeypatch.setattr(bench_page, 'cores', lambda: 3)
+    monkeypatch.setattr(bench_page, '_on', lambda count, _: used.append(count))
+    works = [bench.Work(name, 1000, str) for name in ('ours', 'Open3D: SOR')]
+    sheet = bench_page.speeds('x', works)
+    assert used == [1, 2] * 4
+    assert sheet.head[2:4] == ['1 core, million/s', '2 cores, million/s']
+    assert sheet.head[-1] == '× Open3D'
+    assert [row[:2] for row in sheet.rows] == [['ours', '1,000'], ['Open3D: SOR', '1,000']]
+    assert sheet.rows[1][-1] == '1.00'
+    assert bench_page.speeds('x', works[:1]).head[-1] == 'ns a point'
+
+
+def test_parts_are_the_whole() -> None:
+    """A profile scanner's parts all take time, but for those of spinning sensors, and are all."""
+    messages = [to_message(stamp, points) for stamp, points in islice(clouds(demo_drive()), 6)]
+    sheet = parts_of('x', messages, SENSOR)
+    shares = {row[0]: float(row[2].removesuffix(' %')) for row in sheet.rows}
+    assert [*shares] == [*PARTS, 'all else']
+    assert sum(shares.values()) == pytest.approx(100.0, abs=0.6)
+    assert min(shares.values()) > 0.0
+
+
+def test_page_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Tables stand between markers, below what people wrote, and are shown, too."""
+    shown = StringIO()
+    monkeypatch.setattr(bench, 'compare_engines', lambda: None)
+    monkeypatch.setattr(
+        bench_page, '_sheets', lambda *_: [Sheet('Speed', ['a', 'b'], [['c', '1']])]
+    )
+    page = tmp_path / 'performance.md'
+    page.write_text('# Performance\n')
+    assert bench_page.run(Console(file=shown), page) == 0
+    text = page.read_text()
+    assert text.startswith(
+        '# Performance\n\n<!-- begin speed: written by `lidar-outlier-filter bench'
+    )
+    assert '### Speed\n\n| a | b |\n| --- | ---: |\n| c | 1 |' in text
+    assert 'Left out are ' in text
+    assert 'Speed' in shown.getvalue()

@@ -92,6 +92,8 @@ DETECTOR = Detector(
     tiled=Reaching(_scale, _odds, _survey_score, _reach),
     kernels=Kernels(
         seconds=33,
+        # Shares of 33 s as `benchmarks/compile.py evidence:spinning evidence:profile` finds them.
+        parts=(('pattern.profile_groups', 6), ('pattern', 16), ('weighted_sum', 10), ('trees', 1)),
         # Without scan lines the kernels are the same for all sensors.
         by_sensor=lambda parameters: parameters.of(Evidence).sensor != 'survey',
         more=({'evidence.sensor': 'survey'},),  # for `clean`

@@ -26,11 +26,11 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
     SIZES,
     WEIGHT,
     Window,
-    eigen,
     normalize,
     step,
     sum_normal,
 )
+from lidar_outlier_filter.core.kernels.jacobi import eigen
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 
 if TYPE_CHECKING:

@@ -33,6 +33,13 @@ from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector
 from lidar_outlier_filter.core.judging.chain import Chain
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.neighbours.profile_scanner import (
+    FEWEST,
+    SAMPLES,
+    Fit,
+    fit_lines,
+)
+from lidar_outlier_filter.core.points.scan_lines import line_starts
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -86,6 +93,31 @@ def test_scanner_in_its_own_frame() -> None:
     pattern = pattern_of(points)
     there = pattern.order >= 0
     assert_allclose(pattern.range[there], drive.far[pattern.order[there]], atol=0.02)
+
+
+@pytest.mark.parametrize('moved', [(0.0, 0.0, 0.0), (4e5, 5e6, 100.0)])
+@pytest.mark.parametrize('lost', [0.0, 0.4])
+def test_scanner_as_loops(lost: float, moved: tuple[float, float, float]) -> None:
+    """The position of each line, and how good it is, are those of loops, for any part of lines."""
+    drive = Drive(2, lost)
+    xyz, turned = drive.points.xyz + moved, drive.angle + 0.7
+    first = line_starts(drive.line)
+    left, count = drive.points.line != 3, len(first) - 1
+    left[first[3] : first[3] + FEWEST - 1] = True
+    xyz, turned, first = xyz[left], turned[left], line_starts(drive.line[left])
+    found = Fit(np.empty((count, 3)), np.empty(count), np.empty(count))
+    for begin, end in ((0, 5), (5, 6), (6, count)):
+        fit_lines(xyz, turned, np.arange(len(xyz)), first, begin, end, found)
+    for line in range(count):
+        size = first[line + 1] - first[line]
+        some = first[line] + np.arange(SAMPLES) * size // SAMPLES
+        if size < FEWEST:
+            assert found.off[line] == np.inf
+            continue
+        wanted = naive.seat(xyz[some], turned[some].tolist())
+        assert_allclose(found.position[line], wanted.position, rtol=0, atol=1e-8)
+        assert_allclose([found.off[line], found.unsure[line]], wanted[1:], rtol=1e-5)
+    assert np.count_nonzero(np.isinf(found.off)) == 1
 
 
 def test_lines_without_returns() -> None:

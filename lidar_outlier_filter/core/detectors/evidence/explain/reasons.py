@@ -90,7 +90,9 @@ def strongest_of_trees(
     reason = np.zeros(len(wanted), np.uint8)
     both, low = (model.first, model.again), np.float32(model.doubtful)
     pool.run(
-        lambda i, j: _explain(prepared, first, both, low, rows, wanted, i, j, reason),
+        lambda i, j: _explain(
+            prepared, prepared.profile, first, both, low, rows, wanted, i, j, reason
+        ),
         len(prepared.pattern.first),
         LINES_AT_ONCE,
         threads,
@@ -101,6 +103,7 @@ def strongest_of_trees(
 @kernel
 def _explain(
     prepared: Prepared,
+    profile: bool | None,
     first: FirstPass,
     both: tuple[Trees, Trees],
     doubtful: np.float32,
@@ -112,7 +115,9 @@ def _explain(
 ) -> None:
     pattern, buffers, added = prepared.pattern, make_pattern_room(), np.empty(len(rows), np.float32)
     means, values = (find_means(both[0]), find_means(both[1])), buffers.values
-    more = COUNT_PROFILE if len(prepared.groups) > 0 else 0
+    more = 0
+    if profile is not None:
+        more = COUNT_PROFILE
     places = buffers.window.places
     own = COUNT + more  # the row of the point's own result of the first pass
     for line in range(begin, end):
@@ -120,7 +125,7 @@ def _explain(
         while k < pattern.last[line]:
             count, k = fill(places, wanted, k, pattern.last[line])
             if count > 0:
-                write_values(prepared, first, True, line, buffers)  # noqa: FBT003
+                write_values(prepared, profile, first, True, line, buffers)  # noqa: FBT003
             for lane in range(count):
                 strongest = own
                 if first.score[places[lane]] > doubtful:

@@ -125,13 +125,16 @@ def judge(
         prepared = prepared._replace(groups=groups)
     first = first_pass(prepared, model.first, threads)
     odds = second_pass(prepared, first, model.again, model.doubtful, threads)
-    known = pattern.bright >= 0
-    limit = np.where(known, model.threshold_bright, model.threshold) - LEAST
-    of_place = np.maximum(odds.astype(np.float64) - LEAST, 0.0) / (threshold * limit)
-    score = np.empty(count_points(pattern))
-    spread(pattern, of_place, score)
+    limit = threshold * (model.threshold - LEAST), threshold * (model.threshold_bright - LEAST)
+    score, rejected = np.empty(count_points(pattern)), np.zeros(len(odds), np.bool_)
+    pool.run(
+        lambda i, j: _scale(pattern, odds, limit, i, j, score, rejected),
+        len(pattern.first),
+        LINES_AT_ONCE,
+        threads,
+    )
+    score[pattern.copies[:, 0]] = score[pattern.copies[:, 1]]
     if reason is not None:
-        rejected = (pattern.order >= 0) & (of_place > 1)
         found = strongest_of_trees(prepared, first, model, rejected, threads)
         spread(pattern, found, reason)
     return score
@@ -144,8 +147,9 @@ def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
     score, all_of_them = np.zeros(places, np.float32), np.ones(places, np.bool_)
     # There are no scores that anybody looks at.
     nothing = FirstPass(unknown, np.empty(0, np.int32), unknown, 0.0)
+    profile, second = prepared.profile, False
     pool.run(
-        lambda i, j: _judge(prepared, nothing, False, all_of_them, trees, i, j, score),  # noqa: FBT003
+        lambda i, j: _judge(prepared, profile, nothing, second, all_of_them, trees, i, j, score),
         len(pattern.first),
         LINES_AT_ONCE,
         threads,
@@ -158,8 +162,9 @@ def second_pass(
 ) -> Singles:
     """Return the log-odds (M,) of each place: of these trees, where the first are ``doubtful``."""
     result, asked = first.score.copy(), first.score > np.float32(doubtful)
+    profile, second = prepared.profile, True
     pool.run(
-        lambda i, j: _judge(prepared, first, True, asked, trees, i, j, result),  # noqa: FBT003
+        lambda i, j: _judge(prepared, profile, first, second, asked, trees, i, j, result),
         len(prepared.pattern.first),
         LINES_AT_ONCE,
         threads,
@@ -170,6 +175,7 @@ def second_pass(
 @kernel
 def _judge(
     prepared: Prepared,
+    profile: bool | None,
     first: FirstPass,
     second: bool,
     asked: Bools,
@@ -179,6 +185,8 @@ def _judge(
     result: Singles,
 ) -> None:
     """Write what trees say of the points of lines begin to end that are asked about."""
+    # It takes seconds to compile: the compiler optimizes all that gathers windows, writes features
+    # and adds trees up once more, in this one place.
     pattern, room, total = prepared.pattern, make_pattern_room(), np.empty(LANES, np.float32)
     places = room.window.places
     for line in range(begin, end):
@@ -186,7 +194,31 @@ def _judge(
         while k < pattern.last[line]:
             count, k = fill(places, asked, k, pattern.last[line])
             if count > 0:
-                write_values(prepared, first, second, line, room)
+                write_values(prepared, profile, first, second, line, room)
                 add_lanes(trees, room.values, total)
             for lane in range(count):
                 result[places[lane]] = total[lane]
+
+
+@kernel
+def _scale(
+    pattern: Pattern,
+    odds: Singles,
+    limit: tuple[float, float],
+    begin: int,
+    end: int,
+    score: Floats,
+    rejected: Bools,
+) -> None:
+    """Write the scores of the points of lines begin to end, as given, and which are rejected.
+
+    Log-odds of ``limit`` above ``LEAST`` make a score of 1: without a brightness, and with one.
+    """
+    order, bright = pattern.order, pattern.bright
+    dark_limit, bright_limit = limit
+    for line in range(begin, end):
+        for k in range(pattern.first[line], pattern.last[line]):
+            most = bright_limit if bright[k] >= 0 else dark_limit
+            value = max(float(odds[k]) - LEAST, 0.0) / most
+            score[order[k]] = value
+            rejected[k] = value > 1

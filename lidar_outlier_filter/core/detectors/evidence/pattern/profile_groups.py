@@ -19,6 +19,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.evidence.pattern.window import OTHER, RINGS
 from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.jacobi import eigen
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE
 
@@ -40,6 +41,7 @@ LARGE = 40  # returns of a segment: more are a surface
 SMALLEST = 6  # returns of a group
 MOMENTS = 16  # sums of a group: its returns; x, y, z; their six products; the same of its lines
 NONE = np.float32(-1.0)
+COUNT = len(GROUPS)
 UNIFORM = np.sqrt(12.0)  # length of an even row ÷ its standard deviation
 TINY = 1e-12  # m²
 
@@ -212,26 +214,40 @@ def _close_line(line_sums: Floats, g: int, sums: Floats) -> None:
     line_sums[:, g] = 0.0
 
 
+@kernel
 def _describe(sums: Floats) -> Singles:
     """Return what ``GROUPS`` says of each group, (5, G)."""
-    count, mean = sums[0], sums[1:4] / sums[0]
-    products = np.array([[4, 7, 8], [7, 5, 9], [8, 9, 6]])
-    square = np.einsum('ig,jg->gij', mean, mean)
-    moment = np.moveaxis(sums[products] / count, 2, 0) - square
-    of_lines = np.moveaxis(sums[products + 6] / count, 2, 0) - square
-    value, vector = np.linalg.eigh(moment)
-    value = np.maximum(value, TINY)
-    along = vector[:, :, 2]
-    advance = np.maximum(np.einsum('gi,gij,gj->g', along, of_lines, along), 0.0)
-    return np.stack(
-        [
-            count,
-            np.abs(along[:, 2]),
-            np.sqrt(value[:, 1] / value[:, 2]),
-            np.sqrt(advance / value[:, 2]),
-            UNIFORM * np.sqrt(value[:, 2]),
-        ]
-    ).astype(np.float32)
+    found = np.empty((COUNT, sums.shape[1]), np.float32)
+    moment, vectors = np.empty((3, 3)), np.empty((3, 3))
+    for g in range(sums.shape[1]):
+        count = sums[0, g]
+        for i in range(3):
+            for j in range(3):
+                moment[i, j] = _moment(sums, 4, g, i, j)
+        eigen(moment, vectors, 3)
+        long = 0
+        for i in range(1, 3):
+            if moment[i, i] > moment[long, long]:
+                long = i
+        one, other = (long + 1) % 3, (long + 2) % 3
+        most = max(moment[long, long], TINY)
+        middle = max(moment[one, one], moment[other, other], TINY)
+        advance = 0.0
+        for i in range(3):
+            for j in range(3):
+                advance += vectors[i, long] * _moment(sums, 10, g, i, j) * vectors[j, long]
+        found[0, g], found[1, g] = count, abs(vectors[2, long])
+        found[2, g] = np.sqrt(middle / most)
+        found[3, g] = np.sqrt(max(advance, 0.0) / most)
+        found[4, g] = UNIFORM * np.sqrt(most)
+    return found
+
+
+@inner_kernel
+def _moment(sums: Floats, first: int, g: int, i: int, j: int) -> float:
+    """Return the mean of a product of coordinates, less that of the means; sums from a row on."""
+    count, row = sums[0, g], i if i == j else 2 + i + j
+    return float(sums[first + row, g] / count - sums[1 + i, g] / count * (sums[1 + j, g] / count))
 
 
 @kernel

@@ -55,6 +55,7 @@ def make_pattern_room() -> PatternRoom:
 @inlined_kernel
 def write_values(
     prepared: Prepared,
+    profile: bool | None,
     first: FirstPass,
     second: bool,
     line: int,
@@ -62,13 +63,14 @@ def write_values(
 ) -> None:
     """Write the features of points of a line, at the window's places; of the second pass if asked.
 
-    They need not follow each other: each lane gets what it would get alone.
+    They need not follow each other: each lane gets what it would get alone. ``profile`` is that of
+    ``prepared``, handed on by itself: numba leaves out what is asked of an argument that is None.
     """
     window, values = room.window, room.values
     gather(prepared, line, window)
     write_features(prepared.pattern, line, window, values)
     more = 0
-    if len(prepared.groups) > 0:
+    if profile is not None:
         write_profile(prepared, line, window, room.pairs, values)
         more = COUNT_PROFILE
     if second:

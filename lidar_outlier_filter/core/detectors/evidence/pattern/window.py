@@ -61,6 +61,11 @@ class Prepared(NamedTuple):
     near: Index
     groups: Singles
 
+    @property
+    def profile(self) -> bool | None:
+        """True of a profile scanner; otherwise None, which numba compiles nothing of these for."""
+        return True if len(self.groups) > 0 else None
+
 
 class PatternWindow(NamedTuple):
     """The windows of ``LANES`` points side by side, and room to work in.

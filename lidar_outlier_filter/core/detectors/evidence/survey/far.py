@@ -52,7 +52,7 @@ from lidar_outlier_filter.core.detectors.evidence.survey.lanes import (
     write_heights,
 )
 from lidar_outlier_filter.core.detectors.evidence.survey.near import FAR, NEAR, SMOOTH
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum.eigen import (
+from lidar_outlier_filter.core.kernels.eigen import (
     eigenvalues,
     eigenvectors,
 )

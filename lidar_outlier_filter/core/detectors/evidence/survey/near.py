@@ -51,7 +51,7 @@ from lidar_outlier_filter.core.detectors.evidence.survey.lanes import (
     off_plane,
     write_heights,
 )
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum.eigen import (
+from lidar_outlier_filter.core.kernels.eigen import (
     eigenvalues,
     eigenvectors,
 )

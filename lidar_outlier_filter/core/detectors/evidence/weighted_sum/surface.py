@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum.eigen import (
+from lidar_outlier_filter.core.kernels.eigen import (
     eigenvalues,
     eigenvectors,
 )
