@@ -7,7 +7,6 @@ from __future__ import annotations
 import copy
 from collections import OrderedDict
 from dataclasses import dataclass
-from functools import lru_cache
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
@@ -312,7 +311,6 @@ class Decoder:
         return sigma
 
 
-@lru_cache(maxsize=2)  # of the clouds that come: names may be a megabyte
 def _named_by(dtype: np.dtype[np.void]) -> bytes:
     """Name a layout by few bytes, however long the names of its fields are."""
     return blake2b(repr(dtype).encode('utf-8', 'surrogatepass'), digest_size=16).digest()
