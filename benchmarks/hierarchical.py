@@ -11,7 +11,6 @@ Then both are timed on streets of 10 000 points to a million, each in a process 
 
 from __future__ import annotations
 
-import os
 import sys
 from multiprocessing import get_context
 from pathlib import Path
@@ -31,6 +30,7 @@ from lidar_outlier_filter.core.detectors.elevation import detector as elevation
 from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -104,8 +104,7 @@ def run(console: Console, most: int) -> None:
             cells = f'{timing.seconds:.3f}', f'{speed:,.0f}', f'{timing.mebibytes:.0f}'
             table.add_row(f'{count:,}', name, *cells, f'{each:.0f}')
     console.print(table)
-    cores = len(os.sched_getaffinity(0))
-    console.print(f'{cores} cores. Medians of {RUNS} runs; scipy once.', highlight=False)
+    console.print(f'{cores()} cores. Medians of {RUNS} runs; scipy once.', highlight=False)
 
 
 def measure(name: str, count: int) -> Timing:

@@ -187,14 +187,15 @@ def clouds(data: Path, presets: list[str], seeds: list[int]) -> Iterator[tuple[s
     """Simulate clouds, and read those with classes."""
     samples = (one for preset in presets for seed in seeds for one in simulated(preset, seed))
     for sample in samples:
-        yield sample.name, _positions(sample), sample.data.bad
+        yield sample.name, positions(sample), sample.data.bad
     for path in sorted((data / 'clouds').glob('*.laz')):
         found = labelled(path)
         if found is not None:
-            yield path.name, _positions(found), found.data.bad
+            yield path.name, positions(found), found.data.bad
 
 
-def _positions(sample: Sample) -> Floats:
+def positions(sample: Sample) -> Floats:
+    """Return all points (N, 3) of a sample, metres."""
     return np.concatenate([cloud.xyz for cloud in sample.data.clouds])
 
 

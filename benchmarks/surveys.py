@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from survey_peers import positions
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.files.cloud_file import open_cloud
@@ -46,7 +47,7 @@ CHAINS: dict[str, dict[str, Any]] = {
 }
 
 
-def positions(path: Path) -> Floats:
+def read(path: Path) -> Floats:
     """Read all points (N, 3) of a file, metres."""
     file = open_cloud(path)
     units = [file.metres.get(axis, 1.0) for axis in AXES]
@@ -57,17 +58,16 @@ def positions(path: Path) -> Floats:
 def clouds(data: Path) -> Iterator[tuple[str, Floats, Bools, Bools]]:
     """Give the name of each cloud, its points, which are outliers, and which are surely good."""
     real = data / 'clouds'
-    xyz = positions(real / 'samp41-utm.pcd')
-    ground = {tuple(row) for row in positions(real / 'samp41-utm-ground.pcd').round(3).tolist()}
+    xyz = read(real / 'samp41-utm.pcd')
+    ground = {tuple(row) for row in read(real / 'samp41-utm-ground.pcd').round(3).tolist()}
     is_ground = np.array([tuple(row) in ground for row in xyz.round(3).tolist()])
     is_low = xyz[:, 2] < LOW
     yield 'samp41', xyz, is_low, is_ground & ~is_low
     for name in ('plane.laz', 'autzen_trim.laz'):
-        xyz = positions(real / name)
+        xyz = read(real / name)
         yield name, xyz, np.zeros(len(xyz), np.bool_), np.ones(len(xyz), np.bool_)
     for sample in simulated(PRESET, SEED):
-        xyz = np.concatenate([cloud.xyz for cloud in sample.data.clouds])
-        yield sample.name, xyz, sample.data.bad, ~sample.data.bad
+        yield sample.name, positions(sample), sample.data.bad, ~sample.data.bad
 
 
 def cell(rejected: Bools, bad: Bools, good: Bools) -> str:

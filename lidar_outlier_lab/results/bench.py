@@ -221,7 +221,7 @@ def search_works(xyz: NDArray[np.float64]) -> list[Work]:
         found = search(few, NEIGHBOURS)
         if not np.allclose(found, wanted, rtol=1e-5, atol=1e-6):
             raise FilterError(f'the distances of {name}', "those of SciPy's tree", 'others')
-        works.append(Work(f'{name}', len(xyz), partial(search, xyz, NEIGHBOURS)))
+        works.append(Work(name, len(xyz), partial(search, xyz, NEIGHBOURS)))
     return works
 
 

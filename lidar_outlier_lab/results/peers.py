@@ -7,13 +7,14 @@ A statistic is what a peer compares with its threshold: the larger, the more of 
 
 from __future__ import annotations
 
-import os
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
+
+from lidar_outlier_filter.core.kernels.threads import cores
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,9 +74,9 @@ def _pykdtree(xyz: Floats, count: int) -> Floats:
 
 
 def _small_gicp(xyz: Floats, count: int) -> Floats:
-    module, cores = import_module('small_gicp'), len(os.sched_getaffinity(0))
-    tree = module.KdTree(module.PointCloud(xyz), num_threads=cores)
-    _, square = tree.batch_knn_search(xyz, count + 1, num_threads=cores)
+    module = import_module('small_gicp')
+    tree = module.KdTree(module.PointCloud(xyz), num_threads=cores())
+    _, square = tree.batch_knn_search(xyz, count + 1, num_threads=cores())
     found: Floats = np.sqrt(np.asarray(square, np.float64)[:, 1:])
     return found
 
@@ -83,7 +84,7 @@ def _small_gicp(xyz: Floats, count: int) -> Floats:
 def _pynanoflann(xyz: Floats, count: int) -> Floats:
     tree = import_module('pynanoflann').KDTree(n_neighbors=count + 1, leaf_size=10)
     tree.fit(xyz)
-    square, _ = tree.kneighbors(xyz, n_jobs=len(os.sched_getaffinity(0)))
+    square, _ = tree.kneighbors(xyz, n_jobs=cores())
     found: Floats = np.sqrt(np.asarray(square, np.float64)[:, 1:])
     return found
 

@@ -41,6 +41,16 @@ def eigen(matrix: Floats, vectors: Floats, size: int) -> None:
 
 
 @inner_kernel
+def find_least(matrix: Floats, size: int) -> int:
+    """Return the place of the least eigenvalue on the diagonal, the first of those that tie."""
+    least = 0
+    for i in range(1, size):
+        if matrix[i, i] < matrix[least, least]:
+            least = i
+    return least
+
+
+@inner_kernel
 def _rotate(matrix: Floats, vectors: Floats, size: int, i: int, j: int) -> None:
     """Turn axes i and j such that their product vanishes."""
     beside = matrix[i, j]

@@ -101,6 +101,11 @@ def spread(pattern: Pattern, values: NDArray[Any], out: NDArray[Any]) -> None:
     """Write what cells have (M,) to their points (N,), in the order given, copies included."""
     there = pattern.order >= 0
     out[pattern.order[there]] = values[there]
+    fill_copies(pattern, out)
+
+
+def fill_copies(pattern: Pattern, out: NDArray[Any]) -> None:
+    """Give copies (N,) what the points have that they are copies of."""
     out[pattern.copies[:, 0]] = out[pattern.copies[:, 1]]
 
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
-from lidar_outlier_filter.core.kernels.jacobi import eigen
+from lidar_outlier_filter.core.kernels.jacobi import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE
 from lidar_outlier_filter.core.neighbours.scan_pattern import TURN
@@ -208,10 +208,7 @@ def _lay_flat(room: Room) -> Floats:
                 total += at[i, s] * at[j, s]
             normal[i, j] = total
     eigen(normal, vectors, 3)
-    least = 0
-    for i in range(1, 3):
-        if normal[i, i] < normal[least, least]:
-            least = i
+    least = find_least(normal, 3)
     across = np.empty((2, 3))
     for axis in range(3):
         across[0, axis] = vectors[axis, (least + 1) % 3]
@@ -234,10 +231,7 @@ def _fit_plane(room: Room) -> tuple[float, float, float, float]:
     for _ in range(FITS):
         _sum_normal(room)
         eigen(normal, vectors, UNKNOWNS)
-        least = 0
-        for i in range(1, UNKNOWNS):
-            if normal[i, i] < normal[least, least]:
-                least = i
+        least = find_least(normal, UNKNOWNS)
         a, b, c, d = vectors[0, least], vectors[1, least], vectors[2, least], vectors[3, least]
         square = max(a * a + b * b, TINY)
         east, north = (c * a - d * b) / square, (c * b + d * a) / square

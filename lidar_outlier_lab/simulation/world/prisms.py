@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH, Receiver
+from lidar_outlier_lab.simulation.world.sensors import FIRST, TRUTH, LaserScanner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,7 +35,7 @@ class Prism(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FreeScanner(Receiver):
+class FreeScanner(LaserScanner):
     """A scanner whose lasers fire one after the other, and whose clouds never repeat.
 
     Attributes
@@ -53,26 +52,12 @@ class FreeScanner(Receiver):
     interval: int = 10_000
     shots_per_line: int = 10_000
     before: int = 0
-    noise: float = 0.012
-    noise_per_metre: float = 0.0002
     resolution: float = 0.001
-    aperture: float = 0.006
     divergence: float = 0.0013
-    weakest: float = 1.2e-5
-
-    @property
-    @abstractmethod
-    def rings(self) -> int:
-        """Number of lasers."""
 
     @abstractmethod
     def directions(self, shot: NDArray[np.int64]) -> Floats:
         """Return directions (3, N) of shots counted from the start of the curve, of length one."""
-
-    @property
-    def lines_per_second(self) -> float:
-        """Clouds per second."""
-        return SECOND / (self.shots_per_line * self.interval)
 
     @property
     def block(self) -> int:
@@ -83,10 +68,6 @@ class FreeScanner(Receiver):
     def point(self) -> np.dtype[np.void]:
         """Fields of a point."""
         return np.dtype([*FIRST, ('line', 'u1'), *TRUTH])
-
-    def seconds(self, shot: NDArray[np.int64]) -> Floats:
-        """Seconds from the first shot to others."""
-        return shot * self.interval / SECOND
 
     def note(self, points: NDArray[np.void], shot: NDArray[np.int64]) -> None:
         """Write what the scanner itself knows of its shots into their points."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -260,7 +261,41 @@ class ProfileScanner(Receiver):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpinningScanner(Receiver):
+class LaserScanner(Receiver):
+    """Lasers that fire one after the other, evenly in time; a line is a turn, or a cloud."""
+
+    noise: float = 0.012
+    noise_per_metre: float = 0.0002
+    aperture: float = 0.006
+    weakest: float = 1.2e-5
+
+    @property
+    @abstractmethod
+    def rings(self) -> int:
+        """Number of lasers."""
+
+    @property
+    @abstractmethod
+    def interval(self) -> int:
+        """Time between shots, nanoseconds."""
+
+    @property
+    @abstractmethod
+    def shots_per_line(self) -> int:
+        """Shots of a line."""
+
+    @property
+    def lines_per_second(self) -> float:
+        """Lines per second."""
+        return SECOND / (self.shots_per_line * self.interval)
+
+    def seconds(self, shot: NDArray[np.int64]) -> Floats:
+        """Seconds from the first shot to others."""
+        return shot * self.interval / SECOND
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpinningScanner(LaserScanner):
     """A column of lasers, one for each ring, that turns clockwise; a turn begins at the back (-x).
 
     The lasers of a column fire one after the other, ring 0 first, evenly spread over its time; each
@@ -280,14 +315,10 @@ class SpinningScanner(Receiver):
     elevation: tuple[float, ...] = field(default=tuple(np.radians(np.linspace(-30.0, 10.0, 32))))
     columns: int = 2000
     column_time: int = 50_048
-    noise: float = 0.012
-    noise_per_metre: float = 0.0002
     resolution: float = 0.002
-    aperture: float = 0.006
     divergence: float = 0.0012
     nearest: float = 0.8
     farthest: float = 120.0
-    weakest: float = 1.2e-5
 
     def __post_init__(self) -> None:
         """Refuse what has no lasers, or a laser that does not fire at a whole nanosecond."""
@@ -313,11 +344,6 @@ class SpinningScanner(Receiver):
         return self.columns * self.rings
 
     @property
-    def lines_per_second(self) -> float:
-        """Turns per second."""
-        return SECOND / (self.columns * self.column_time)
-
-    @property
     def block(self) -> int:
         """Shots that are cast at once."""
         return BLOCK_COLUMNS * self.rings
@@ -326,10 +352,6 @@ class SpinningScanner(Receiver):
     def point(self) -> np.dtype[np.void]:
         """Fields of a point."""
         return np.dtype([*FIRST, ('ring', '<u2'), *TRUTH])
-
-    def seconds(self, shot: NDArray[np.int64]) -> Floats:
-        """Seconds from the first shot to others."""
-        return shot * self.interval / SECOND
 
     def note(self, points: NDArray[np.void], shot: NDArray[np.int64]) -> None:
         """Write what the scanner itself knows of its shots into their points."""

@@ -75,6 +75,10 @@ def _threshold(_parameters: FilterParameters) -> Threshold:
     return plain('evidence.threshold', (round(0.02 * n, 2) for n in range(5, 151)))
 
 
+# Processor seconds of the kernels of each part, to which `benchmarks/compile.py evidence:spinning
+# evidence:profile` gives its shares.
+PARTS = (('pattern.profile_groups', 6), ('pattern', 16), ('weighted_sum', 10), ('trees', 1))
+
 # Without dials: its weights are those of a regression.
 DETECTOR = Detector(
     name='evidence',
@@ -91,9 +95,8 @@ DETECTOR = Detector(
     # Lines are not looked at in tiles.
     tiled=Reaching(_scale, _odds, _survey_score, _reach),
     kernels=Kernels(
-        seconds=33,
-        # Shares of 33 s as `benchmarks/compile.py evidence:spinning evidence:profile` finds them.
-        parts=(('pattern.profile_groups', 6), ('pattern', 16), ('weighted_sum', 10), ('trees', 1)),
+        seconds=sum(seconds for _, seconds in PARTS),
+        parts=PARTS,
         # Without scan lines the kernels are the same for all sensors.
         by_sensor=lambda parameters: parameters.of(Evidence).sensor != 'survey',
         more=({'evidence.sensor': 'survey'},),  # for `clean`

@@ -30,7 +30,7 @@ from lidar_outlier_filter.core.detectors.quadric.kernels import (
     step,
     sum_normal,
 )
-from lidar_outlier_filter.core.kernels.jacobi import eigen
+from lidar_outlier_filter.core.kernels.jacobi import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 
 if TYPE_CHECKING:
@@ -72,10 +72,7 @@ def fit_plane(window: Window, begin: int, end: int) -> None:
     eigen(square, window.vectors, 3)
     plane = window.plane
     plane[MEAN], plane[MEAN + 1], plane[MEAN + 2], plane[WEIGHT] = x, y, z, total
-    least = 0
-    for k in range(1, 3):
-        if square[k, k] < square[least, least]:
-            least = k
+    least = find_least(square, 3)
     middle, largest = (least + 1) % 3, (least + 2) % 3
     if square[middle, middle] > square[largest, largest]:
         middle, largest = largest, middle
@@ -281,10 +278,7 @@ def start_algebraic(window: Window, n: int) -> float:
     square, vectors = window.square, window.vectors
     square[:] = window.normal
     eigen(square, vectors, QUADRIC)
-    least = 0
-    for k in range(1, QUADRIC):
-        if square[k, k] < square[least, least]:
-            least = k
+    least = find_least(square, QUADRIC)
     second = 1 if least == 0 else 0
     for k in range(QUADRIC):
         if k != least and square[k, k] < square[second, second]:

@@ -39,6 +39,7 @@ from lidar_outlier_filter.core.neighbours.placed_pattern import (
     LINES_AT_ONCE,
     Pattern,
     count_points,
+    fill_copies,
     spread,
 )
 from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
@@ -133,7 +134,7 @@ def judge(
         LINES_AT_ONCE,
         threads,
     )
-    score[pattern.copies[:, 0]] = score[pattern.copies[:, 1]]
+    fill_copies(pattern, score)
     if reason is not None:
         found = strongest_of_trees(prepared, first, model, rejected, threads)
         spread(pattern, found, reason)
