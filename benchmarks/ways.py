@@ -25,8 +25,8 @@ from ways_clouds import FEW, few_lines, moved_recordings, moved_street, swinging
 from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either, judge
 from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import detect, neighbours
+from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import typical_scale
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import NOTHING, put, table
 
@@ -56,7 +56,7 @@ def by_sum(points: Points) -> Bools:
 
 def by_survey(points: Points) -> Bools:
     """Judge as files without scan lines are judged."""
-    odds, _ = survey.measure(points.xyz, typical_scale(points.xyz, np.arange(len(points))))
+    odds, _ = survey.measure(points.xyz, look_around(points.xyz, np.arange(len(points))))
     return np.asarray(survey.score(odds, 1.0) > 1)
 
 

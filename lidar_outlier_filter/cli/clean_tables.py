@@ -45,6 +45,8 @@ CLASSES = {
     17: 'bridge deck',
     18: 'high noise',
 }
+# By a rule in metres.
+LOW_POINTS = 'to find more, try --chain evidence,elevation --set elevation.against=ground'
 MUCH = 0.005  # share of the points that rarely are outliers
 MOST_GROUPS = 10  # that are listed
 
@@ -98,6 +100,8 @@ def _say_how(task: FileTask, report: CleanReport) -> None:
         say(f'{path} has {report.lack}: it is judged without scan lines')
     if is_untested(report):
         say(f'{path}: {" and ".join(report.chain)} could test none of its points')
+    if report.left_low:
+        say(f'{path}: kept points that look like low points: {report.left_low:,}; {LOW_POINTS}')
     if report.rejected > MUCH * report.points:
         say(f'{path}: {report.rejected / report.points:.1%} of its points are rejected')
 

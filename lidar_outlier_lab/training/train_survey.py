@@ -30,8 +30,9 @@ from lidar_outlier_filter.core.detectors.evidence.survey.judge import (
 from lidar_outlier_filter.core.detectors.evidence.survey.near import COUNT as COUNT_NEAR
 from lidar_outlier_filter.core.detectors.evidence.survey.near import NEAR
 from lidar_outlier_filter.core.detectors.evidence.trees import add_up
+from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import K, typical_scale
+from lidar_outlier_filter.core.neighbours.places import K
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_scenes import training_scene
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.annotations import Floats, Ints, Progress, Singles
     from lidar_outlier_filter.core.detectors.evidence.trees import Trees
+    from lidar_outlier_filter.core.neighbours.floor import Floor
     from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene
 
 SCENES = 90
@@ -56,7 +58,7 @@ GOOD_COUNTS = 5.0  # how much good points count
 # Single points cannot tell them from edges, so they are neither good nor bad.
 NEITHER = (Cause.MIXED, Cause.NEAR_SURFACE, Cause.SNOW)
 LIMITS = np.arange(-20, 121) / 10.0  # log-odds tried as thresholds
-MOST_LOST = 5e-5  # share of the good points that may be lost, of the median kind of scene
+MOST_LOST = 1e-4  # share of the good points that may be lost, of the median kind of scene
 DIGITS = 6
 
 
@@ -65,7 +67,7 @@ class _SceneSeen(NamedTuple):
 
     name: str
     hood: Neighbourhood
-    typical: float
+    around: Floor
     cause: Ints
 
 
@@ -134,8 +136,8 @@ def train_survey(
 
 def _see(scene: SurveyScene) -> _SceneSeen:
     hood = Neighbourhood(scene.xyz, K)
-    typical = typical_scale(scene.xyz, np.arange(len(scene.xyz)))
-    return _SceneSeen(scene.name, hood, typical, scene.cause[hood.order].astype(np.int64))
+    around = look_around(scene.xyz, np.arange(len(scene.xyz)))
+    return _SceneSeen(scene.name, hood, around, scene.cause[hood.order].astype(np.int64))
 
 
 def _pass(
@@ -175,7 +177,7 @@ def _fold(number: int) -> int:
 
 def _values(scene: _SceneSeen, which: Ints, odds: Singles | None) -> Singles:
     """Return the features (F, M) of some points in a pass."""
-    near = neighbours(scene.hood, scene.typical)
+    near = neighbours(scene.hood, scene.around)
     if odds is None:
         values = np.empty((COUNT_NEAR, len(which)), np.float32)
         measure_near(near, which, values)
@@ -208,7 +210,7 @@ def _draw(scene: _SceneSeen, seed: int, number: int, odds: Singles | None) -> Dr
 def _judge(scene: _SceneSeen, trees: Trees, odds: Singles | None) -> Singles:
     """Say of each point what a pass says: the second only of those that are not clearly good."""
     if odds is None:
-        return first_odds(neighbours(scene.hood, scene.typical), trees)[0]
+        return first_odds(neighbours(scene.hood, scene.around), trees)[0]
     which, result = np.flatnonzero(odds > DOUBTFUL), odds.copy()
     total = np.empty(len(which), np.float32)
     add_up(trees, _values(scene, which, odds), total)

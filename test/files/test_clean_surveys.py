@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import laspy
@@ -70,6 +71,18 @@ def test_marks_and_classes(
     assert flag[[LOW, BIRD]].tolist() == [withheld, withheld]
     assert flag.sum() == 2 * withheld
     assert (np.delete(classes, [LOW, BIRD]) == 2).all()
+
+
+def test_low_points_that_are_left(cloud: Path, capsys: Capture) -> None:
+    """Kept points far below all around are counted, aloud and in the log, with what finds them."""
+    assert main(['clean', str(cloud), '--dry-run']) == 0
+    assert 'low points' not in capsys.readouterr().err
+    output = cloud.with_name('kept.las')
+    assert main(['clean', str(cloud), '--keep-classes', '1', '--output', str(output)]) == 0
+    said = 'kept points that look like low points: 1; to find more, try --chain evidence,elevation'
+    assert said in capsys.readouterr().err
+    assert json.loads(output.with_name('kept.las.json').read_text())['left_low'] == 1
+    assert 'left_low: 1' in output.with_name('kept.las.log').read_text()
 
 
 def test_known_noise_is_not_seen(cloud: Path, capsys: Capture) -> None:

@@ -36,10 +36,43 @@ def places(xyz: list[Position]) -> list[int]:
 
 
 def near_features(xyz: list[Position], typical: float) -> list[list[float]]:
-    """Return the 20 features of each point that the first trees see."""
+    """Return the 23 features of each point that the first trees see."""
     near = lists(xyz, K)
     radius = [math.dist(xyz[p], xyz[near[p][-1]]) for p in range(len(xyz))]
-    return [[*_near(xyz, near, radius, p), min(radius[p] / typical, FAR)] for p in range(len(xyz))]
+    return [
+        [*_near(xyz, near, radius, p), min(radius[p] / typical, FAR), closed(near, p), *deep]
+        for p, deep in enumerate(depths(xyz, typical))
+    ]
+
+
+def depths(xyz: list[Position], typical: float) -> list[tuple[float, float]]:
+    """Return how far each point is below the floor of its wide column, and ÷ how steep that is."""
+    lowest: dict[tuple[int, int], float] = {}
+    side = 2.0 * typical
+    left, front = min(x for x, _, _ in xyz), min(y for _, y, _ in xyz)
+    columns = [(int((x - left) / side), int((y - front) / side)) for x, y, _ in xyz]
+    for column, (_, _, z) in zip(columns, xyz, strict=True):
+        lowest[column] = min(z, lowest.get(column, z))
+    found = []
+    for (i, j), (_, _, z) in zip(columns, xyz, strict=True):
+        around = sorted(
+            low
+            for (a, b), low in lowest.items()
+            if abs(a // 5 - i // 5) <= 1 and abs(b // 5 - j // 5) <= 1
+        )
+        last = len(around) - 1
+        low, high = around[last // 4], around[3 * last // 4]
+        found.append(((low - z) / side, (low - z) / (high - low + side)))
+    return [tuple(min(max(value, -FAR), FAR) for value in pair) for pair in found]
+
+
+def closed(near: list[list[int]], p: int) -> int:
+    """Return how many points steps to neighbours lead to, with the point itself; 61 at most."""
+    reached, last = {p}, -1
+    while len(reached) != last:
+        last = len(reached)
+        reached |= {o for one in reached for o in near[one]}
+    return min(len(reached), MOST + 1)
 
 
 def _near(xyz: list[Position], near: list[list[int]], radius: list[float], p: int) -> list[float]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -73,8 +73,8 @@ class Reaching:
     Attributes
     ----------
     prepare : of all coordinates, metres, and of which of them there are
-        Gives a number that the measure of every point depends on.
-    measure : of coordinates (N, 3), metres, which of them are wanted, and this number
+        Gives what the measure of every point depends on, besides what is near it.
+    measure : of coordinates (N, 3), metres, which of them are wanted, and what was prepared
         Gives (N,) float64, and within what distance of each point all else is that it depends on.
         What it gives of points that are not wanted means nothing.
     score : of the measures of all points
@@ -84,8 +84,8 @@ class Reaching:
 
     """
 
-    prepare: Callable[[Floats, Ints, FilterParameters], float]
-    measure: Callable[[Floats, Bools, float, FilterParameters], tuple[Floats, Floats]]
+    prepare: Callable[[Floats, Ints, FilterParameters], Any]
+    measure: Callable[[Floats, Bools, Any, FilterParameters], tuple[Floats, Floats]]
     score: Callable[[Floats, FilterParameters], Scores]
     reach: Callable[[], tuple[int, int]]
 

@@ -23,7 +23,7 @@ So for all but the last the scores are those of one piece, bit for bit, whatever
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -255,7 +255,7 @@ class _Measure:
         else:
             self.k, self.steps = detector.neighbours(parameters), way.steps
         self._way, self._parameters = way, parameters
-        self._prepared = 0.0
+        self._prepared: Any = None
 
     def prepare(self, xyz: Floats, where: Ints) -> None:
         """Look at all points that there are, where the measure depends on them."""

@@ -229,6 +229,7 @@ def report_of(
         by_class=judged.by_class,
         low=int(np.count_nonzero(~judged.high)),
         high=int(np.count_nonzero(judged.high)),
+        left_low=judged.left_low,
         seconds=seconds,
         versions=versions(),
         parameters=judged.parameters.flat(),

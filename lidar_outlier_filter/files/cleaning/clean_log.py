@@ -74,7 +74,8 @@ class CleanReport:
     ``rings`` how many were recovered from elevations; ``extra`` of how many rejected points
     detectors say more, by what they say; ``spared`` how many would be rejected, but are of classes
     that stay as they are; ``by_class`` the points and the rejected ones of each class; ``low`` and
-    ``high`` how many rejected ones are below and above what is kept around them.
+    ``high`` how many rejected ones are below and above what is kept around them; ``left_low`` how
+    many of those that are kept look like low points.
     """
 
     input: str
@@ -101,6 +102,7 @@ class CleanReport:
     by_class: Mapping[int, tuple[int, int]]
     low: int
     high: int
+    left_low: int
     undecided_by: Mapping[str, int]
     seconds: Mapping[str, float]
     versions: Mapping[str, str]

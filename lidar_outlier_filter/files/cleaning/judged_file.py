@@ -15,6 +15,7 @@ import numpy as np
 from lidar_outlier_filter.core.judging.chain import along_lines, uses_lines
 from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
 from lidar_outlier_filter.core.judging.whole_cloud import check_chain, judge_whole
+from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
@@ -54,6 +55,7 @@ class JudgedFile:
     verdict : the same, without points of classes that stay as they are
     by_class : the points and the rejected ones of each class
     high : of each rejected point, whether it is above what is kept around it
+    left_low : how many kept points look like low ones; 0 of what is no survey
     seconds : what reading and judging took
 
     """
@@ -69,6 +71,7 @@ class JudgedFile:
     verdict: Verdict
     by_class: Mapping[int, tuple[int, int]]
     high: NDArray[np.bool_]
+    left_low: int
     seconds: Mapping[str, float]
 
     @property
@@ -121,6 +124,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
             counted = by_class(codes, verdict.rejected)
         kept = loaded.points.valid & ~verdict.rejected
         high = is_high(loaded.points.xyz, kept, verdict.rejected)
+        left_low = _count_low(file, loaded, kept, parameters.threads)
     return JudgedFile(
         file,
         wanted,
@@ -133,6 +137,7 @@ def judge_file(  # noqa: PLR0913  what, where to, and two who want to know
         verdict,
         counted,
         high,
+        left_low,
         seconds,
     )
 
@@ -157,6 +162,17 @@ def judge(  # noqa: PLR0913  where to, and two who want to know
         return TiledChain(cloud, parameters, tile, allocate, show, slow).judge()
     progress(0, 0, 'judging')
     return judge_whole(cloud, parameters, slow=slow)
+
+
+def _count_low(file: CloudFile, loaded: points.Loaded, kept: Bools, threads: int) -> int:
+    """Count the kept points that look like low ones, in what may be a survey.
+
+    A scan from the ground, with lines and without classes, has its lowest points where it sees far.
+    """
+    cloud = loaded.points
+    if cloud.ring is not None or (loaded.lines and not file.classes):
+        return 0
+    return count_low(cloud.xyz, np.flatnonzero(kept), threads)
 
 
 def _metres(file: CloudFile, coordinates: Sequence[str], unit: str | None) -> dict[str, float]:

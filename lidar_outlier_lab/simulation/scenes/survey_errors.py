@@ -8,7 +8,7 @@ alike hard to find.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -27,9 +27,19 @@ STEP = (0.3, 1.5)  # spacings from one point of a row to the next
 LOW = (0.03, 20.0)  # spacings below the ground
 PLAIN, NOISES = 20, 4.0  # neighbours of a low point, and their standard deviations it is below
 NOISE_FREE = 2.0  # spacings from good points that errors keep, low ones aside
+PATCH = (4.0, 60.0)  # points of a surface that a mirror shows at another place
+BELOW = 0.7  # share of the mirrored pieces that lie below their surface
+KINDS = (1.0, 2.0, 1.0, 1.0, 1.0, 1.0)  # how common the makers are, of Dirichlet's distribution
 TRIES = 20
 CLOUDED = 0.35  # share of the clouds with points at all heights
 HIGHEST = (30.0, 1500.0)  # spacings that these are moved up, or up and down, at most
+
+
+class _Cloud(NamedTuple):
+    xyz: Floats
+    tree: cKDTree
+    low: Floats
+    high: Floats
 
 
 def add_errors(xyz: Floats, share: float, rng: np.random.Generator) -> tuple[Floats, Bytes]:
@@ -42,22 +52,22 @@ def add_errors(xyz: Floats, share: float, rng: np.random.Generator) -> tuple[Flo
     rng : draws everything
 
     """
-    tree = cKDTree(xyz)
+    cloud = _Cloud(xyz, cKDTree(xyz), xyz.min(axis=0), xyz.max(axis=0))
     wanted = round(share * len(xyz))
-    kinds = rng.dirichlet([1.0, 2.0, 1.0, 1.0, 1.0])
+    kinds = rng.dirichlet(KINDS)
     parts, causes = [np.empty((0, 3))], [np.zeros(len(xyz), np.uint8)]
-    box, count = (xyz.min(axis=0), xyz.max(axis=0)), 0
+    count = 0
     if rng.random() < CLOUDED:
-        parts.append(_cloud(xyz, tree, wanted, rng))
+        parts.append(_cloud(cloud, wanted, rng))
         count = len(parts[-1])
         causes.append(np.full(count, Cause.SINGLE, np.uint8))
     while count < wanted:
         maker = MAKERS[int(rng.choice(len(MAKERS), p=kinds))]
         start = xyz[int(rng.integers(len(xyz)))]
-        spacing = max(float(tree.query(start, NEIGHBOUR + 1)[0][-1]), 1e-6)
-        made = maker(start, spacing, box, rng)
+        spacing = max(float(cloud.tree.query(start, NEIGHBOUR + 1)[0][-1]), 1e-6)
+        made = maker(cloud, start, spacing, rng)
         low = maker is _low
-        if not _is_clear(xyz, tree, start, made, spacing, low=low):
+        if not _is_clear(cloud, start, made, spacing, low=low):
             # Where nothing fits, there are fewer errors.
             count += rng.random() < 1.0 / TRIES
             continue
@@ -68,27 +78,26 @@ def add_errors(xyz: Floats, share: float, rng: np.random.Generator) -> tuple[Flo
     return np.concatenate([xyz, *parts]), np.concatenate(causes)
 
 
-def _is_clear(  # noqa: PLR0913  what it stands between
-    xyz: Floats, tree: cKDTree, start: Floats, made: Floats, spacing: float, *, low: bool
-) -> bool:
+def _is_clear(cloud: _Cloud, start: Floats, made: Floats, spacing: float, *, low: bool) -> bool:
     """Return whether errors are off every surface, or low ones below theirs."""
     if not low:
-        return bool(tree.query(made)[0].min() >= NOISE_FREE * spacing)
-    near = xyz[tree.query(start, PLAIN)[1]]
+        return bool(cloud.tree.query(made)[0].min() >= NOISE_FREE * spacing)
+    near = cloud.xyz[cloud.tree.query(start, PLAIN)[1]]
     noise = np.linalg.svd(near - near.mean(axis=0))[1][2] / np.sqrt(PLAIN)
     return bool(start[2] - made[0, 2] >= NOISES * noise)
 
 
-def _cloud(xyz: Floats, tree: cKDTree, wanted: int, rng: np.random.Generator) -> Floats:
+def _cloud(cloud: _Cloud, wanted: int, rng: np.random.Generator) -> Floats:
     """Put points at all heights above surfaces, or below them as well."""
-    start = xyz[rng.integers(len(xyz), size=int(rng.integers(wanted // 4, wanted + 1)))]
-    spacing = tree.query(start, NEIGHBOUR + 1)[0][:, -1]
+    count = int(rng.integers(wanted // 4, wanted + 1))
+    start = cloud.xyz[rng.integers(len(cloud.xyz), size=count)]
+    spacing = cloud.tree.query(start, NEIGHBOUR + 1)[0][:, -1]
     most = np.median(spacing) * _log_uniform(HIGHEST, rng)
     off = rng.uniform(0.0, most, len(start))
     below = rng.random(len(start)) < rng.choice([0.0, 0.5])
     made = start.copy()
     made[:, 2] += np.where(below, -off, off)
-    clear: Floats = made[tree.query(made)[0] >= NOISE_FREE * spacing]
+    clear: Floats = made[cloud.tree.query(made)[0] >= NOISE_FREE * spacing]
     return clear
 
 
@@ -105,17 +114,13 @@ def _log_uniform(limits: tuple[float, float], rng: np.random.Generator) -> float
     return float(np.exp(rng.uniform(*np.log(limits))))
 
 
-def _scattered(
-    _start: Floats, spacing: float, box: tuple[Floats, Floats], rng: np.random.Generator
-) -> Floats:
+def _scattered(cloud: _Cloud, _start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Put a point anywhere around the cloud."""
     margin = 5.0 * spacing
-    return rng.uniform(box[0] - margin, box[1] + margin)[None]
+    return rng.uniform(cloud.low - margin, cloud.high + margin)[None]
 
 
-def _moved(
-    start: Floats, spacing: float, _box: tuple[Floats, Floats], rng: np.random.Generator
-) -> Floats:
+def _moved(_cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Move a point off, or a few that come together."""
     far = rng.uniform(*OFF) if rng.random() < 0.3 else _log_uniform(OFF, rng)  # noqa: PLR2004
     off = spacing * far * _away(rng)
@@ -124,9 +129,7 @@ def _moved(
     return made
 
 
-def _group(
-    start: Floats, spacing: float, _box: tuple[Floats, Floats], rng: np.random.Generator
-) -> Floats:
+def _group(_cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Put a round group of points somewhere."""
     size, spread = int(rng.integers(*GROUP)), spacing * _log_uniform(SPREAD, rng)
     off = (spacing * _log_uniform(APART, rng) + 2.0 * spread) * _away(rng)
@@ -134,9 +137,7 @@ def _group(
     return made
 
 
-def _row(
-    start: Floats, spacing: float, _box: tuple[Floats, Floats], rng: np.random.Generator
-) -> Floats:
+def _row(_cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Put a row of points somewhere, which is not quite straight."""
     size, step = int(rng.integers(*GROUP)), spacing * _log_uniform(STEP, rng)
     off = spacing * _log_uniform(APART, rng) * _away(rng)
@@ -145,12 +146,24 @@ def _row(
     return made + 0.1 * step * rng.standard_normal((size, 3))
 
 
-def _low(
-    start: Floats, spacing: float, _box: tuple[Floats, Floats], rng: np.random.Generator
-) -> Floats:
+def _low(_cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
     """Put a point below a surface, as if its echo came late."""
     made: Floats = start - np.array([[0.0, 0.0, spacing * _log_uniform(LOW, rng)]])
     return made
 
 
-MAKERS = (_scattered, _moved, _group, _row, _low)
+def _patch(cloud: _Cloud, start: Floats, spacing: float, rng: np.random.Generator) -> Floats:
+    """Copy a piece of a surface to another place, as a mirror does, most often below it."""
+    size = int(_log_uniform(PATCH, rng))
+    piece = cloud.xyz[cloud.tree.query(start, min(size, len(cloud.xyz)))[1]]
+    seen = rng.random(len(piece)) < rng.uniform(0.3, 1.0)
+    seen[0] = True
+    piece = piece[seen]
+    off = spacing * _log_uniform(APART, rng)
+    way = np.array([0.0, 0.0, -1.0]) if rng.random() < BELOW else _away(rng)
+    height = 2.0 * start[2] - piece[:, 2] if rng.random() < 0.5 else piece[:, 2]  # noqa: PLR2004
+    made = np.column_stack([piece[:, :2], height]) + off * way
+    return made + rng.uniform(0.0, 0.3) * spacing * rng.standard_normal(made.shape)
+
+
+MAKERS = (_scattered, _moved, _group, _row, _low, _patch)

@@ -11,7 +11,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.core.neighbours.places import K
 from lidar_outlier_filter.messages.truth import Kind
 from lidar_outlier_lab.simulation.papers import tripod
 from lidar_outlier_lab.simulation.papers.aerial import Flight, fly
@@ -30,6 +32,12 @@ SHARE = (1e-4, 0.02)  # of errors; none in some scenes
 FEW, SHARE_OF_FEW = 10_000, 0.15  # small clouds may have more
 CLEAN = 0.15  # share of the scenes without errors
 ROUNDED = 0.3  # share of the scenes whose coordinates are rounded to millimetres or centimetres
+SINGLE = 0.25  # share of those from the air in single precision: northings in steps to 0.5 m
+LINED = 0.5  # share of those from the air that are of lines far from each other
+APART, WIDTH = (2.0, 10.0), (0.05, 0.4)  # of lines: spacings between them, and share of that
+ISLANDS = 0.5  # share of those of country and of pieces that have gaps around some of their parts
+PARTS, LOWER = (5, 80), 0.4  # tried; those are taken whose middle is in this lower part around it
+ISLAND, MOAT = (1.0, 5.0), (2.5, 12.0)  # of these: half as wide, and the gaps around, spacings
 THINNED = 0.3  # share of those from the air that are thinned
 
 
@@ -64,11 +72,20 @@ def training_scene(seed: int) -> SurveyScene:
         known = cause
         xyz, cause = add_errors(xyz, max(share, 10 / len(xyz)), rng)
         cause[: len(known)] = known
+    xyz = _rounded(xyz, name, rng)
+    order = rng.permutation(len(xyz))
+    return SurveyScene(f'{name} {seed}', xyz[order], cause[order])
+
+
+def _rounded(xyz: Floats, name: str, rng: np.random.Generator) -> Floats:
+    """Round coordinates as files do: to decimals, or to single precision in a country's grid."""
     if rng.random() < ROUNDED:
         step = float(rng.choice([0.001, 0.01]))
         xyz = np.round(xyz / step) * step
-    order = rng.permutation(len(xyz))
-    return SurveyScene(f'{name} {seed}', xyz[order], cause[order])
+    if name in FLOWN and rng.random() < SINGLE:
+        origin = np.array([rng.uniform(3e5, 7e5), rng.uniform(1e6, 7e6), 0.0])
+        xyz = (xyz + origin).astype(np.float32) - origin
+    return xyz
 
 
 def _good(xyz: Floats) -> tuple[Floats, Bytes]:
@@ -89,6 +106,40 @@ def _thin(xyz: Floats, rng: np.random.Generator) -> Floats:
         return xyz
     kept: Floats = xyz[rng.random(len(xyz)) < rng.uniform(0.1, 0.8)]
     return kept
+
+
+def _in_lines(xyz: Floats, rng: np.random.Generator) -> Floats:
+    """Keep what one or two flights see whose lines are farther apart than their points."""
+    if rng.random() >= LINED:
+        return xyz
+    spacing = np.sqrt(np.prod(np.ptp(xyz[:, :2], axis=0)) / len(xyz))
+    seen = np.zeros(len(xyz), np.bool_)
+    for _ in range(int(rng.integers(1, 3))):
+        way = rng.uniform(0.0, np.pi)
+        across = np.cos(way) * xyz[:, 1] - np.sin(way) * xyz[:, 0]
+        step = spacing * np.exp(rng.uniform(*np.log(APART)))
+        seen |= across % step < step * rng.uniform(*WIDTH)
+    kept: Floats = xyz[seen]
+    return kept
+
+
+def _with_islands(xyz: Floats, rng: np.random.Generator) -> Floats:
+    """Leave gaps around some parts of the ground, as between houses, or amidst water."""
+    if rng.random() >= ISLANDS:
+        return xyz
+    tree, kept = cKDTree(xyz), np.ones(len(xyz), np.bool_)
+    on_map = cKDTree(xyz[:, :2])
+    for middle in xyz[rng.integers(len(xyz), size=int(rng.integers(*PARTS)))]:
+        spacing = float(np.median(tree.query(middle, K + 1)[0][1:]))
+        within = spacing * np.exp(rng.uniform(*np.log(ISLAND)))
+        beyond = within + spacing * np.exp(rng.uniform(*np.log(MOAT)))
+        around = xyz[on_map.query_ball_point(middle[:2], 2.0 * beyond), 2]
+        if middle[2] > np.quantile(around, LOWER):
+            continue
+        near = np.array(tree.query_ball_point(middle, beyond))
+        kept[near[np.linalg.norm(xyz[near] - middle, axis=1) > within]] = False
+    few: Floats = xyz[kept]
+    return few
 
 
 def _flight(houses: bool, rng: np.random.Generator) -> tuple[Floats, Bytes]:  # noqa: FBT001  a kind
@@ -113,7 +164,8 @@ def _flight(houses: bool, rng: np.random.Generator) -> tuple[Floats, Bytes]:  # 
     flown = fly(how, rng, leaves)
     distance = flown.distance + rng.uniform(0.005, 0.06) * rng.standard_normal(len(flown.distance))
     xyz = (flown.origin + distance * flown.direction).T
-    return _good(_thin(np.ascontiguousarray(xyz), rng))
+    xyz = _in_lines(np.ascontiguousarray(xyz), rng)
+    return _good(_with_islands(_thin(xyz, rng), rng))
 
 
 def _town(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
@@ -144,7 +196,8 @@ def _images(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
     look = land.look(x, y)
     smooth, rough = rng.uniform(0.005, 0.06), rng.uniform(0.03, 0.25)
     noise = np.where(look.kind == Kind.FOLIAGE, rough, smooth)
-    return _good(np.stack([x, y, look.height + noise * rng.standard_normal(len(x))], axis=1))
+    xyz = np.stack([x, y, look.height + noise * rng.standard_normal(len(x))], axis=1)
+    return _good(_with_islands(xyz, rng))
 
 
 def _walls(_seed: int, rng: np.random.Generator) -> tuple[Floats, Bytes]:
@@ -225,3 +278,4 @@ KINDS: tuple[tuple[str, Callable[[int, np.random.Generator], tuple[Floats, Bytes
     ('mountains', _mountains),
     ('walls', _walls),
 )
+FLOWN = ('town', 'mountains')

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Ints
     from lidar_outlier_filter.core.detectors.explanation import Explanation
     from lidar_outlier_filter.core.detectors.seen import Seen
+    from lidar_outlier_filter.core.neighbours.floor import Floor
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -42,18 +43,18 @@ def _explain() -> Explanation:
     return EXPLANATION
 
 
-def _scale(xyz: Floats, where: Ints, parameters: FilterParameters) -> float:
-    from lidar_outlier_filter.core.neighbours.places import typical_scale
+def _look_around(xyz: Floats, where: Ints, parameters: FilterParameters) -> Floor:
+    from lidar_outlier_filter.core.neighbours.floor import look_around
 
-    return typical_scale(xyz, where, parameters.threads)
+    return look_around(xyz, where, parameters.threads)
 
 
 def _odds(
-    xyz: Floats, wanted: Bools, typical: float, parameters: FilterParameters
+    xyz: Floats, wanted: Bools, around: Floor, parameters: FilterParameters
 ) -> tuple[Floats, Floats]:
     from lidar_outlier_filter.core.detectors.evidence.survey.judge import measure
 
-    return measure(xyz, typical, parameters.threads, wanted)
+    return measure(xyz, around, parameters.threads, wanted)
 
 
 def _survey_score(odds: Floats, parameters: FilterParameters) -> Scores:
@@ -93,7 +94,7 @@ DETECTOR = Detector(
     wants_rings=lambda parameters: parameters.of(Evidence).sensor in {'auto', 'spinning'},
     columns={'intensity': ''},
     # Lines are not looked at in tiles.
-    tiled=Reaching(_scale, _odds, _survey_score, _reach),
+    tiled=Reaching(_look_around, _odds, _survey_score, _reach),
     kernels=Kernels(
         seconds=sum(seconds for _, seconds in PARTS),
         parts=PARTS,

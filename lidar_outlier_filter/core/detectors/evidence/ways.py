@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import d
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import look_first
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.surface import K
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.neighbours.places import typical_scale
+from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.scan_lines import has_lines, spins
 
 if TYPE_CHECKING:
@@ -74,8 +74,8 @@ def detect(seen: Seen, parameters: FilterParameters) -> Scores:
     points, threshold = seen.points, parameters.of(Evidence).threshold
     way, found = choose(seen, parameters)
     if way is Way.SURVEY:
-        typical = typical_scale(points.xyz, np.arange(len(points)), parameters.threads)
-        odds, _ = survey.measure(points.xyz, typical, parameters.threads)
+        around = look_around(points.xyz, np.arange(len(points)), parameters.threads)
+        odds, _ = survey.measure(points.xyz, around, parameters.threads)
         return Scores(survey.score(odds, threshold), scaled=True, way=way.value)
     reason = np.zeros(len(points), np.uint8) if parameters.scores else None
     if found is None:

@@ -12,7 +12,7 @@ from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
 from lidar_outlier_filter.core.detectors.evidence.ways import Way
 from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.core.judging.chain import Chain
-from lidar_outlier_filter.core.neighbours.places import typical_scale
+from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -47,7 +47,7 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     wanted[:20] = True
     found = contributions(seen, parameters, wanted)
     assert found.way == Way.SURVEY.value
-    odds, _ = survey.measure(xyz, typical_scale(xyz, np.arange(len(xyz))))
+    odds, _ = survey.measure(xyz, look_around(xyz, np.arange(len(xyz))))
     total = found.added.sum(axis=0, dtype=np.float64) + found.average
     np.testing.assert_allclose(total, odds[wanted], atol=2e-4)
     assert len(np.unique(found.average)) == 2  # both passes judge some of them

@@ -20,6 +20,7 @@ from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far
 from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
 from lidar_outlier_filter.core.judging.whole_cloud import judge_whole
 from lidar_outlier_filter.core.neighbours import places
+from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.places import (
     LEAST,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.annotations import Floats
     from lidar_outlier_filter.core.detectors.evidence.trees import Trees
+    from lidar_outlier_filter.core.neighbours.floor import Floor
 
 
 def surface(count: int = 400, seed: int = 1, strays: int = 12) -> Floats:
@@ -68,8 +70,16 @@ def along_a_line() -> Floats:
     return xyz
 
 
+def mirrored(size: int = 33) -> Floats:
+    """Make a surface, and a piece of it so many points large that is seen far below it, as well."""
+    xyz = surface(300, strays=0)
+    near = np.argsort(np.hypot(*(xyz[:, :2] - 10.0).T))[:size]
+    return np.concatenate([xyz, xyz[near] - (0.0, 0.0, 25.0)])
+
+
 CLOUDS = {
     'surface': surface(),
+    'mirrored': mirrored(),
     'grid': grid(),
     'stacked': stacked(),
     'line': along_a_line(),
@@ -86,15 +96,20 @@ def scale_of(xyz: Floats) -> float:
     return typical_scale(xyz, np.arange(len(xyz)))
 
 
+def around(xyz: Floats) -> Floor:
+    """Return what a cloud is like, all of whose points there are."""
+    return look_around(xyz, np.arange(len(xyz)))
+
+
 def odds_of(xyz: Floats, threads: int = 0) -> tuple[Floats, Floats]:
     """Return the log-odds of all points of a cloud, and how far they reach."""
-    return survey.measure(xyz, scale_of(xyz), threads)
+    return survey.measure(xyz, around(xyz), threads)
 
 
 def measured(xyz: Floats) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[np.float32]]:
     """Return the features of all points, those of the first trees and all, in the order given."""
     hood = Neighbourhood(xyz, K)
-    near, which = survey.neighbours(hood, scale_of(xyz)), np.arange(len(xyz))
+    near, which = survey.neighbours(hood, around(xyz)), np.arange(len(xyz))
     first = np.empty((survey_near.COUNT, len(xyz)), np.float32)
     survey.measure_near(near, which, first)
     odds, _ = survey.first_odds(near, load(SURVEY_MODEL).first)
@@ -111,16 +126,25 @@ def test_features_against_loops(name: str) -> None:
     xyz = CLOUDS[name]
     hood, first, every = measured(xyz)
     places = [tuple(row) for row in xyz.tolist()]
-    odds, _ = survey.first_odds(survey.neighbours(hood, scale_of(xyz)), load(SURVEY_MODEL).first)
+    odds, _ = survey.first_odds(survey.neighbours(hood, around(xyz)), load(SURVEY_MODEL).first)
     given = odds[np.argsort(hood.order)].tolist()
-    expected = np.array(naive.near_features(places, scale_of(xyz))).T
-    wide = np.array(naive.far_features(places, given, scale_of(xyz))).T
+    expected = np.array(naive.near_features(places, around(xyz).typical)).T
+    wide = np.array(naive.far_features(places, given, around(xyz).typical)).T
     for n, feature in enumerate(survey_far.NAMES):
         if feature in VAGUE.get(name, ()):
             continue
         loop = expected[n] if n < len(expected) else wide[n - len(expected)]
         np.testing.assert_allclose(every[n], loop, rtol=2e-4, atol=2e-4, err_msg=feature)
     np.testing.assert_array_equal(first, every[: len(first)])
+
+
+@pytest.mark.parametrize('size', [9, 33, 60, 61, 90])
+def test_closed_groups(size: int) -> None:
+    """Of a group that is apart the feature is its size, up to 60; of all others it is 61."""
+    _, first, _ = measured(mirrored(size))
+    closed = first[survey_near.NEAR.index('closed')]
+    np.testing.assert_array_equal(closed[:300], 61)
+    np.testing.assert_array_equal(closed[300:], min(size, 61))
 
 
 def test_trees_against_loops() -> None:
@@ -170,7 +194,7 @@ def test_reach() -> None:
     for p in range(0, len(xyz), 60):
         near = np.linalg.norm(xyz - xyz[p], axis=1) <= reach[p] * (1 + 1e-9)
         assert near.sum() > K
-        again, _ = survey.measure(xyz[near], scale_of(xyz))
+        again, _ = survey.measure(xyz[near], around(xyz))
         assert again[np.flatnonzero(near).tolist().index(p)] == odds[p]
 
 
@@ -192,7 +216,7 @@ def test_points_at_one_place_are_judged_as_one() -> None:
     odds, reach = odds_of(xyz)
     copies = np.random.default_rng(1).integers(0, 600, 2000)
     order = np.random.default_rng(2).permutation(2600)
-    again, far = survey.measure(np.concatenate([xyz, xyz[copies]])[order], scale_of(xyz))
+    again, far = survey.measure(np.concatenate([xyz, xyz[copies]])[order], around(xyz))
     np.testing.assert_array_equal(again, np.concatenate([odds, odds[copies]])[order])
     np.testing.assert_array_equal(far, np.concatenate([reach, reach[copies]])[order])
 
@@ -251,6 +275,18 @@ def test_finds_strays_and_loses_nothing() -> None:
     assert outlier[:20].all()
     assert outlier[20:35].sum() > 10
     assert not outlier[35:].any()
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_finds_a_piece_that_a_mirror_shows_below(seed: int) -> None:
+    """A few dozen points as even as the ground, far below it, are no ground."""
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform((0.0, 0.0, 0.0), (100.0, 100.0, 0.1), (10_000, 3))
+    xyz[:, 2] += 0.05 * xyz[:, 0]
+    piece = np.argsort(np.hypot(*(xyz[:, :2] - 50.0).T))[: int(rng.integers(20, 45))]
+    outlier = detect_outliers(np.concatenate([xyz, xyz[piece] - (0.0, 0.0, 15.0)])).outlier
+    assert outlier[10_000:].mean() > 0.8
+    assert not outlier[:10_000].any()
 
 
 def test_an_even_plane_is_kept() -> None:

@@ -26,8 +26,9 @@ from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far
 from lidar_outlier_filter.core.detectors.evidence.ways import Way, choose, find_sum
 from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import PARTS
 from lidar_outlier_filter.core.detectors.explanation import Contributions, Explanation, ReasonName
+from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import K, find_places, typical_scale
+from lidar_outlier_filter.core.neighbours.places import K, find_places
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Singles
@@ -91,6 +92,9 @@ _SURVEY = {
     'jump_at': 'how many neighbours lie before that step',
     'listed': 'how many neighbours have it among their nearest',
     'steps2': 'how many points neighbours of neighbours are',
+    'closed': 'how many points are in its group, if it is apart',
+    'deep': 'how far it is below the ground around',
+    'deep_steep': 'how far it is below the ground around ÷ how steep that is',
     'off': 'height over the plane through its 8 neighbours',
     'flat': 'how flat its 8 neighbours lie',
     'off_flat': 'height over that plane ÷ how flat they lie',
@@ -185,7 +189,7 @@ def _of_places(xyz: Floats, wanted: Bools, threads: int) -> tuple[Singles, Singl
         return np.zeros((survey_far.COUNT, count), np.float32), np.zeros(count, np.float32)
     model = load(SURVEY_MODEL)
     hood = Neighbourhood(xyz, K, threads)
-    near = survey.neighbours(hood, typical_scale(xyz, np.arange(len(xyz)), threads))
+    near = survey.neighbours(hood, look_around(xyz, np.arange(len(xyz)), threads))
     first, _ = survey.first_odds(near, model.first, threads)
     which = np.flatnonzero(wanted[hood.order])  # in tree order
     again = first[which] > np.float32(model.doubtful)

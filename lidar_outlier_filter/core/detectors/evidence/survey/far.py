@@ -185,7 +185,7 @@ def _write_distances(
         values[BEGIN + 2, lane] = distance[count - 1, lane] / s
         values[BEGIN + 3, lane] = own / (work[dense, lane] + LEAST)
         values[BEGIN + 4, lane] = s / buffers.near.scale[lane]
-        values[HEIGHTS + 8, lane] = s / near.typical
+        values[HEIGHTS + 8, lane] = s / near.around.typical
 
 
 @inner_kernel

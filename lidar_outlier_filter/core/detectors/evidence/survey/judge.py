@@ -4,8 +4,8 @@
 
 The first trees see the eight nearest neighbours of every point. Where they do not call it clearly
 good, the second trees see the sixty nearest, and what the first say of these. So the wide search,
-which takes long, is for few points. What is said of a point depends on what is near it alone.
-Points at one place are judged as one: neighbours are at other places.
+which takes long, is for few points. What is said of a point depends on what is near it, and on the
+floor of the whole cloud. Points at one place are judged as one: neighbours are at other places.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ from lidar_outlier_filter.core.neighbours.places import K, find_places, shares_p
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Ints, Singles
+    from lidar_outlier_filter.core.neighbours.floor import Floor
 
 AT_ONCE = 128 * LANES  # points that a thread takes at once
 LEAST = -8.0  # log-odds that make a score of 0
 
 
 def measure(
-    xyz: Floats, typical: float, threads: int = 0, wanted: Bools | None = None
+    xyz: Floats, around: Floor, threads: int = 0, wanted: Bools | None = None
 ) -> tuple[Floats, Floats]:
     """Return the log-odds of N points, and how far away what they depend on may be, metres.
 
@@ -44,8 +45,8 @@ def measure(
     ----------
     xyz : (N, 3) float64
         Metres, finite; z points up.
-    typical : float
-        The :func:`.typical_scale` of the whole cloud that they are of, metres.
+    around : Floor
+        What :func:`.look_around` says of the whole cloud that they are of.
     threads : at most so many at once; 0 for as many as there are cores
     wanted : (N,) bool
         None: all. Of the others it says only what the first trees say.
@@ -68,9 +69,9 @@ def measure(
         places = find_places(xyz)
         asked = None if wanted is None else np.bincount(places.of, wanted) > 0
         alone = np.take(xyz, places.first, axis=0)
-        odds, reach = measure(alone, typical, threads, asked)
+        odds, reach = measure(alone, around, threads, asked)
         return odds[places.of], reach[places.of]
-    near = neighbours(hood, typical)
+    near = neighbours(hood, around)
     first, extent = first_odds(near, model.first, threads)
     result, way = first.astype(np.float64), extent
     is_doubtful = first > np.float32(model.doubtful)
@@ -93,9 +94,9 @@ def score(odds: Floats, threshold: float) -> Floats:
     return scores
 
 
-def neighbours(hood: Neighbourhood, typical: float) -> Near:
+def neighbours(hood: Neighbourhood, around: Floor) -> Near:
     """Find the eight nearest neighbours of more than eight points."""
-    return Near(hood.xyz, hood.nearest(K).index, np.sqrt(squared_k_distances(hood, K)), typical)
+    return Near(hood.xyz, hood.nearest(K).index, np.sqrt(squared_k_distances(hood, K)), around)
 
 
 def first_odds(near: Near, trees: Trees, threads: int = 0) -> tuple[Singles, Floats]:
@@ -125,16 +126,14 @@ def second_odds(
 def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles, extent: Floats) -> None:
     buffers, points = survey_near.make_buffers(), np.empty(LANES, np.int64)
     values, total = np.empty((survey_near.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
-    farthest = np.empty(LANES)
     for start in range(begin, end, LANES):
         for lane in range(LANES):
             points[lane] = min(start + lane, end - 1)
         write_near(near, points, buffers, values)
         add_lanes(trees, values, total)
-        add_farthest(buffers.distance, buffers.radii, K, farthest)
         for lane in range(min(LANES, end - start)):
             odds[start + lane] = total[lane]
-            extent[start + lane] = max(near.radius[start + lane], farthest[lane])
+            extent[start + lane] = buffers.extent[lane]
 
 
 @kernel

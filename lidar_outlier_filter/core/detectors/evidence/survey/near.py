@@ -17,6 +17,9 @@ eighth: so features have no unit, and follow the density. z is expected to point
     How many of the neighbours are at least as far from their own eighth as from the point.
 ``steps2``
     How many other points two steps reach, each to one of the eight nearest.
+``closed``
+    How many points any number of such steps reach, with the point itself; 61 stands for all larger
+    numbers. Fewer are a group that is apart from all else, however even it is in itself.
 ``off``, ``flat``, ``off_flat``
     Distance from the plane through the neighbours, and their standard deviation from it, ÷ s; the
     first ÷ the second and a hundredth of s.
@@ -33,6 +36,8 @@ eighth: so features have no unit, and follow the density. z is expected to point
     highest, and a fiftieth of s.
 ``rare``
     Distance to the eighth neighbour ÷ the typical one in the whole cloud.
+
+Behind these come the features of the :mod:`lidar_outlier_filter.core.neighbours.floor`.
 """
 
 from __future__ import annotations
@@ -57,24 +62,30 @@ from lidar_outlier_filter.core.kernels.eigen import (
 )
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
+from lidar_outlier_filter.core.neighbours.floor import NAMES as FLOOR
+from lidar_outlier_filter.core.neighbours.floor import write_depth
 from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
+    from lidar_outlier_filter.core.neighbours.floor import Floor
 
 FEW = 3  # of them
 SMOOTH = 0.01  # of s: less is not expected of any surface
 TABLE = 1024  # slots for the points that two steps reach, a power of 2: few of them meet
 MARK = 1 << 32  # more than there are points
+CLOSED = 61  # points: so many are no group
+ROOM = CLOSED + 1 + K + K * K  # points that are found before the steps end, at most
 FAR = 1e6  # features are at most so large
 SORT = network(K, range(K))
 
 NEAR = (
     *('near1', 'near3', 'near8', 'denser', 'sparser', 'jump', 'jump_at', 'listed', 'steps2'),
     *('off', 'flat', 'off_flat', 'thin', 'aside', 'level', 'below', 'above'),
-    *('sunk', 'raised', 'rare'),
+    *('sunk', 'raised', 'rare', 'closed'),
+    *FLOOR,
 )
-COUNT = len(NEAR)
+COUNT, DEPTH = len(NEAR), len(NEAR) - len(FLOOR)
 
 
 class Near(NamedTuple):
@@ -87,15 +98,15 @@ class Near(NamedTuple):
         The nearest first.
     radius : (N,) float64
         Distance to the eighth, metres.
-    typical : float
-        The typical radius of the whole cloud.
+    around : Floor
+        What the whole cloud is like.
 
     """
 
     xyz: Floats
     index: Index  # type: ignore[assignment]  # nobody misses that of tuples
     radius: Floats
-    typical: float
+    around: Floor
 
 
 class NearBuffers(NamedTuple):
@@ -112,6 +123,10 @@ class NearBuffers(NamedTuple):
     work : (K, LANES) float64
     moment, mean, value, vector : (6, 3, 3 or 4, LANES) float64
         Of a plane.
+    extent : (LANES,) float64
+        How far what counts may be from the point, metres.
+    reached : (ROOM,) int64
+        Points that steps lead to, in the order in which they were found.
     table : (TABLE + 1,) int64
         The last is the mark of the latest count.
 
@@ -126,6 +141,8 @@ class NearBuffers(NamedTuple):
     mean: Floats
     value: Floats
     vector: Floats
+    extent: Floats
+    reached: Ints
     table: Ints
 
 
@@ -138,7 +155,7 @@ def make_buffers() -> NearBuffers:
         np.empty((3, K, LANES)),
         *(lists[0], lists[1], lists[2]),
         *(np.empty((6, LANES)), np.empty((3, LANES)), np.empty((3, LANES)), np.empty((4, LANES))),
-        np.zeros(TABLE + 1, np.int64),
+        *(np.empty(LANES), np.empty(ROOM, np.int64), np.zeros(TABLE + 1, np.int64)),
     )
 
 
@@ -148,8 +165,10 @@ def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) 
     for lane in range(LANES):
         p = points[lane]
         gather(near.xyz, near.radius, p, near.index[p], lane, buffers.offset, buffers.radii)
-        values[8, lane] = count_steps(near.index, p, buffers.table)
-        values[19, lane] = near.radius[p] / near.typical
+        values[8, lane], values[20, lane] = _count_steps(near, p, lane, buffers)
+        values[19, lane] = near.radius[p] / near.around.typical
+        x, y, z = near.xyz[p, 0], near.xyz[p, 1], near.xyz[p, 2]
+        write_depth(near.around, x, y, z, DEPTH, lane, values)
     measure(buffers.offset, K, buffers.distance)
     _write_distances(buffers, values)
     write_heights(buffers.offset[2], K, SORT, buffers.scale, 15, 17, buffers.work, values)
@@ -200,28 +219,38 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
 
 
 @inner_kernel
-def count_steps(index: Index, p: int, table: Ints) -> int:
-    """Count the other points that two steps from p lead to.
+def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[int, int]:
+    """Count the other points that two steps from p lead to, and all that any number of them does.
 
     What the table holds of earlier counts is less than ``mark``: so nothing is cleared.
     """
+    index, reached, table = near.index, buffers.reached, buffers.table
     table[TABLE] += MARK
-    mark, count = table[TABLE], 0
+    mark, count, done, farthest, two = table[TABLE], 1, 0, 0.0, 0
     _put(table, mark, mark + p)
-    for m in range(K):
-        o = index[p, m]
-        count += _put(table, mark, mark + o)
-        for n in range(K):
-            count += _put(table, mark, mark + index[o, n])
-    return count
+    reached[0] = p
+    while done < count and (done <= K or count < CLOSED):
+        one = reached[done]
+        for m in range(K):
+            o = index[one, m]
+            if _put(table, mark, mark + o):
+                reached[count] = o
+                count += 1
+        x, y = near.xyz[one, 0] - near.xyz[p, 0], near.xyz[one, 1] - near.xyz[p, 1]
+        z = near.xyz[one, 2] - near.xyz[p, 2]
+        farthest = max(farthest, np.sqrt((x * x + y * y) + z * z) + near.radius[one])
+        done += 1
+        two = count - 1 if done <= K + 1 else two
+    buffers.extent[lane] = farthest
+    return two, min(count, CLOSED)
 
 
 @inner_kernel
-def _put(table: Ints, mark: int, number: int) -> int:
-    """Put a number into a table, unless it is there; return how many were put."""
+def _put(table: Ints, mark: int, number: int) -> bool:
+    """Put a number into a table; return whether it was not there."""
     slot = number & (TABLE - 1)
     while table[slot] >= mark and table[slot] != number:
         slot = (slot + 1) & (TABLE - 1)
-    new = table[slot] != number
+    new: bool = table[slot] != number
     table[slot] = number
-    return int(new)
+    return new

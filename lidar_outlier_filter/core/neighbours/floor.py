@@ -1,0 +1,185 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The floor of a whole cloud: it tells low points, and low groups, from ground that lies apart.
+
+Columns stand on a grid, two typical distances to a side; each has a lowest point. Wide columns are
+of five by five. The floor of one is the lower quartile of the lowest points of its columns and of
+those of the eight wide columns around. So low points do not count where they are in less than a
+quarter of the columns, and a terrace or a pit does where it is in more. Copies, the order of the
+points and tiles count for nothing.
+
+``deep``
+    How far the point is below the floor, ÷ the side of a column; negative above it.
+``deep_steep``
+    The same, ÷ how far the quartiles of the lowest points are apart and the side.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, select
+from lidar_outlier_filter.core.neighbours.places import typical_scale
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.annotations import Floats, Ints, Singles
+
+SIDE = 2.0  # of a column, typical distances
+WIDER = 5  # columns to the side of a wide one
+WINDOW = 3 * WIDER
+FARTHEST = 2.0**30  # columns from the first: those beyond are one
+ROW = 32  # bits of a column's number within its row
+WITHIN = (1 << ROW) - 1
+AT_ONCE = 500_000  # points
+COLUMNS_AT_ONCE = 256
+DEEP, STEEP = 4.0, 0.5  # `deep` and `deep_steep` from which on a point looks like a low one
+
+NAMES = ('deep', 'deep_steep')
+
+
+class Floor(NamedTuple):
+    """What a whole cloud is like.
+
+    Attributes
+    ----------
+    typical : float
+        Its :func:`.typical_scale`, metres.
+    origin : (2,) float64
+        The least x and y, metres.
+    side : float
+        Of a column, metres.
+    wide : (C,) int64
+        The wide columns that hold points, ascending: row << 32 | number within the row.
+    floor : (C, 2) float64
+        Lower quartile of the lowest points around, and how far it is below the upper, metres.
+
+    """
+
+    typical: float
+    origin: Floats
+    side: float
+    wide: Ints
+    floor: Floats
+
+
+def look_around(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
+    """Say what a whole cloud is like.
+
+    Parameters
+    ----------
+    xyz : (N, 3) float64, metres; z points up
+    where : (M,) int64
+        Which of the points there are; they are finite.
+    threads : at most so many at once; 0 for as many as there are cores
+
+    """
+    typical = typical_scale(xyz, where, threads)
+    side, parts = SIDE * typical, [where[n : n + AT_ONCE] for n in range(0, len(where), AT_ONCE)]
+    if not parts:
+        return Floor(typical, np.zeros(2), side, np.empty(0, np.int64), np.empty((0, 2)))
+    origin = np.min([np.take(xyz, part, axis=0)[:, :2].min(axis=0) for part in parts], axis=0)
+    columns, lowest = [], []
+    for part in parts:
+        some = np.take(xyz, part, axis=0)
+        column, low = _lowest(_number(some, origin, side), some[:, 2])
+        columns.append(column)
+        lowest.append(low)
+    column, low = _lowest(np.concatenate(columns), np.concatenate(lowest))
+    wide = np.unique(_widen(column))
+    floor = np.empty((len(wide), 2))
+    pool.run(
+        lambda i, j: _write_floor(wide, column, low, i, j, floor),
+        *(len(wide), COLUMNS_AT_ONCE, threads),
+    )
+    return Floor(typical, origin, side, wide, floor)
+
+
+def count_low(xyz: Floats, where: Ints, threads: int = 0) -> int:
+    """Count the points that look like low ones: far below the floor, and not for its steepness.
+
+    Parameters
+    ----------
+    xyz : (N, 3) float64, metres; z points up
+    where : (M,) int64
+        Which of the points there are; they are finite.
+    threads : at most so many at once; 0 for as many as there are cores
+
+    """
+    around, count = look_around(xyz, where, threads), 0
+    for begin in range(0, len(where), AT_ONCE):
+        some = np.take(xyz, where[begin : begin + AT_ONCE], axis=0)
+        column = _number(some, around.origin, around.side)
+        place = np.searchsorted(around.wide, _widen(column))
+        below = around.floor[place, 0] - some[:, 2]
+        steep = STEEP * (around.floor[place, 1] + around.side)
+        count += int(np.count_nonzero(below > np.maximum(DEEP * around.side, steep)))
+    return count
+
+
+def _widen(column: Ints) -> Ints:
+    """Return the wide columns in which columns are."""
+    wide: Ints = (column >> ROW) // WIDER << ROW | (column & WITHIN) // WIDER
+    return wide
+
+
+def _number(xyz: Floats, origin: Floats, side: float) -> Ints:
+    """Return the columns in which points are."""
+    at = np.clip((xyz[:, :2] - origin) / side, 0.0, FARTHEST).astype(np.int64)
+    column: Ints = at[:, 0] << ROW | at[:, 1]
+    return column
+
+
+def _lowest(column: Ints, z: Floats) -> tuple[Ints, Floats]:
+    """Return each column once, ascending, and its lowest z."""
+    order = np.argsort(column, kind='stable')
+    column = column[order]
+    begins = np.flatnonzero(np.append(True, column[1:] != column[:-1]))
+    return column[begins], np.minimum.reduceat(z[order], begins)
+
+
+@kernel
+def _write_floor(
+    wide: Ints, column: Ints, lowest: Floats, begin: int, end: int, floor: Floats
+) -> None:
+    """Write the floors of wide columns."""
+    lows = np.empty(WINDOW * WINDOW)
+    for n in range(begin, end):
+        first, left = ((wide[n] >> ROW) - 1) * WIDER, ((wide[n] & WITHIN) - 1) * WIDER
+        count = 0
+        for row in range(max(first, 0), first + WINDOW):
+            at = _search(column, row << ROW | max(left, 0))
+            while at < len(column) and column[at] < (row << ROW | (left + WINDOW)):
+                lows[count] = lowest[at]
+                count += 1
+                at += 1
+        low = select(lows, count, (count - 1) // 4)
+        floor[n, 0], floor[n, 1] = low, select(lows, count, 3 * (count - 1) // 4) - low
+
+
+@inner_kernel
+def _search(ascending: Ints, number: int) -> int:
+    """Return the place of the first that is not less."""
+    low, high = 0, len(ascending)
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] < number:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@inner_kernel
+def write_depth(
+    around: Floor, x: float, y: float, z: float, feature: int, lane: int, values: Singles
+) -> None:
+    """Write both features of a point, from this row on."""
+    i = int(min(max((x - around.origin[0]) / around.side, 0.0), FARTHEST))
+    j = int(min(max((y - around.origin[1]) / around.side, 0.0), FARTHEST))
+    place = min(_search(around.wide, i // WIDER << ROW | j // WIDER), len(around.wide) - 1)
+    low, spread = around.floor[place, 0], around.floor[place, 1]
+    values[feature, lane] = (low - z) / around.side
+    values[feature + 1, lane] = (low - z) / (spread + around.side)
