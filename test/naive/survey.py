@@ -62,8 +62,9 @@ def depths(xyz: list[Position], typical: float) -> list[tuple[float, float]]:
         )
         last = len(around) - 1
         low, high = around[last // 4], around[3 * last // 4]
-        found.append(((low - z) / side, (low - z) / (high - low + side)))
-    return [tuple(min(max(value, -FAR), FAR) for value in pair) for pair in found]
+        deep, steep = (low - z) / side, (low - z) / (high - low + side)
+        found.append((min(max(deep, -FAR), FAR), min(max(steep, -FAR), FAR)))
+    return found
 
 
 def closed(near: list[list[int]], p: int) -> int:
