@@ -98,7 +98,7 @@ def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
     >>> verdict.outlier[[76, 77, 78]].tolist()
     [False, True, False]
     >>> verdict.score[[76, 77, 78]].round(1)
-    array([0. , 1.2, nan], dtype=float32)
+    array([0. , 1.5, nan], dtype=float32)
 
     One detector alone, with a parameter of its own:
 
