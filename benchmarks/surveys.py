@@ -41,10 +41,6 @@ SIMULATED = ('kang-urban', 'kang-mountain', 'pirotti-sfm', 'pirotti-fcd', 'sotoo
 SEEDS = range(601, 606)
 ACTUAL = 'actual_scan_20240820_cloud.pcd'
 ARTEFACT = 65  # class of IGN's
-BOTH: dict[str, dict[str, Any]] = {
-    'default': {'evidence.sensor': 'survey'},
-    '`sor`': {'chain': ('sor',)},
-}
 CHAINS: dict[str, dict[str, Any]] = {
     'the default': {'evidence.sensor': 'survey'},
     '`sor`': {'chain': ('sor',)},
@@ -57,6 +53,7 @@ CHAINS: dict[str, dict[str, Any]] = {
         'elevation.against': 'ground',
     },
 }
+BOTH = {'default': CHAINS['the default'], '`sor`': CHAINS['`sor`']}
 
 
 def read(path: Path) -> Floats:

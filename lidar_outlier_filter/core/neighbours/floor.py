@@ -22,7 +22,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, select
-from lidar_outlier_filter.core.neighbours.places import typical_scale
+from lidar_outlier_filter.core.neighbours.places import in_parts, typical_scale
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Ints, Singles
@@ -33,7 +33,6 @@ WINDOW = 3 * WIDER
 FARTHEST = 2.0**30  # columns from the first: those beyond are one
 ROW = 32  # bits of a column's number within its row
 WITHIN = (1 << ROW) - 1
-AT_ONCE = 500_000  # points
 COLUMNS_AT_ONCE = 256
 DEEP, STEEP = 4.0, 0.5  # `deep` and `deep_steep` from which on a point looks like a low one
 
@@ -41,7 +40,7 @@ NAMES = ('deep', 'deep_steep')
 
 
 class Floor(NamedTuple):
-    """What a whole cloud is like.
+    """The floor of a whole cloud, and how far apart its points typically are.
 
     Attributes
     ----------
@@ -66,7 +65,7 @@ class Floor(NamedTuple):
 
 
 def look_around(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
-    """Say what a whole cloud is like.
+    """Find the floor of a whole cloud.
 
     Parameters
     ----------
@@ -77,13 +76,12 @@ def look_around(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
 
     """
     typical = typical_scale(xyz, where, threads)
-    side, parts = SIDE * typical, [where[n : n + AT_ONCE] for n in range(0, len(where), AT_ONCE)]
-    if not parts:
+    side = SIDE * typical
+    if len(where) == 0:
         return Floor(typical, np.zeros(2), side, np.empty(0, np.int64), np.empty((0, 2)))
-    origin = np.min([np.take(xyz, part, axis=0)[:, :2].min(axis=0) for part in parts], axis=0)
+    origin = np.min([some[:, :2].min(axis=0) for some in in_parts(xyz, where)], axis=0)
     columns, lowest = [], []
-    for part in parts:
-        some = np.take(xyz, part, axis=0)
+    for some in in_parts(xyz, where):
         column, low = _lowest(_number(some, origin, side), some[:, 2])
         columns.append(column)
         lowest.append(low)
@@ -100,17 +98,10 @@ def look_around(xyz: Floats, where: Ints, threads: int = 0) -> Floor:
 def count_low(xyz: Floats, where: Ints, threads: int = 0) -> int:
     """Count the points that look like low ones: far below the floor, and not for its steepness.
 
-    Parameters
-    ----------
-    xyz : (N, 3) float64, metres; z points up
-    where : (M,) int64
-        Which of the points there are; they are finite.
-    threads : at most so many at once; 0 for as many as there are cores
-
+    It takes what :func:`look_around` does.
     """
     around, count = look_around(xyz, where, threads), 0
-    for begin in range(0, len(where), AT_ONCE):
-        some = np.take(xyz, where[begin : begin + AT_ONCE], axis=0)
+    for some in in_parts(xyz, where):
         column = _number(some, around.origin, around.side)
         place = np.searchsorted(around.wide, _widen(column))
         below = around.floor[place, 0] - some[:, 2]

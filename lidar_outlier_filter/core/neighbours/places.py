@@ -18,6 +18,8 @@ from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from lidar_outlier_filter.annotations import Floats, Ints
 
 K = 8  # neighbours
@@ -75,6 +77,12 @@ def shares_places(hood: Neighbourhood, k: int) -> bool:
     return bool((nearest == hood.xyz).all(axis=1).any())
 
 
+def in_parts(xyz: Floats, where: Ints) -> Iterator[Floats]:
+    """Take the points (M,) that there are of N, so many at once as memory bears."""
+    for begin in range(0, len(where), AT_ONCE):
+        yield np.take(xyz, where[begin : begin + AT_ONCE], axis=0)
+
+
 def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
     """Return the typical distance to the eighth neighbour, metres.
 
@@ -87,11 +95,8 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
 
     """
     limit = EVERY if len(where) <= SAMPLE else EVERY * SAMPLE // len(where)
-    parts = [np.empty((0, 3))]
-    for begin in range(0, len(where), AT_ONCE):
-        some = np.take(xyz, where[begin : begin + AT_ONCE], axis=0)
-        parts.append(some[_numbers(some) < limit])
-    few = np.concatenate(parts)
+    some = (part[_numbers(part) < limit] for part in in_parts(xyz, where))
+    few = np.concatenate([np.empty((0, 3)), *some])
     alone = np.take(few, find_places(few).first, axis=0)
     if len(alone) <= K:
         return LEAST
