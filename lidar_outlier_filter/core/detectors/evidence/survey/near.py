@@ -222,27 +222,43 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
 def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[int, int]:
     """Count the other points that two steps from p lead to, and all that any number of them does.
 
-    What the table holds of earlier counts is less than ``mark``: so nothing is cleared.
+    After two steps, the points found last are taken first: they lead to new ones soonest. What the
+    table holds of earlier counts is less than ``mark``: so nothing is cleared.
     """
-    index, reached, table = near.index, buffers.reached, buffers.table
+    reached, table = buffers.reached, buffers.table
     table[TABLE] += MARK
-    mark, count, done, farthest, two = table[TABLE], 1, 0, 0.0, 0
+    mark, count, done = table[TABLE], 1, 0
     _put(table, mark, mark + p)
-    reached[0] = p
-    while done < count and (done <= K or count < CLOSED):
-        one = reached[done]
-        for m in range(K):
-            o = index[one, m]
-            if _put(table, mark, mark + o):
-                reached[count] = o
-                count += 1
-        x, y = near.xyz[one, 0] - near.xyz[p, 0], near.xyz[one, 1] - near.xyz[p, 1]
-        z = near.xyz[one, 2] - near.xyz[p, 2]
-        farthest = max(farthest, np.sqrt((x * x + y * y) + z * z) + near.radius[one])
+    reached[0], buffers.extent[lane] = p, 0.0
+    while done < min(count, K + 1):
+        count = _step(near, p, reached[done], count, mark, lane, buffers)
         done += 1
-        two = count - 1 if done <= K + 1 else two
-    buffers.extent[lane] = farthest
+    two, left = count - 1, count
+    while done < left and count < CLOSED:
+        left -= 1
+        more = _step(near, p, reached[left], left, mark, lane, buffers) - left
+        left, count = left + more, count + more
     return two, min(count, CLOSED)
+
+
+@inner_kernel
+def _step(
+    near: Near, p: int, one: int, count: int, mark: int, lane: int, buffers: NearBuffers
+) -> int:
+    """Put the neighbours of a point that were not reached before behind so many that were.
+
+    Return how many these are now; the extent of p becomes such that it covers the step.
+    """
+    for m in range(K):
+        o = near.index[one, m]
+        if _put(buffers.table, mark, mark + o):
+            buffers.reached[count] = o
+            count += 1
+    x, y = near.xyz[one, 0] - near.xyz[p, 0], near.xyz[one, 1] - near.xyz[p, 1]
+    z = near.xyz[one, 2] - near.xyz[p, 2]
+    covered = np.sqrt((x * x + y * y) + z * z) + near.radius[one]
+    buffers.extent[lane] = max(buffers.extent[lane], covered)
+    return count
 
 
 @inner_kernel
