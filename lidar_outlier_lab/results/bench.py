@@ -7,7 +7,7 @@ Answers are compared first: what is fast and wrong has no speed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
 from statistics import median
@@ -29,8 +29,9 @@ from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.stream.session import Session
 from lidar_outlier_lab.results import peers
-from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_sweeps
+from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
+from lidar_outlier_lab.simulation.world.sensors import ProfileScanner
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -47,6 +48,8 @@ SPATIAL = ('quadric', 'lof', 'sor')
 CHAINS = (('evidence',), ('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
 SWEEPS = ((128, 1024), (64, 2048))  # rings and columns of spinning sensors, 10 Hz
 TURNS = 8
+SLOWER = 160.0  # scan lines a second of another profile scanner; 150 have no whole nanoseconds
+SECONDS = 4.0  # of the demo's drive
 SHARES = (16, 8, 4, 2, 1)  # of the cloud, to see how the time grows
 SLOW = 8  # part of the cloud that slow peers get
 FLOOR = 48  # bytes of a point that are read and written at least
@@ -164,6 +167,17 @@ def spinning_messages(rings: int, columns: int) -> list[Any]:
     ((stamp, points),) = clouds(drive, 1)
     turn = drive.shots * drive.sensor.interval
     return [to_message(stamp + number * turn, points) for number in range(TURNS)]
+
+
+def profile_messages(lines: float) -> list[Any]:
+    """Drive through the demo's street for its four seconds, with so many scan lines a second."""
+    drive = demo_drive()
+    slower = replace(
+        drive,
+        sensor=ProfileScanner(lines_per_second=lines, shots_per_line=SHOTS),
+        lines=round(lines * SECONDS),
+    )
+    return [to_message(stamp, points) for stamp, points in clouds(slower)]
 
 
 def stream_work(

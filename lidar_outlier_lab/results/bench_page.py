@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_lab.results import bench, markdown
-from lidar_outlier_lab.results.bench import CHAINS, SHARES, SIDES, SPATIAL, SWEEPS, Work
+from lidar_outlier_lab.results.bench import (
+    CHAINS,
+    SHARES,
+    SHOTS,
+    SIDES,
+    SLOWER,
+    SPATIAL,
+    SWEEPS,
+    Work,
+)
 from lidar_outlier_lab.results.bench_parts import parts_of
 from lidar_outlier_lab.results.sheet import Sheet
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive
@@ -56,12 +65,18 @@ def run(console: Console, page: Path | None = None) -> int:
 
 
 def _sheets(messages: list[Any], xyz: Floats) -> Iterator[Sheet]:
+    # Answers are compared first: who differs is refused before anybody has waited for minutes.
+    searches = bench.search_works(xyz)
     streams = [bench.stream_work(messages, chain) for chain in CHAINS]
     alone = [bench.smoother_work(sides) for sides in SIDES]
     alone += [bench.spatial_work(xyz, name) for name in SPATIAL]
     floor = bench.floor_work(len(xyz))
     yield speeds('The demo: a profile scanner', [*streams, *alone, *bench.peer_works(xyz), floor])
     yield parts_of('What costs what on the demo', messages, SENSOR)
+    slower = bench.profile_messages(SLOWER)
+    works = [bench.stream_work(slower, CHAINS[0])]
+    name = f'A profile scanner of {SLOWER:.0f} lines × {SHOTS} shots a second'
+    yield speeds(name, [*works, *bench.peer_works(bench.coordinates(slower))])
     for rings, columns in SWEEPS:
         turns = bench.spinning_messages(rings, columns)
         sweep = bench.coordinates(turns[:1])
@@ -70,7 +85,7 @@ def _sheets(messages: list[Any], xyz: Floats) -> Iterator[Sheet]:
         yield speeds(name.capitalize(), [*works, *bench.peer_works(sweep)])
         yield parts_of(f'What costs what on {name}', turns, {})
     name = f'{bench.NEIGHBOURS} nearest neighbours of the demo, trees included'
-    yield speeds(name, bench.search_works(xyz))
+    yield speeds(name, searches)
     yield _growth(xyz)
 
 

@@ -84,9 +84,8 @@ def _small_gicp(xyz: Floats, count: int) -> Floats:
 def _pynanoflann(xyz: Floats, count: int) -> Floats:
     tree = import_module('pynanoflann').KDTree(n_neighbors=count + 1, leaf_size=10)
     tree.fit(xyz)
-    square, _ = tree.kneighbors(xyz, n_jobs=cores())
-    found: Floats = np.sqrt(np.asarray(square, np.float64)[:, 1:])
-    return found
+    distance, _ = tree.kneighbors(xyz, n_jobs=cores())
+    return np.asarray(distance)[:, 1:]
 
 
 def sor(xyz: Floats, count: int, deviations: float) -> Bools:
