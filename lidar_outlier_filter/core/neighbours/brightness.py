@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 
 if TYPE_CHECKING:
@@ -21,11 +22,14 @@ if TYPE_CHECKING:
 EDGES = np.array([s * 2.0**k for k in range(-1, 8) for s in (1.0, 1.5)], np.float32)
 EVERY = 4  # the part of the cells that shows what is usual
 ENOUGH = 30  # of them between two edges; fewer show nothing
+CELLS_AT_ONCE = 16_384
 BRIGHTEST = np.float32(8.0)
 UNKNOWN = np.float32(-1.0)
 
 
-def write_brightness(order: Ints, reach: Singles, intensity: Singles, bright: Singles) -> None:
+def write_brightness(
+    order: Ints, reach: Singles, intensity: Singles, bright: Singles, threads: int = 0
+) -> None:
     """Write the brightness (M,) of each cell; ``UNKNOWN`` where nothing is usual.
 
     Parameters
@@ -34,6 +38,7 @@ def write_brightness(order: Ints, reach: Singles, intensity: Singles, bright: Si
     reach : (M,) metres
     intensity : (N,) of the points; NaN and less than 0 are unknown
     bright : (M,) is written
+    threads : at most so many at once; 0 for as many as there are cores
 
     """
     count = np.zeros(len(EDGES) + 1, np.int64)
@@ -42,7 +47,10 @@ def write_brightness(order: Ints, reach: Singles, intensity: Singles, bright: Si
     usual = np.zeros(len(count), np.float32)  # 0 where there are too few
     for b in np.flatnonzero(count >= ENOUGH):
         usual[b] = np.median(values[b, : count[b]])
-    _compare(order, reach, intensity, usual, bright)
+    pool.run(
+        lambda i, j: _compare(order, reach, intensity, usual, i, j, bright),
+        *(len(order), CELLS_AT_ONCE, threads),
+    )
 
 
 @inner_kernel
@@ -67,10 +75,16 @@ def _collect(order: Ints, reach: Singles, intensity: Singles, count: Ints, value
 
 @kernel
 def _compare(
-    order: Ints, reach: Singles, intensity: Singles, usual: Singles, bright: Singles
+    order: Ints,
+    reach: Singles,
+    intensity: Singles,
+    usual: Singles,
+    begin: int,
+    end: int,
+    bright: Singles,
 ) -> None:
     """Divide intensities by what is usual."""
-    for k in range(len(order)):
+    for k in range(begin, end):
         i = order[k]
         bright[k] = UNKNOWN
         if i >= 0:

@@ -111,7 +111,7 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
         threads,
     )
     if points.intensity is not None:
-        write_brightness(placed.order, placed.range, points.intensity, placed.bright)
+        write_brightness(placed.order, placed.range, points.intensity, placed.bright, threads)
     return placed
 
 
