@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Peers at their best thresholds and as they come, on clouds without scan lines, and the default.
 
-    scripts/environment python benchmarks/survey_peers.py [--data ../shared/data] [--seeds 501 502]
-    scripts/environment python benchmarks/survey_peers.py --shipped
+    scripts/environment python benchmarks/survey_peers.py [--seeds 602 603] [--write]
+    scripts/environment python benchmarks/survey_peers.py --shipped [--write]
 
 The peers are the statistical and the radius filter of PDAL (filters.outlier) and of Open3D, the
 extended local minimum of PDAL (filters.elm), and the isolated voxels of LAStools (lasnoise) and
@@ -13,6 +13,7 @@ lidR's and CloudCompare's statistical filters are beside them. Of our detectors 
 with --shipped each, is beside them, with its defaults. Printed are F1, its mean over the seeds, the
 least and the most, and the share of the good points that is lost; with --shipped the shares of the
 outliers that are found and of the good points that are lost.
+With --write they go into the page on the default.
 """
 # ruff: noqa: INP001, T201  a script, no package
 
@@ -27,6 +28,7 @@ import numpy as np
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.neighbours.places import typical_scale
+from lidar_outlier_lab.results.markdown import paragraphs, table, write
 from lidar_outlier_lab.results.peers import distances
 from lidar_outlier_lab.results.real_clouds import labelled
 from lidar_outlier_lab.results.samples import simulated
@@ -38,6 +40,9 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.results.samples import Sample
 
 
+PAGE = Path(__file__).resolve().parents[1] / 'doc' / 'development' / 'default.md'
+OF_BEST = 'F1, its mean, the least and the most, and the share of the good points that is lost:'
+OF_SHIPPED = 'Percent of the outliers that are found / of the good points that are lost:'
 MEAN_K, MIN_K = 8, 2  # the defaults of PDAL
 NB_NEIGHBORS, NB_POINTS = 20, 16  # those of the tutorial of Open3D
 VOXELS = 2.0 ** np.arange(-1.0, 8.0)  # sides, typical distances to the eighth neighbour
@@ -200,16 +205,22 @@ def positions(sample: Sample) -> Floats:
 
 
 def of_shipped(found: list[Best]) -> str:
-    """Write what is found and lost, percent, means of all seeds."""
+    """Write what is found and lost, means of all seeds."""
     shares = [(one.found, one.lost) for one in found]
-    return ' / '.join(f'{100 * share:.2g}' for share in np.mean(shares, axis=0))
+    return ' / '.join(percent(share) for share in np.mean(shares, axis=0).tolist())
 
 
 def cell(found: list[Best]) -> str:
     """Write the mean F1, the least and the most where there are several, and what is lost."""
-    f1, lost = [one.f1 for one in found], 100 * np.mean([one.lost for one in found])
-    spread = f', {min(f1):.2f} to {max(f1):.2f}' if len(f1) > 1 else ''
-    return f'{np.mean(f1):.3f}{spread} ({lost:.2g} %)'
+    f1, lost = [f'{one.f1:.2f}' for one in found], float(np.mean([one.lost for one in found]))
+    spread = f', {min(f1)} to {max(f1)}' if len({*f1}) > 1 else ''
+    mean = np.mean([one.f1 for one in found])
+    return f'{mean:.2f}{spread} ({percent(lost) + " %" if lost else "none"})'
+
+
+def percent(share: float) -> str:
+    """Write a share in percent, to two digits that count."""
+    return np.format_float_positional(100 * share, 2, unique=False, fractional=False, trim='-')
 
 
 def worse(name: str, row: dict[str, list[Best]]) -> str | None:
@@ -221,29 +232,46 @@ def worse(name: str, row: dict[str, list[Best]]) -> str | None:
     return f'`{name}`: default {f1["default"]:.3f}; {", ".join(better)}' if better else None
 
 
-def main() -> None:
-    """Print a row of a table for each cloud, and where a peer is better."""
-    parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('--data', type=Path, default=Path('../shared/data'), metavar='DIR')
-    parser.add_argument('--seeds', type=int, nargs='+', default=[501, 502], metavar='N')
-    parser.add_argument('--presets', nargs='*', choices=PRESETS, default=PRESETS, metavar='P')
-    parser.add_argument('--shipped', action='store_true', help='peers with their defaults')
-    options = parser.parse_args()
-    ways = SHIPPED if options.shipped else tuple(WAYS)
+def judge_all(options: argparse.Namespace) -> dict[str, dict[str, list[Best]]]:
+    """Judge every cloud in every way: by name, and by way, one result for each seed."""
     rows: dict[str, dict[str, list[Best]]] = {}
     for name, xyz, bad in clouds(options.data, options.presets, options.seeds):
-        row = rows.setdefault(name, {way: [] for way in ways})
-        for way in ways:
-            one = judged(shipped(way, xyz), bad) if options.shipped else WAYS[way](xyz, bad)
-            row[way].append(one)
+        row = rows.setdefault(name, {way: [] for way in (SHIPPED if options.shipped else WAYS)})
+        for way, found in row.items():
+            found.append(judged(shipped(way, xyz), bad) if options.shipped else WAYS[way](xyz, bad))
         print(name, {way: round(found[-1].f1, 3) for way, found in row.items()}, file=sys.stderr)
-    print('| cloud |', ' | '.join(ways), '|')
-    print('| --- |', ' | '.join('---:' for _ in ways), '|')
-    for name, row in rows.items():
-        write = of_shipped if options.shipped else cell
-        print(f'| `{name}` |', ' | '.join(write(found) for found in row.values()), '|')
-    for sentence in filter(None, (worse(name, row) for name, row in rows.items())):
-        print(f'\n* {sentence}')
+    return rows
+
+
+def said(options: argparse.Namespace) -> str:
+    """Say what is in the table, the table, and where a peer is better."""
+    rows, text = judge_all(options), of_shipped if options.shipped else cell
+    ways = SHIPPED if options.shipped else tuple(WAYS)
+    seeds = f'Simulated clouds are of the seeds {", ".join(map(str, options.seeds))}.'
+    lines = [[f'`{name}`', *(text(found) for found in row.values())] for name, row in rows.items()]
+    better = filter(None, (worse(name, row) for name, row in rows.items()))
+    return paragraphs(
+        f'{seeds} {OF_SHIPPED if options.shipped else OF_BEST}',
+        table(['cloud', *ways], lines),
+        *(['\n'.join(f'* {sentence}' for sentence in better)] if not options.shipped else []),
+    )
+
+
+def main() -> None:
+    """Print a row of a table for each cloud, and where a peer is better, or write them."""
+    parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
+    parser.add_argument('--data', type=Path, default=Path('../shared/data'), metavar='DIR')
+    parser.add_argument('--seeds', type=int, nargs='+', default=[602, 603], metavar='N')
+    parser.add_argument('--presets', nargs='*', choices=PRESETS, default=PRESETS, metavar='P')
+    parser.add_argument('--shipped', action='store_true', help='peers with their defaults')
+    parser.add_argument('--write', action='store_true', help=f'into {PAGE.name}')
+    options = parser.parse_args()
+    if options.write:
+        section, asked = ('shipped', ' --shipped') if options.shipped else ('best', '')
+        command = f'benchmarks/survey_peers.py{asked} --write'
+        write(PAGE, f'survey-peers-{section}', said(options), command=command)
+    else:
+        print(said(options))
 
 
 if __name__ == '__main__':

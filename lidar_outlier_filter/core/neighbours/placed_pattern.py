@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 STRETCH = 24  # cells on either side of a point: nothing looks farther along a line
 PAD = LANES + STRETCH  # cells: as many as are looked at side by side, and what these look at
 NOWHERE = 1e9  # rad: the phase where there is no point
-LINES_AT_ONCE = 4  # lines that a thread takes
+LINES_AT_ONCE = 4  # lines that a thread takes of long work
+POINTS_AT_ONCE = 32_768  # points that a thread takes of short work: fewer are done before it wakes
 
 
 class Pattern(NamedTuple):
@@ -90,6 +91,11 @@ class Spacing(NamedTuple):
     turn: Singles
     beside: Singles
     uneven: Singles
+
+
+def lines_at_once(lines: int, points: int) -> int:
+    """Return how many of the lines of so many points a thread takes of short work."""
+    return max(lines * POINTS_AT_ONCE // max(points, 1), 1)
 
 
 def count_points(pattern: Pattern) -> int:

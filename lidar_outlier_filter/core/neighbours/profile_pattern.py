@@ -15,9 +15,9 @@ import numpy as np
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.placed_pattern import (
-    LINES_AT_ONCE,
     Pattern,
     Spacing,
+    lines_at_once,
     make_pattern,
     place,
 )
@@ -81,7 +81,8 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
         # Only returns of one time change cells, and their angles are the same.
         sort_lines(ordered, begin, end, phase, phase)
 
-    pool.run(prepare, lines, LINES_AT_ONCE, threads)
+    at_once = lines_at_once(lines, len(points))
+    pool.run(prepare, lines, at_once, threads)
     steps = phase[1:] - phase[:-1]
     steps = steps[steps > 0.0]
     step = np.full(lines, MORE * np.median(steps) if len(steps) else TURN, np.float32)
@@ -93,12 +94,7 @@ def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
         noise + _moved(scanner.position[rank]).astype(np.float32),
         noise * np.float32(LEVEL / NOISE),
     )
-    pool.run(
-        lambda i, j: place(ordered, phase, rank, i, j, found),
-        lines,
-        LINES_AT_ONCE,
-        threads,
-    )
+    pool.run(lambda i, j: place(ordered, phase, rank, i, j, found), lines, at_once, threads)
     return found
 
 

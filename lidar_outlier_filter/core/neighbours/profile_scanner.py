@@ -21,7 +21,7 @@ import numpy as np
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.jacobi import eigen, find_least
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
-from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE
+from lidar_outlier_filter.core.neighbours.placed_pattern import lines_at_once
 from lidar_outlier_filter.core.neighbours.scan_pattern import TURN
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def find_scanner(
     pool.run(
         lambda i, j: fit_lines(xyz, turned, order, first, i, j, fit),
         len(sizes),
-        LINES_AT_ONCE,
+        lines_at_once(len(sizes), len(t)),
         threads,
     )
     good = (fit.off <= UNEVEN * steps) & (fit.unsure <= UNSURE)

@@ -16,9 +16,9 @@ from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.neighbours.brightness import write_brightness
 from lidar_outlier_filter.core.neighbours.placed_pattern import (
-    LINES_AT_ONCE,
     Pattern,
     Spacing,
+    lines_at_once,
     make_pattern,
     place,
 )
@@ -106,9 +106,7 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
     placed = make_pattern(np.diff(first)[rank], spacing, noise, noise, same, copies)
     pool.run(
         lambda i, j: place(lines, turned.phase, rank, i, j, placed),
-        len(rank),
-        LINES_AT_ONCE,
-        threads,
+        *(len(rank), lines_at_once(len(rank), len(points)), threads),
     )
     if points.intensity is not None:
         write_brightness(placed.order, placed.range, points.intensity, placed.bright, threads)
@@ -130,11 +128,11 @@ def _turn(lines: OrderedLines, t: Ints, threads: int) -> _Turned | None:
     rate = _rate(azimuth, t, lines.first)
     if not abs(rate) > 0.0:
         return None
-    steady = np.zeros(number, np.int64)
+    steady, at_once = np.zeros(number, np.int64), lines_at_once(number, count)
     pool.run(
         lambda i, j: _unwrap(azimuth, t, lines.first, rate, i, j, phase, steady),
         number,
-        LINES_AT_ONCE,
+        at_once,
         threads,
     )
     if steady.sum() < STEADY * count:
@@ -144,7 +142,7 @@ def _turn(lines: OrderedLines, t: Ints, threads: int) -> _Turned | None:
         sort_lines(lines, begin, end, phase, up)
         join_shots(lines, begin, end, phase, up)
 
-    pool.run(sort, number, LINES_AT_ONCE, threads)
+    pool.run(sort, number, at_once, threads)
     return _Turned(phase, up)
 
 

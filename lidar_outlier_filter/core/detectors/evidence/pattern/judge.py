@@ -40,6 +40,7 @@ from lidar_outlier_filter.core.neighbours.placed_pattern import (
     Pattern,
     count_points,
     fill_copies,
+    lines_at_once,
     spread,
 )
 from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
@@ -131,7 +132,7 @@ def judge(
     pool.run(
         lambda i, j: _scale(pattern, odds, limit, i, j, score, rejected),
         len(pattern.first),
-        LINES_AT_ONCE,
+        lines_at_once(len(pattern.first), len(odds)),
         threads,
     )
     fill_copies(pattern, score)
@@ -167,7 +168,7 @@ def second_pass(
     pool.run(
         lambda i, j: _judge(prepared, profile, first, second, asked, trees, i, j, result),
         len(prepared.pattern.first),
-        LINES_AT_ONCE,
+        lines_at_once(len(prepared.pattern.first), len(result)),
         threads,
     )
     return result

@@ -21,7 +21,7 @@ from lidar_outlier_filter.core.detectors.evidence.pattern.window import OTHER, R
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.jacobi import eigen
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
-from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE
+from lidar_outlier_filter.core.neighbours.placed_pattern import lines_at_once
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -85,7 +85,8 @@ def find_groups(pattern: Pattern, near: Index, threads: int = 0) -> Singles:
         for segments, group, of_groups in reversed(found):
             _write(pattern, segments, group, of_groups, begin, end, out)
 
-    pool.run(write, len(pattern.first), LINES_AT_ONCE, threads)
+    lines = len(pattern.first)
+    pool.run(write, lines, lines_at_once(lines, len(pattern.order)), threads)
     return out
 
 

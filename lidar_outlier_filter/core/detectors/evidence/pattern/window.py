@@ -15,7 +15,7 @@ import numpy as np
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
-from lidar_outlier_filter.core.neighbours.placed_pattern import LINES_AT_ONCE, Pattern
+from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern, lines_at_once
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Index, Ints, Single, Singles
@@ -137,7 +137,7 @@ def prepare(pattern: Pattern, threads: int = 0) -> Prepared:
         write_roughness(pattern, begin, end, rough)
         find_beside(pattern, begin, end, near)
 
-    pool.run(work, lines, LINES_AT_ONCE, threads)
+    pool.run(work, lines, lines_at_once(lines, places), threads)
     return Prepared(pattern, rough, near, np.empty((0, places), np.float32))
 
 

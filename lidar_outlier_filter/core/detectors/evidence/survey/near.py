@@ -222,8 +222,9 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
 def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[int, int]:
     """Count the other points that two steps from p lead to, and all that any number of them does.
 
-    After two steps, the points found last are taken first: they lead to new ones soonest. What the
-    table holds of earlier counts is less than ``mark``: so nothing is cleared.
+    Of the points that so many steps lead to, those found last are taken first: they are far out,
+    and lead to new ones. What the table holds of earlier counts is less than ``mark``: so nothing
+    is cleared.
     """
     reached, table = buffers.reached, buffers.table
     table[TABLE] += MARK
@@ -233,11 +234,12 @@ def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[i
     while done < min(count, K + 1):
         count = _step(near, p, reached[done], count, mark, lane, buffers)
         done += 1
-    two, left = count - 1, count
-    while done < left and count < CLOSED:
-        left -= 1
-        more = _step(near, p, reached[left], left, mark, lane, buffers) - left
-        left, count = left + more, count + more
+    two, begin, end, at = count - 1, done, count, count
+    while begin < at and count < CLOSED:
+        at -= 1
+        count = _step(near, p, reached[at], count, mark, lane, buffers)
+        if at == begin:
+            begin, end, at = end, count, count
     return two, min(count, CLOSED)
 
 
