@@ -10,6 +10,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.cli.archive_run import go_through, refuse_inside
@@ -232,11 +233,12 @@ def _clean_one(task: FileTask, order: CleanOrder, made: dict[FileTask, Made]) ->
     def how_far() -> str:
         return f'nothing is written to {task.output}; the same command begins anew'
 
+    began = perf_counter()
     with saying_how_far(how_far), stopping() as leave_if_asked, ExitStack() as bars:
         steps = _StepBars(task.path.name, leave_if_asked, bars)
         given = (task.path, task.cleaned, order.wanted, task.outliers, steps)
         report = clean(*given, lambda slow: say(f'{task.path}: {slow}'), look)
-    made[task] = Made(report, [], found=found[0])
+    made[task] = Made(report, [], found=found[0], seconds=perf_counter() - began)
     return noted(begun(task, How('', '', '')), task, order, made[task])
 
 

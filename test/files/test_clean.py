@@ -405,6 +405,15 @@ def test_table(folder: Path, capsys: Capture) -> None:
     assert (first['state'], second['state']) == ('done', 'done')
 
 
+def test_seconds_of_one_file(folder: Path, capsys: Capture) -> None:
+    """The table says how long a single file took, as it does of several."""
+    path = folder / 'source.ply'
+    assert main(['clean', str(path), '--chain', 'sor']) == 0
+    (row,) = rows(capsys.readouterr().out)
+    took = json.loads((folder / 'source_cleaned.ply.json').read_text())['seconds']
+    assert float(row['seconds']) >= round(sum(took.values()), 1) - 0.1 > 0
+
+
 # Refusals
 
 

@@ -22,11 +22,12 @@ CHUNK = 4096  # points that a thread takes at once
 
 def squared_k_distances(neighbourhood: Neighbourhood, k: int) -> Floats:
     """Return, (N,) in tree order, the squared distance of each point to the k-th nearest other."""
-    return _squared_to(neighbourhood.xyz, neighbourhood.nearest(k).index[:, -1])
+    return squared_distances(neighbourhood.xyz, neighbourhood.nearest(k).index[:, -1])
 
 
 @kernel
-def _squared_to(xyz: Floats, others: NDArray[np.int32]) -> Floats:
+def squared_distances(xyz: Floats, others: NDArray[np.int32]) -> Floats:
+    """Return, (N,), the squared distance of each of N points to another one, m²."""
     result = np.empty(len(others))
     for p in range(len(others)):
         result[p] = squared(xyz, p, others[p])

@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.places import find_copies
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -143,7 +146,7 @@ class Tiles:
         for tile in np.flatnonzero((to_tiles <= radius[:, None]).any(axis=0)).tolist():
             there, points = self._left_in(tile, left)
             near = to_tiles[:, tile] <= radius
-            lists = cKDTree(points).query_ball_point(queries[near], radius[near], workers=-1)
+            lists = _tree(points).query_ball_point(queries[near], radius[near], workers=-1)
             found.append(there[np.unique(np.concatenate(lists)).astype(np.int64)])
         return np.unique(np.concatenate(found))
 
@@ -170,12 +173,18 @@ class Tiles:
 def distances_to_places(points: Floats, queries: Floats, k: int) -> Floats:
     """Return the distances to the k + 1 nearest places with points, (Q, k + 1), inf for none."""
     result = np.full((len(queries), k + 1), np.inf)
-    places = np.unique(points, axis=0)
+    copies = find_copies(Neighbourhood(points, 1), points, 1)
+    places = np.delete(points, copies[:, 0], axis=0) if len(copies) else points
     count = min(k + 1, len(places))
     if count and len(queries):
-        distance, _ = cKDTree(places).query(queries, np.arange(1, count + 1), workers=-1)
-        result[:, :count] = distance
+        tree, ranks = _tree(places), np.arange(1, count + 1)
+        result[:, :count], _ = tree.query(queries, ranks, workers=-1)
     return result
+
+
+def _tree(points: Floats) -> cKDTree:
+    """Make a tree for few queries: it is made in half of the time, and answers later."""
+    return cKDTree(points, compact_nodes=False, balanced_tree=False)
 
 
 def _in_box(points: Floats, box: Floats) -> Bools:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.distances import squared_k_distances
+from lidar_outlier_filter.core.detectors.distances import squared_distances, squared_k_distances
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
@@ -71,10 +71,29 @@ def find_places(xyz: Floats) -> Places:
     return Places(np.sort(first), rank[group])
 
 
-def shares_places(hood: Neighbourhood, k: int) -> bool:
-    """Return whether any point has its nearest neighbour, of k that are listed, at its place."""
-    nearest = np.take(hood.xyz, hood.nearest(k).index[:, 0], axis=0)
-    return bool((nearest == hood.xyz).all(axis=1).any())
+def find_copies(hood: Neighbourhood, xyz: Floats, k: int) -> Ints:
+    """Find the points that lie at the place of another one which was given earlier.
+
+    Parameters
+    ----------
+    hood, xyz : of the same N points, (N, 3), metres, finite
+    k : how many neighbours are listed
+
+    Returns
+    -------
+    (C, 2) int64
+        Indices, as given, of each and of the first point at its place; the former ascend.
+
+    """
+    if len(hood) <= 1:
+        return np.empty((0, 2), np.int64)
+    # The nearest neighbour of a point that shares its place is there.
+    nearest = hood.nearest(k).index[:, 0]
+    shared = np.sort(hood.order[squared_distances(hood.xyz, nearest) == 0])
+    places = find_places(np.take(xyz, shared, axis=0))
+    later = np.ones(len(shared), np.bool_)
+    later[places.first] = False
+    return np.stack((shared[later], shared[places.first[places.of[later]]]), axis=1)
 
 
 def in_parts(xyz: Floats, where: Ints) -> Iterator[Floats]:
@@ -95,7 +114,7 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
 
     """
     limit = EVERY if len(where) <= SAMPLE else EVERY * SAMPLE // len(where)
-    some = (part[_numbers(part) < limit] for part in in_parts(xyz, where))
+    some = (part[numbers(part) < limit] for part in in_parts(xyz, where))
     few = np.concatenate([np.empty((0, 3)), *some])
     alone = np.take(few, find_places(few).first, axis=0)
     if len(alone) <= K:
@@ -106,8 +125,11 @@ def typical_scale(xyz: Floats, where: Ints, threads: int = 0) -> float:
 
 
 @kernel
-def _numbers(xyz: Floats) -> Ints:
-    """Return a number from 0 to 2³² for each place, as if drawn by lot."""
+def numbers(xyz: Floats) -> Ints:
+    """Return a number from 0 to 2³² for each of N points (N, 3), as if drawn by lot.
+
+    It is that of the place alone: neither the order of the points nor tiles count.
+    """
     bits = (xyz + 0.0).view(np.uint64)  # 0 and -0 are one place
     result = np.empty(len(xyz), np.int64)
     for i in range(len(xyz)):

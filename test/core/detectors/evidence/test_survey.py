@@ -26,8 +26,8 @@ from lidar_outlier_filter.core.neighbours.places import (
     LEAST,
     SAMPLE,
     K,
+    find_copies,
     find_places,
-    shares_places,
     typical_scale,
 )
 from lidar_outlier_filter.core.points.points import Points, is_return
@@ -207,7 +207,8 @@ def test_places_against_loops(name: str) -> None:
     found = find_places(xyz)
     np.testing.assert_array_equal(found.first[found.of], first)
     np.testing.assert_array_equal(found.first, sorted(set(first)))
-    assert shares_places(Neighbourhood(xyz, K), K) == (len(found.first) < len(xyz))
+    copies = [[p, at] for p, at in enumerate(first) if p != at]
+    assert find_copies(Neighbourhood(xyz, K), xyz, K).tolist() == copies
 
 
 def test_points_at_one_place_are_judged_as_one() -> None:

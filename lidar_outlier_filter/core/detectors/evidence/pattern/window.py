@@ -237,27 +237,24 @@ def _gather_own(
 ) -> None:
     """Look at the points, and at the returns before and after them."""
     square, mine, own, sums = window.square, window.mine, window.own, window.sums
-    origin, places = window.origin, window.places
+    origin, places, side = window.origin, window.places, window.side
     in_step = _is_in_step(places)
     sums[:] = ZERO
     for lane in range(len(origin)):
         origin[lane] = phase[places[lane]]
     _copy(bright, places, in_step, 0, window.bright)
     for q in range(PHASE):
-        values = rows[q]
-        _copy(values, places, in_step, 0, mine[q])
-        for slot in range(2 * OWN):
-            _copy(values, places, in_step, offset_of(slot), own[2 * OWN * q + slot])
-    for slot in range(2 * OWN):
-        row = own[OWN_PHASES + slot]
-        _copy_phases(phase, places, in_step, offset_of(slot), origin, row)
+        _copy(rows[q], places, in_step, 0, mine[q])
+        _copy_beside(rows[q], places, in_step, own[2 * OWN * q :])
+    _copy_phases(phase, places, in_step, -OWN, origin, own[OWN_PHASES : OWN_PHASES + OWN])
+    _copy_phases(phase, places, in_step, 1, origin, own[OWN_PHASES + OWN :])
     _compare(window, own, REACH_OWN * step, 0, 2 * OWN, sums[THERE])
-    total, count, us = sums[ROUGH], sums[ROUGH_COUNT], window.side[0]
+    _copy_beside(rough, places, in_step, side)
+    total, count = sums[ROUGH], sums[ROUGH_COUNT]
     for slot in range(2 * OWN):
         # The roughness of those beside it is its own.
         if slot != OWN - 1 and slot != OWN:
-            _copy(rough, places, in_step, offset_of(slot), us)
-            row = square[slot]
+            row, us = square[slot], side[slot]
             for lane in range(len(row)):
                 total[lane] += us[lane] if row[lane] < FAR else ZERO
                 count[lane] += ONE if row[lane] < FAR else ZERO
@@ -275,11 +272,10 @@ def _gather_other(
     """Look at the returns around the azimuth in another ring."""
     side, others = window.side, window.others[ring]
     in_step = _is_in_step(others)
-    for m in range(AROUND):
-        for q in range(PHASE):
-            _copy(rows[q], others, in_step, m - OTHER, side[q * AROUND + m])
-        row = side[PHASE * AROUND + m]
-        _copy_phases(phase, others, in_step, m - OTHER, window.origin, row)
+    for q in range(PHASE):
+        _copy_rows(rows[q], others, in_step, -OTHER, side[q * AROUND : (q + 1) * AROUND])
+    phases = side[PHASE * AROUND : QUANTITIES * AROUND]
+    _copy_phases(phase, others, in_step, -OTHER, window.origin, phases)
     begin = 2 * OWN + ring * AROUND
     _compare(window, side, REACH_OTHER * unit, begin, AROUND, window.sums[THERE + 1])
     middle, inverse = window.square[begin + OTHER], window.inverse[ring]
@@ -313,18 +309,46 @@ def _copy(values: Singles, places: Ints, in_step: bool, off: int, row: Singles) 
             row[lane] = values[places[lane] + off]
 
 
+@inlined_kernel
+def _copy_beside(values: Singles, places: Ints, in_step: bool, rows: Singles) -> None:
+    """Write the values of the returns before some places, and then of those after them."""
+    _copy_rows(values, places, in_step, -OWN, rows[:OWN])
+    _copy_rows(values, places, in_step, 1, rows[OWN : 2 * OWN])
+
+
+@apart_kernel
+def _copy_rows(values: Singles, places: Ints, in_step: bool, off: int, rows: Singles) -> None:
+    """Write the values so many places behind some, into each next row those one place on."""
+    # A call for each row would take several times as long as what it copies.
+    if in_step:
+        some = values[places[0] + off :]
+        for m in range(len(rows)):
+            for lane in range(rows.shape[1]):
+                rows[m, lane] = some[m + lane]
+    else:
+        # One place after the other: a processor reads single ones slowly from all over an array.
+        for lane in range(rows.shape[1]):
+            k = places[lane] + off
+            for m in range(len(rows)):
+                rows[m, lane] = values[k + m]
+
+
 @apart_kernel
 def _copy_phases(
-    phase: Floats, places: Ints, in_step: bool, off: int, origin: Floats, row: Singles
+    phase: Floats, places: Ints, in_step: bool, off: int, origin: Floats, rows: Singles
 ) -> None:
     """Do so with phases, less that of each lane's point."""
     if in_step:
         some = phase[places[0] + off :]
-        for lane in range(len(row)):
-            row[lane] = some[lane] - origin[lane]
+        for m in range(len(rows)):
+            for lane in range(rows.shape[1]):
+                rows[m, lane] = some[m + lane] - origin[lane]
     else:
-        for lane in range(len(row)):
-            row[lane] = phase[places[lane] + off] - origin[lane]
+        # One place after the other: a processor reads single ones slowly from all over an array.
+        for lane in range(rows.shape[1]):
+            k = places[lane] + off
+            for m in range(len(rows)):
+                rows[m, lane] = phase[k + m] - origin[lane]
 
 
 @apart_kernel

@@ -20,19 +20,20 @@ from lidar_outlier_filter.core.detectors.evidence.survey import far as survey_fa
 from lidar_outlier_filter.core.detectors.evidence.survey import near as survey_near
 from lidar_outlier_filter.core.detectors.evidence.survey.far import MOST, Far, write_far
 from lidar_outlier_filter.core.detectors.evidence.survey.lanes import add_farthest
-from lidar_outlier_filter.core.detectors.evidence.survey.near import Near, write_near
+from lidar_outlier_filter.core.detectors.evidence.survey.near import Near, write_leads, write_near
 from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_lanes
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.core.neighbours.places import K, find_places, shares_places
+from lidar_outlier_filter.core.neighbours.places import K, find_copies, numbers
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Ints, Singles
     from lidar_outlier_filter.core.neighbours.floor import Floor
 
 AT_ONCE = 128 * LANES  # points that a thread takes at once
+LEADS = 8  # points: of one of so many, how far it leads is found first
 LEAST = -8.0  # log-odds that make a score of 0
 
 
@@ -63,14 +64,26 @@ def measure(
     odds, reach = np.full(len(xyz), np.nan), np.full(len(xyz), np.inf)
     if len(xyz) <= K:
         return odds, reach
-    model = load(SURVEY_MODEL)
     hood = Neighbourhood(xyz, K, threads)
-    if shares_places(hood, K):
-        places = find_places(xyz)
-        asked = None if wanted is None else np.bincount(places.of, wanted) > 0
-        alone = np.take(xyz, places.first, axis=0)
-        odds, reach = measure(alone, around, threads, asked)
-        return odds[places.of], reach[places.of]
+    copies = find_copies(hood, xyz, K)
+    if len(copies) == 0:
+        return _measure(hood, around, wanted)
+    alone, (copy, original) = np.ones(len(xyz), np.bool_), copies.T
+    alone[copy] = False
+    if np.count_nonzero(alone) <= K:
+        return odds, reach
+    if wanted is not None:
+        asked = wanted.copy()
+        np.logical_or.at(asked, original, wanted[copy])
+        wanted = asked[alone]
+    odds[alone], reach[alone] = _measure(hood.without(~alone), around, wanted)
+    odds[copy], reach[copy] = odds[original], reach[original]
+    return odds, reach
+
+
+def _measure(hood: Neighbourhood, around: Floor, wanted: Bools | None) -> tuple[Floats, Floats]:
+    """Measure points, more than eight, no two of which are at one place."""
+    model, threads = load(SURVEY_MODEL), hood.threads
     near = neighbours(hood, around)
     first, extent = first_odds(near, model.first, threads)
     result, way = first.astype(np.float64), extent
@@ -80,8 +93,9 @@ def measure(
     doubtful = np.flatnonzero(is_doubtful)
     again, wide = second_odds(hood, near, first, extent, doubtful, model.again)
     result[doubtful], way[doubtful] = again, wide
+    odds, reach = np.empty(len(hood)), np.full(len(hood), np.inf)
     odds[hood.order] = result
-    if len(xyz) > MOST:
+    if len(hood) > MOST:
         reach[hood.order] = way
     return odds, reach
 
@@ -96,7 +110,11 @@ def score(odds: Floats, threshold: float) -> Floats:
 
 def neighbours(hood: Neighbourhood, around: Floor) -> Near:
     """Find the eight nearest neighbours of more than eight points."""
-    return Near(hood.xyz, hood.nearest(K).index, np.sqrt(squared_k_distances(hood, K)), around)
+    radius, unknown = np.sqrt(squared_k_distances(hood, K)), np.full(len(hood), np.nan)
+    near = Near(hood.xyz, hood.nearest(K).index, radius, around, unknown)
+    some, lead = np.flatnonzero(numbers(hood.xyz) % LEADS == 0), unknown.copy()
+    pool.run(lambda i, j: write_leads(near, some[i:j], lead), len(some), AT_ONCE, hood.threads)
+    return near._replace(lead=lead)
 
 
 def first_odds(near: Near, trees: Trees, threads: int = 0) -> tuple[Singles, Floats]:

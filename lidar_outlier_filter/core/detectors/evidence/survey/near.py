@@ -60,7 +60,7 @@ from lidar_outlier_filter.core.kernels.eigen import (
     eigenvalues,
     eigenvectors,
 )
-from lidar_outlier_filter.core.kernels.kernels import inner_kernel
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
 from lidar_outlier_filter.core.neighbours.floor import NAMES as FLOOR
 from lidar_outlier_filter.core.neighbours.floor import write_depth
@@ -100,6 +100,9 @@ class Near(NamedTuple):
         Distance to the eighth, metres.
     around : Floor
         What the whole cloud is like.
+    lead : (N,) float64
+        Of some points, which :func:`write_leads` looked at, that lead to more than sixty: how far
+        what was looked at may be, metres. NaN of all others.
 
     """
 
@@ -107,6 +110,7 @@ class Near(NamedTuple):
     index: Index  # type: ignore[assignment]  # nobody misses that of tuples
     radius: Floats
     around: Floor
+    lead: Floats
 
 
 class NearBuffers(NamedTuple):
@@ -157,6 +161,26 @@ def make_buffers() -> NearBuffers:
         *(np.empty((6, LANES)), np.empty((3, LANES)), np.empty((3, LANES)), np.empty((4, LANES))),
         *(np.empty(LANES), np.empty(ROOM, np.int64), np.zeros(TABLE + 1, np.int64)),
     )
+
+
+@kernel
+def write_leads(near: Near, looked_at: Ints, lead: Floats) -> None:
+    """Write how far what leads from some points to more than sixty others may be, where it does.
+
+    Parameters
+    ----------
+    near : without any lead
+    looked_at : (M,) int64
+        The points.
+    lead : (N,) float64
+        Is written where there is one.
+
+    """
+    buffers = make_buffers()
+    for p in looked_at:
+        _, closed = _count_steps(near, p, 0, buffers)
+        if closed == CLOSED:
+            lead[p] = buffers.extent[0]
 
 
 @inner_kernel
@@ -235,6 +259,13 @@ def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[i
         count = _step(near, p, reached[done], count, mark, lane, buffers)
         done += 1
     two, begin, end, at = count - 1, done, count, count
+    # What leads to a point leads to all that this one leads to.
+    for i in range(count):
+        o = reached[i]
+        if not np.isnan(near.lead[o]):
+            covered = _distance(near.xyz, p, o) + near.lead[o]
+            buffers.extent[lane] = max(buffers.extent[lane], covered)
+            return two, CLOSED
     while begin < at and count < CLOSED:
         at -= 1
         count = _step(near, p, reached[at], count, mark, lane, buffers)
@@ -253,21 +284,25 @@ def _step(
     """
     for m in range(K):
         o = near.index[one, m]
-        if _put(buffers.table, mark, mark + o):
-            buffers.reached[count] = o
-            count += 1
-    x, y = near.xyz[one, 0] - near.xyz[p, 0], near.xyz[one, 1] - near.xyz[p, 1]
-    z = near.xyz[one, 2] - near.xyz[p, 2]
-    covered = np.sqrt((x * x + y * y) + z * z) + near.radius[one]
+        # Without a branch: nobody can predict which points are new.
+        buffers.reached[count] = o
+        count += _put(buffers.table, mark, mark + o)
+    covered = _distance(near.xyz, p, one) + near.radius[one]
     buffers.extent[lane] = max(buffers.extent[lane], covered)
     return count
+
+
+@inner_kernel
+def _distance(xyz: Floats, p: int, o: int) -> float:
+    x, y, z = xyz[o, 0] - xyz[p, 0], xyz[o, 1] - xyz[p, 1], xyz[o, 2] - xyz[p, 2]
+    return float(np.sqrt((x * x + y * y) + z * z))
 
 
 @inner_kernel
 def _put(table: Ints, mark: int, number: int) -> bool:
     """Put a number into a table; return whether it was not there."""
     slot = number & (TABLE - 1)
-    while table[slot] >= mark and table[slot] != number:
+    while (table[slot] >= mark) & (table[slot] != number):
         slot = (slot + 1) & (TABLE - 1)
     new: bool = table[slot] != number
     table[slot] = number
