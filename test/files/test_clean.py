@@ -411,7 +411,8 @@ def test_seconds_of_one_file(folder: Path, capsys: Capture) -> None:
     assert main(['clean', str(path), '--chain', 'sor']) == 0
     (row,) = rows(capsys.readouterr().out)
     took = json.loads((folder / 'source_cleaned.ply.json').read_text())['seconds']
-    assert float(row['seconds']) >= round(sum(took.values()), 1) - 0.1 > 0
+    # The table has one decimal.
+    assert float(row['seconds']) >= max(round(sum(took.values()) - 0.05, 1), 0.1)
 
 
 # Refusals
