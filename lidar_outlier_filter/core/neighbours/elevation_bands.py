@@ -33,7 +33,10 @@ def in_bands(points: Points) -> Points:
     turned = as_turn(replace(points, ring=np.zeros(len(points), np.int64)))
     flat = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2)
     elevation = elevations(flat, np.ascontiguousarray(xyz[:, 2]), Origin(0.0, 0.0))
-    height = find_height(elevation, turned.t, flat / points.range)
+    reach = points.range
+    # What is so near that its square is 0 has an elevation of 0.
+    level = np.divide(flat, reach, out=np.ones(len(points)), where=reach > 0)
+    height = find_height(elevation, turned.t, level)
     return replace(turned, line=_bands(elevation, height), ring=None)
 
 

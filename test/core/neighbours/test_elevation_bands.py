@@ -100,3 +100,12 @@ def test_few_points() -> None:
     """A handful of points has no bands, and is judged by the weighted sum."""
     assert find_either(points_of(scattered(10)), 'free') is None
     assert not detect_outliers(scattered(10), parameters=FREE).outlier.any()
+
+
+def test_a_point_at_the_sensor_changes_no_band() -> None:
+    """What is so near that its square is 0 has no say in how high bands are."""
+    xyz = scattered(2000)
+    expected = in_bands(points_of(xyz)).line
+    found = in_bands(points_of(np.concatenate([xyz, [[1e-200, 0.0, 0.0]]]))).line
+    assert len(np.unique(expected)) > 10
+    np.testing.assert_array_equal(found[:-1], expected)

@@ -272,14 +272,23 @@ def _gather_other(
     """Look at the returns around the azimuth in another ring."""
     side, others = window.side, window.others[ring]
     in_step = _is_in_step(others)
-    for q in range(PHASE):
-        _copy_rows(rows[q], others, in_step, -OTHER, side[q * AROUND : (q + 1) * AROUND])
-    phases = side[PHASE * AROUND : QUANTITIES * AROUND]
+    begin, most, there = 2 * OWN + ring * AROUND, REACH_OTHER * unit, window.sums[THERE + 1]
+    phases, nearest = side[PHASE * AROUND : QUANTITIES * AROUND], side[0]
     _copy_phases(phase, others, in_step, -OTHER, window.origin, phases)
-    begin = 2 * OWN + ring * AROUND
-    _compare(window, side, REACH_OTHER * unit, begin, AROUND, window.sums[THERE + 1])
+    if in_step:
+        # They are read where they are: to copy them takes as long as to compare them.
+        start = others[0] - OTHER
+        xs, ys, zs, rs = rows[0][start:], rows[1][start:], rows[2][start:], rows[RANGE][start:]
+        for m in range(AROUND):
+            square, away = window.square[begin + m], window.away[begin + m]
+            returns = xs[m:], ys[m:], zs[m:], rs[m:], phases[m]
+            _compare_row(window.mine, returns, most, square, away, there)
+    else:
+        for q in range(PHASE):
+            _copy_rows(rows[q], others, in_step, -OTHER, side[q * AROUND : (q + 1) * AROUND])
+        _compare(window, side, most, begin, AROUND, there)
+    _copy(rows[RANGE], others, in_step, 0, nearest)
     middle, inverse = window.square[begin + OTHER], window.inverse[ring]
-    nearest = side[RANGE * AROUND + OTHER]
     total, count = window.sums[ROUGH + 1], window.sums[ROUGH_COUNT + 1]
     for lane in range(len(middle)):
         good = middle[lane] < FAR
@@ -359,16 +368,29 @@ def _compare(
 
     ``side`` has so many rows of x, then of y, z, range and phase.
     """
-    mine, squares, ranges = window.mine, window.square, window.away
-    x, y, z, r = mine[0], mine[1], mine[2], mine[3]
+    squares, ranges = window.square, window.away
     for m in range(rows):
         xs, ys, zs = side[m], side[rows + m], side[2 * rows + m]
-        rs, ps = side[3 * rows + m], side[4 * rows + m]
-        square, away = squares[begin + m], ranges[begin + m]
-        for lane in range(len(square)):
-            good = abs(ps[lane]) <= most
-            dx, dy, dz = xs[lane] - x[lane], ys[lane] - y[lane], zs[lane] - z[lane]
-            d = dx * dx + dy * dy + dz * dz
-            square[lane] = d if good else FAR
-            away[lane] = rs[lane] - r[lane] if good else ZERO
-            there[lane] += ONE if good else ZERO
+        returns = xs, ys, zs, side[3 * rows + m], side[4 * rows + m]
+        _compare_row(window.mine, returns, most, squares[begin + m], ranges[begin + m], there)
+
+
+@apart_kernel
+def _compare_row(
+    mine: Singles,
+    returns: tuple[Singles, ...],
+    most: Single,
+    square: Singles,
+    away: Singles,
+    there: Singles,
+) -> None:
+    """Compare points with one return of each: its x, y, z and range, and its phase less theirs."""
+    x, y, z, r = mine[0], mine[1], mine[2], mine[3]
+    xs, ys, zs, rs, ps = returns
+    for lane in range(len(square)):
+        good = abs(ps[lane]) <= most
+        dx, dy, dz = xs[lane] - x[lane], ys[lane] - y[lane], zs[lane] - z[lane]
+        d = dx * dx + dy * dy + dz * dz
+        square[lane] = d if good else FAR
+        away[lane] = rs[lane] - r[lane] if good else ZERO
+        there[lane] += ONE if good else ZERO
