@@ -82,7 +82,7 @@ setup(
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*', LAB, f'{LAB}.*']),
     package_data={
-        NAME: ['py.typed', 'core/detectors/evidence/*.json', 'report/assets/*'],
+        NAME: ['py.typed', 'core/detectors/boosted_trees/*.json', 'report/assets/*'],
         LAB: ['py.typed'],
     },
     data_files=shared_files(),
@@ -180,7 +180,7 @@ setup(
             for name in (
                 'alpha_beta_gamma',
                 'elevation',
-                'evidence',
+                'boosted_trees',
                 'hierarchical',
                 'lof',
                 'quadric',

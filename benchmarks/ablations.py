@@ -25,8 +25,8 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
-from lidar_outlier_filter.core.detectors.evidence import ways
-from lidar_outlier_filter.core.detectors.evidence.models import (
+from lidar_outlier_filter.core.detectors.boosted_trees import ways
+from lidar_outlier_filter.core.detectors.boosted_trees.models import (
     NAMES,
     PATTERN_MODEL,
     PROFILE_MODEL,
@@ -34,7 +34,7 @@ from lidar_outlier_filter.core.detectors.evidence.models import (
     load,
     read_trees,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern import judge as pattern
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern import judge as pattern
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED
 from lidar_outlier_lab.results.contest import score
 from lidar_outlier_lab.results.contest_tables import TARGETS

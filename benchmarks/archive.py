@@ -33,8 +33,8 @@ from lidar_outlier_filter.archive.run import run_all
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import local_workers
 from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
-from lidar_outlier_filter.stream.compiling import make_ready
-from lidar_outlier_filter.stream.memory import keep_memory
+from lidar_outlier_filter.pipeline.compiling import make_ready
+from lidar_outlier_filter.pipeline.memory import keep_memory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

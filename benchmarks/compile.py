@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
 MOST = 12  # kernels of a chain that are listed
-DEPTH = 4  # names of a package, as in core.detectors.evidence.pattern
+DEPTH = 4  # names of a package, as in core.detectors.boosted_trees.pattern
 
 
 def compile_one(chain: str) -> None:
@@ -36,7 +36,7 @@ def compile_one(chain: str) -> None:
 
     from lidar_outlier_filter.core.kernels.compiling import SENSORS  # noqa: PLC0415
     from lidar_outlier_filter.parameters.filter import FilterParameters  # noqa: PLC0415
-    from lidar_outlier_filter.stream.compiling import make_ready  # noqa: PLC0415
+    from lidar_outlier_filter.pipeline.compiling import make_ready  # noqa: PLC0415
 
     took: Counter[str] = Counter()
     count: Counter[str] = Counter()

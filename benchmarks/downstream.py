@@ -25,7 +25,7 @@ import numpy as np
 from real_snow_sweeps import SNOW, read_rings
 from real_snow_sweeps import read_sweeps as read_wads
 
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import table, write

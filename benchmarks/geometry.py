@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
 from helpers.shapes import CHAINS, SHAPES, scanned, street
 
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ def main() -> int:
     columns: dict[str, dict[str, float]] = {}
     for name in options.detectors:
         columns[name] = ratios(name, options.points, spins=False)
-        if name == 'evidence':
-            columns['evidence, spinning'] = ratios(name, options.points, spins=True)
+        if name == 'boosted_trees':
+            columns['boosted_trees, spinning'] = ratios(name, options.points, spins=True)
     print('| shape |', ' | '.join(columns), '|')
     print('| --- |', '---: | ' * len(columns))
     for shape in ('street, s', *SHAPES):

@@ -32,9 +32,9 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.judging.blocks import Stream
-from lidar_outlier_filter.core.judging.chain import Chain
-from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.engine.blocks import Stream
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import concatenate
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder

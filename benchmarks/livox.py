@@ -5,9 +5,10 @@
     scripts/environment python benchmarks/livox.py [--write] [--seeds 831 832 833 834 835 836]
 
 Each scanner looks at one street of each seed, as it is, and with the weather that trees are trained
-on in it. The default judges as it does by itself, and with `evidence.sensor: free`. Peers have the
-best threshold of every single cloud, which nobody knows in the field; clean clouds are judged at
-the best one for all weather. ``--write`` puts the table into the page of the sensors.
+on in it. The default judges as it does by itself, and with
+`boosted_trees.sensor: free`. Peers have the best threshold of every single cloud, which nobody
+knows in the field; clean clouds are judged at the best one for all weather. ``--write`` puts the
+table into the page of the sensors.
 """
 
 # ruff: noqa: INP001, T201  a script, no package
@@ -24,7 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from weather_peers import PEERS, row
 
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.markdown import NOTHING, paragraphs, table, write
@@ -108,7 +109,7 @@ def sweeps(name: str, seed: int) -> Iterator[Sweep]:
 
 def by_default(points: Points, outlier: np.ndarray, sensor: str) -> tuple[Count, str]:
     """Judge a cloud as a node does; say how, too."""
-    chain = Chain(FilterParameters().changed({'evidence.sensor': sensor}))
+    chain = Chain(FilterParameters().changed({'boosted_trees.sensor': sensor}))
     rejected = chain.judge(points).outlier
     right = int((rejected & outlier).sum())
     f1 = 2.0 * right / max(int(rejected.sum() + outlier.sum()), 1)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Draw the curves of the default's trees: how the log-odds change with a feature, on average.
 
-    scripts/environment python benchmarks/model_curves.py doc/images/evidence_curves.png
+    scripts/environment python benchmarks/model_curves.py doc/images/boosted_trees_curves.png
 
 The points are drawn from clean sweeps and from every weather on them: half of them outliers. A
 curve is the mean of what the second pass says of them when a feature has one value for all. The
@@ -20,16 +20,19 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import REASONS, contribute
-from lidar_outlier_filter.core.detectors.evidence.models import load
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge import first_pass
-from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
+from lidar_outlier_filter.core.detectors.boosted_trees.explain.pattern_reasons import (
+    REASONS,
+    contribute,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.models import load
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import first_pass
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import (
     COUNT_AGAIN,
     measure_again,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
-from lidar_outlier_filter.core.detectors.evidence.trees import add_up
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import add_up
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.plots import COLOURS, DPI, FRAME, GRID, INK
 from lidar_outlier_lab.training.scenes import (
     has_pattern,

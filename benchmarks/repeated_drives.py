@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
 from helpers.drives import SECOND, STORE, pose_bytes, topic_of
 
+from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
-from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

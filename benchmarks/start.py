@@ -85,7 +85,7 @@ def _switch(watch: Watch, chain: str) -> None:
 
 def main() -> None:
     """Measure."""
-    chain, other = (*sys.argv[1:3], *('evidence', 'quadric')[len(sys.argv[1:3]) :])
+    chain, other = (*sys.argv[1:3], *('boosted_trees', 'quadric')[len(sys.argv[1:3]) :])
     settings = [f'chain:=[{chain}]', *sys.argv[3:]]
     with tempfile.TemporaryDirectory() as folder:
         env = {**environment(), **fresh_copy(Path(folder))}

@@ -146,7 +146,7 @@ def shipped(way: str, xyz: Floats) -> Bools:
     if way == 'lidR, ivf':
         return _isolated(xyz, SIDE_IVF, FEW_IVF)
     chain = {} if way == 'default' else {'chain': (way,)}
-    return detect_outliers(xyz, parameters={'evidence.sensor': 'survey', **chain}).outlier
+    return detect_outliers(xyz, parameters={'boosted_trees.sensor': 'survey', **chain}).outlier
 
 
 def _isolated(xyz: Floats, side: float, few: int = FEW) -> Bools:
@@ -164,7 +164,7 @@ def _isolated(xyz: Floats, side: float, few: int = FEW) -> Bools:
 
 def default(xyz: Floats, bad: Bools) -> Best:
     """Judge as `clean` does."""
-    asked = {'evidence.sensor': 'survey'}
+    asked = {'boosted_trees.sensor': 'survey'}
     return judged(detect_outliers(xyz, parameters=asked).outlier, bad)
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats
 
 DOC = Path(__file__).resolve().parents[1] / 'doc'
-PAGE, DEFAULT_PAGE = DOC / 'chains.md', DOC / 'detectors' / 'evidence.md'
+PAGE, DEFAULT_PAGE = DOC / 'chains.md', DOC / 'detectors' / 'boosted_trees.md'
 SECTION, COMMAND = 'surveys', 'benchmarks/surveys.py --write'
 AXES = ('x', 'y', 'z')
 LOW = 285.0  # metres: what is lower in samp41 is below all ground
@@ -42,14 +42,14 @@ SEEDS = range(601, 606)
 ACTUAL = 'actual_scan_20240820_cloud.pcd'
 ARTEFACT = 65  # class of IGN's
 CHAINS: dict[str, dict[str, Any]] = {
-    'the default': {'evidence.sensor': 'survey'},
+    'the default': {'boosted_trees.sensor': 'survey'},
     '`sor`': {'chain': ('sor',)},
     '`hierarchical`': {'chain': ('hierarchical',)},
     '`elevation`': {'chain': ('elevation',)},
     '`elevation`, `against: ground`': {'chain': ('elevation',), 'elevation.against': 'ground'},
     'the default and that': {
-        'chain': ('evidence', 'elevation'),
-        'evidence.sensor': 'survey',
+        'chain': ('boosted_trees', 'elevation'),
+        'boosted_trees.sensor': 'survey',
         'elevation.against': 'ground',
     },
 }

@@ -22,9 +22,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from ways_clouds import FEW, few_lines, moved_recordings, moved_street, swinging
 
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either, judge
-from lidar_outlier_filter.core.detectors.evidence.survey import judge as survey
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import detect, neighbours
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import find_either, judge
+from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
+from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.detector import (
+    detect,
+    neighbours,
+)
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters

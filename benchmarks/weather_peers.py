@@ -5,9 +5,9 @@
     scripts/environment python benchmarks/weather_peers.py [--data ../shared/data] [--seed 1]
 
 Three peers score each point by its neighbours in the sweep; a fourth is the weighted sum of
-`evidence`, whose features come from a search tree and not from the scan pattern. Two thresholds of
-each are tried: the best for every single sweep, which nobody knows in the field, and the best one
-for all sweeps.
+`boosted_trees`, whose features come from a search tree and not from the scan pattern. Two
+thresholds of each are tried: the best for every single sweep, which nobody knows in the
+field, and the best one for all sweeps.
 """
 # ruff: noqa: INP001, T201  a script, no package
 
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector
+from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum import detector
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results.peers import distances, dror

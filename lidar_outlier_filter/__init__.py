@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.errors import CloudError, FilterError, ParameterError
-    from lidar_outlier_filter.stream.cloud_filter import CloudFilter
-    from lidar_outlier_filter.stream.whole_cloud import detect_outliers
+    from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
+    from lidar_outlier_filter.pipeline.whole_cloud import detect_outliers
 
 __all__ = [
     'CloudError',

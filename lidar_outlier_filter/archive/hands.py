@@ -19,7 +19,7 @@ from lidar_outlier_filter.archive.order import Made, One
 from lidar_outlier_filter.archive.worker_start import name_of_worker
 from lidar_outlier_filter.archive.workers import check_code
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.stream.compiling import make_ready
+from lidar_outlier_filter.pipeline.compiling import make_ready
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.archive.manifest import Manifest
     from lidar_outlier_filter.archive.order import NoteDone
-    from lidar_outlier_filter.core.judging.slow import SlowDetector
+    from lidar_outlier_filter.core.engine.slow import SlowDetector
     from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, Wanted
     from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
     from lidar_outlier_filter.recordings.remote_path import RecordingPath

@@ -9,7 +9,7 @@ import signal
 import socket
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.stream.memory import keep_memory
+from lidar_outlier_filter.pipeline.memory import keep_memory
 
 if TYPE_CHECKING:
     from distributed import Worker

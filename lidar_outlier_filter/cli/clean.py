@@ -56,7 +56,7 @@ def add_clean(commands: Commands) -> None:
         'kept. Reads and writes LAS, LAZ, PCD, PLY, PTX, CSV, Parquet, and tables of SQLite '
         'databases; reads E57, and writes PLY of it. Beside each copy goes a log, .log and '
         '.json. alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan '
-        'direction, angle or edges; others: columns such as time and ring); evidence uses '
+        'direction, angle or edges; others: columns such as time and ring); boosted_trees uses '
         'them where there are some. Exit '
         'status: 0 all done; 1 refused, nothing is written; 3 some of the files were '
         'refused, or none of the points of one could be tested.',

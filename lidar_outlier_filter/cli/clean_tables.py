@@ -46,7 +46,7 @@ CLASSES = {
     18: 'high noise',
 }
 # By a rule in metres.
-LOW_POINTS = 'to find more, try --chain evidence,elevation --set elevation.against=ground'
+LOW_POINTS = 'to find more, try --chain boosted_trees,elevation --set elevation.against=ground'
 MUCH = 0.005  # share of the points that rarely are outliers
 MOST_GROUPS = 10  # that are listed
 

@@ -38,7 +38,7 @@ def add_compile(commands: Commands) -> None:
 
 def _compile(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.core.kernels import kernel_cache
-    from lidar_outlier_filter.stream.compiling import Processes, load, shares
+    from lidar_outlier_filter.pipeline.compiling import Processes, load, shares
 
     # What is on disk already, in whatever order it was written, is not done again.
     missing = [one for one in _wanted(options.chain) if not load(one)]

@@ -45,7 +45,7 @@ def notice() -> Callable[[str], None]:
 def _sentence(module: str) -> str:
     """Name the part of the package that a kernel belongs to; nothing for kernels of others."""
     from lidar_outlier_filter.core.detectors.registry import DETECTORS  # noqa: PLC0415
-    from lidar_outlier_filter.stream.compiling import SHARED_SECONDS  # noqa: PLC0415
+    from lidar_outlier_filter.pipeline.compiling import SHARED_SECONDS  # noqa: PLC0415
 
     for one in DETECTORS.values():
         if not _is_in(module, one.home):

@@ -108,7 +108,7 @@ def _replay(options: argparse.Namespace) -> int:
         replay_archive,
         replay_one,
     )
-    from lidar_outlier_filter.stream.memory import keep_memory
+    from lidar_outlier_filter.pipeline.memory import keep_memory
 
     keep_memory()
     if options.largest_message < 1:

@@ -11,7 +11,7 @@ import numpy as np
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.labels import read_codes
 from lidar_outlier_filter.messages.cloud import is_empty, structured
-from lidar_outlier_filter.stream.topics import CLEANED, OUTLIERS
+from lidar_outlier_filter.pipeline.topics import CLEANED, OUTLIERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

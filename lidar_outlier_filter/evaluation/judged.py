@@ -31,8 +31,8 @@ from lidar_outlier_filter.evaluation.labels import (
 )
 from lidar_outlier_filter.messages.cloud import AXES, DETECTORS, SCORE
 from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_filter.pipeline.topics import CLEANED, CLOUD, OUTLIERS
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.stream.topics import CLEANED, CLOUD, OUTLIERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -11,7 +11,7 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import explanations
 from lidar_outlier_filter.core.detectors.seen import Seen
-from lidar_outlier_filter.core.neighbours.recovered_rings import MOST_POINTS
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import MOST_POINTS
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cleaning import points
 from lidar_outlier_filter.files.cloud_file import open_cloud, readable

@@ -287,7 +287,7 @@ class FilterParameters:
         --------
         >>> from lidar_outlier_filter.parameters.filter import FilterParameters
         >>> FilterParameters().flat()['chain']
-        ('evidence',)
+        ('boosted_trees',)
 
         """
         return {parameter.name: self.value(parameter.name) for parameter in describe()}

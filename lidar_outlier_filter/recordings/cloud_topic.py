@@ -12,25 +12,25 @@ from rosbags.serde import SerdeError
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
+from lidar_outlier_filter.pipeline.motion import Odometry
+from lidar_outlier_filter.pipeline.session import Session
+from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY, answers, resolve
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
 from lidar_outlier_filter.recordings.channels import known_types
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
 from lidar_outlier_filter.recordings.message_times import MessageTimes
-from lidar_outlier_filter.stream.motion import Odometry
-from lidar_outlier_filter.stream.session import Session
-from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY, answers, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from lidar_outlier_filter.core.judging.chain import Chain
-    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.engine.chain import Chain
+    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.parameters.node import MotionParameters
+    from lidar_outlier_filter.pipeline.session import Answer
+    from lidar_outlier_filter.pipeline.statistics import Statistics
     from lidar_outlier_filter.recordings.bags import NewBag, Recording
     from lidar_outlier_filter.recordings.journal import Journal
-    from lidar_outlier_filter.stream.session import Answer
-    from lidar_outlier_filter.stream.statistics import Statistics
 
 MOST_SENTENCES = 50  # that are kept of refusals
 

@@ -15,12 +15,12 @@ from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.channels import known_types
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.recordings.scan_geometry import scan_geometry
-from lidar_outlier_filter.stream.topics import CLOUD
 
 if TYPE_CHECKING:
     from collections.abc import Callable

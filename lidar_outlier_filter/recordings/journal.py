@@ -17,9 +17,9 @@ from zlib import crc32
 
 from lidar_outlier_filter.disk.new_files import held_leftovers
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.pipeline.topics import answers, resolve
 from lidar_outlier_filter.recordings.salvage.losses import Losses
 from lidar_outlier_filter.recordings.salvage.mcap import DamagedMcap
-from lidar_outlier_filter.stream.topics import answers, resolve
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -36,7 +36,7 @@ class Done(NamedTuple):
     ----------
     read, checksum : clouds read, and the checksum of their bytes
     answered : number of the last cloud that is answered, from 1
-    counts : of :class:`~lidar_outlier_filter.stream.statistics.Statistics`, for those answered
+    counts : of :class:`~lidar_outlier_filter.pipeline.statistics.Statistics`, for those answered
 
     """
 

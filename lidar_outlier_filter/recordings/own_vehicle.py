@@ -13,9 +13,9 @@ from lidar_outlier_filter.core.points.mask_learner import CHANGED, STEP, MaskLea
 from lidar_outlier_filter.core.points.points import SECOND, concatenate
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.declaration import OFF
+from lidar_outlier_filter.pipeline.topics import ODOMETRY
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
-from lidar_outlier_filter.stream.topics import ODOMETRY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

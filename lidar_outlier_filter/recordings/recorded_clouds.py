@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.pipeline.motion import Odometry
+from lidar_outlier_filter.pipeline.topics import CLEANED, CLOUD, OUTLIERS
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
-from lidar_outlier_filter.stream.motion import Odometry
-from lidar_outlier_filter.stream.topics import CLEANED, CLOUD, OUTLIERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats
-    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.bags import Topic

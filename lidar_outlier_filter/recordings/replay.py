@@ -16,13 +16,13 @@ from lidar_outlier_filter.disk.new_files import FOLDER, check_new
 from lidar_outlier_filter.errors import NoCloudsError, ParameterError, RecordingError
 from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.topics import CLOUD, check_name
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic, writable
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
 from lidar_outlier_filter.recordings.journal import Journal, Left, left_for
 from lidar_outlier_filter.recordings.salvage.losses import Losses
 from lidar_outlier_filter.recordings.salvage.salvage import salvaged
 from lidar_outlier_filter.recordings.unpack import LARGEST
-from lidar_outlier_filter.stream.topics import CLOUD, check_name
 
 OWN_CHUNK = 2**21  # bytes: a chunk that we write, beside a message that is longer
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.report.keeping import Keeper
 from lidar_outlier_filter.report.reasons import ExplainingChain
 from lidar_outlier_filter.report.score_counts import ScoreCounts

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Words
-    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 
 KEPT_SECONDS = 5.0  # of sensor time
 MOST_IN_FRAME = 20_000  # points that are drawn of a frame

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import explanations
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.report.score_counts import above, exceeded
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.detectors.explanation import Explanation
     from lidar_outlier_filter.core.detectors.scores import Scores
     from lidar_outlier_filter.core.detectors.seen import Seen
-    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.report.sliders import SliderValues

@@ -30,7 +30,7 @@ from lidar_outlier_filter.report.sliders import fits
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 HERE = '127.0.0.1'

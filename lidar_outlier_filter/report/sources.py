@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.core.judging.blocks import Stream
-from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.judging.whole_cloud import check_chain, judge_whole
+from lidar_outlier_filter.core.engine.blocks import Stream
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_codes
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.judging.chain import Chain
+    from lidar_outlier_filter.core.engine.chain import Chain
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud

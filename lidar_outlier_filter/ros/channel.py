@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.pipeline.session import Session
+from lidar_outlier_filter.pipeline.visibility import SensorWatch
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.clocks import DelayClock
 from lidar_outlier_filter.ros.health import Backlog, Health, LossWarning, Report
@@ -18,8 +20,6 @@ from lidar_outlier_filter.ros.publisher import AnswerPublisher
 from lidar_outlier_filter.ros.receiver import CloudReceiver
 from lidar_outlier_filter.ros.tf import make_motion
 from lidar_outlier_filter.ros.worker import Worker
-from lidar_outlier_filter.stream.session import Session
-from lidar_outlier_filter.stream.visibility import SensorWatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.errors import CloudError, JudgingError
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.pipeline.statistics import Statistics
     from lidar_outlier_filter.ros.compiler import Compiler
-    from lidar_outlier_filter.stream.statistics import Statistics
 
     Show = Callable[[str, StreamCloud, PointCloud2], object]  # topic, judged cloud, its message
 

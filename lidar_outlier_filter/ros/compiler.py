@@ -8,7 +8,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.kernels import kernel_cache
-from lidar_outlier_filter.stream.compiling import (
+from lidar_outlier_filter.pipeline.compiling import (
     Processes,
     is_ready,
     load,

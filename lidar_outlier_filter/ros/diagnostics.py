@@ -12,8 +12,8 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.parameters.filter import installed
+from lidar_outlier_filter.pipeline.visibility import UNSEEN, VIEWED
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
-from lidar_outlier_filter.stream.visibility import UNSEEN, VIEWED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,8 +7,8 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.pipeline.memory import keep_memory
 from lidar_outlier_filter.ros.signals import leave, on_stop
-from lidar_outlier_filter.stream.memory import keep_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable

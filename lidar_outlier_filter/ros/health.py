@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.stream.statistics import Statistics
+from lidar_outlier_filter.pipeline.statistics import Statistics
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from lidar_outlier_filter.core.judging.slow import SlowDetector
+    from lidar_outlier_filter.core.engine.slow import SlowDetector
     from lidar_outlier_filter.parameters.node import HealthLimits
-    from lidar_outlier_filter.stream.visibility import SensorView
+    from lidar_outlier_filter.pipeline.visibility import SensorView
 
 OK, WARN, ERROR = 0, 1, 2
 # By the name that ROS has for a middleware. Fast DDS is that of Jazzy, where nobody chose another.

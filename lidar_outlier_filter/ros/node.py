@@ -22,12 +22,12 @@ from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
+from lidar_outlier_filter.pipeline.topics import answers
 from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
 from lidar_outlier_filter.ros.live_parameters import TunableNode
 from lidar_outlier_filter.ros.signals import leave, on_stop
-from lidar_outlier_filter.stream.topics import answers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.pipeline.statistics import Statistics
     from lidar_outlier_filter.ros.channel import Show
-    from lidar_outlier_filter.stream.statistics import Statistics
 
 POINTS = 'points'
 SIGNAL_PERIOD = 0.1  # seconds between two looks for a signal: the middleware wakes for none

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from rclpy.duration import Duration
 
+from lidar_outlier_filter.pipeline.topics import answers
 from lidar_outlier_filter.ros.subscriptions import advertise
-from lidar_outlier_filter.stream.topics import answers
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from lidar_outlier_filter.stream.session import Answer
+    from lidar_outlier_filter.pipeline.session import Answer
 
 ACKNOWLEDGE = Duration(seconds=2)  # how long the last clouds may take to arrive
 

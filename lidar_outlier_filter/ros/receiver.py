@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.subscription import Subscription
 
+    from lidar_outlier_filter.pipeline.motion import PoseSource
     from lidar_outlier_filter.ros.health import Health
     from lidar_outlier_filter.ros.worker import Worker
-    from lidar_outlier_filter.stream.motion import PoseSource
 
 PLAIN_CDR = {b'\x00\x00': '>', b'\x00\x01': '<'}  # the representations whose layout is known here
 START = 4  # behind the identifier of the representation; alignment counts from there

@@ -19,8 +19,8 @@ from rclpy.time import Duration, Time
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.poses import KEPT, Mounting, Track
 from lidar_outlier_filter.errors import ParameterError, PoseError
-from lidar_outlier_filter.stream.motion import Odometry
-from lidar_outlier_filter.stream.statistics import Kinds
+from lidar_outlier_filter.pipeline.motion import Odometry
+from lidar_outlier_filter.pipeline.statistics import Kinds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.stream.motion import PoseSource
+    from lidar_outlier_filter.pipeline.motion import PoseSource
 
 STEP = SECOND // 100  # between two looks into tf: vehicles turn slowly
 NOWHERE = Mounting.at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

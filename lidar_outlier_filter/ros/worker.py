@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.pipeline.session import Answer, Session
     from lidar_outlier_filter.ros.clocks import DelayClock
     from lidar_outlier_filter.ros.health import Health
     from lidar_outlier_filter.ros.publisher import AnswerPublisher
-    from lidar_outlier_filter.stream.session import Answer, Session
 
 LOOK = 0.02  # seconds between two looks whether a cloud has waited long enough for the kernels
 

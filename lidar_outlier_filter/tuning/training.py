@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.judging.blocks import Stream
-from lidar_outlier_filter.core.judging.chain import Chain, along_lines, uses_lines
-from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
-from lidar_outlier_filter.core.judging.whole_cloud import with_rings
+from lidar_outlier_filter.core.engine.blocks import Stream
+from lidar_outlier_filter.core.engine.chain import Chain, along_lines, uses_lines
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.engine.whole_cloud import with_rings
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.curves import Curve, curve

@@ -43,7 +43,7 @@ def add_train(commands: Commands) -> None:
         'train',
         help="train the default's trees on weather in clean recordings of spinning sensors",
         description='Put weather into clean recordings of spinning sensors, simulate streets, '
-        'train the trees of `evidence` on both, and write their file. Each sensor is left out '
+        'train the trees of `boosted_trees` on both, and write their file. Each sensor is left out '
         'once; the figures printed are of the sensors left out. With --profile, train those for '
         'profile scanners, on simulated streets alone. With --survey, train those for clouds '
         'without scan lines. It takes about a quarter of an hour of processor time; with --profile '

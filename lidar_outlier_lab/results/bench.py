@@ -20,14 +20,14 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alp
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
 from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.core.detectors.sor.parameters import Sor
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points import scan_lines
 from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.stream.session import Session
+from lidar_outlier_filter.pipeline.session import Session
 from lidar_outlier_lab.results import peers
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
@@ -45,7 +45,7 @@ ROUNDS = 5
 SIDES = ('both', 'either')
 FORM = 'alpha_beta_gamma.sides'
 SPATIAL = ('quadric', 'lof', 'sor')
-CHAINS = (('evidence',), ('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
+CHAINS = (('boosted_trees',), ('alpha_beta_gamma',), ('alpha_beta_gamma', 'quadric', 'lof'))
 SWEEPS = ((128, 1024), (64, 2048))  # rings and columns of spinning sensors, 10 Hz
 TURNS = 8
 SLOWER = 160.0  # scan lines a second of another profile scanner; 150 have no whole nanoseconds

@@ -9,12 +9,12 @@ import pstats
 import time
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge import first_pass, second_pass
-from lidar_outlier_filter.core.detectors.evidence.pattern.profile_groups import find_groups
-from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
-from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
-from lidar_outlier_filter.core.neighbours.profile_scanner import find_scanner
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import first_pass, second_pass
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import find_groups
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.scan_pattern.profile_scanner import find_scanner
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.messages.cloud import split
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_lab.results.bench import stream_work
@@ -23,7 +23,7 @@ from lidar_outlier_lab.results.sheet import Sheet
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-CHAIN = ('evidence',)
+CHAIN = ('boosted_trees',)
 RUNS = 3
 # Functions none of which calls another one, but that the scanner is found where lines are sorted.
 PARTS: dict[str, Callable[..., object]] = {

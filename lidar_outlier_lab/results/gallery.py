@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import explain
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge import find_either
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum import features
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import compute_first
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum.surface import K
+from lidar_outlier_filter.core.detectors.boosted_trees.explain.pattern_reasons import explain
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import find_either
+from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum import features
+from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.detector import compute_first
+from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.surface import K
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import concatenate
 from lidar_outlier_filter.evaluation.labels import words
@@ -182,7 +182,7 @@ def section(presets: Sequence[str], seeds: Sequence[int], folder: Path, progress
         'seen from the side: right is the direction in which they extend most, up that in which '
         'they extend least, with scales of their own, in metres. Named are the features that '
         'speak most for the verdict, and what each adds to the log-odds of the trees '
-        '([their meaning](detectors/evidence.md#why-a-point-is-rejected)); none are where the '
+        '([their meaning](detectors/boosted_trees.md#why-a-point-is-rejected)); none are where the '
         'weighted sum judged.',
         *parts,
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import concatenate
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.parameters.filter import FilterParameters

@@ -15,8 +15,8 @@ from lidar_outlier_filter.evaluation.labels import Codes
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import Recording
-from lidar_outlier_filter.stream.topics import CLOUD
 from lidar_outlier_filter.tuning.training import Training, from_file
 from lidar_outlier_lab.results.contest import Standing, score
 from lidar_outlier_lab.results.contest_tables import details, worse

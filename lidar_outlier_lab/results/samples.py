@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.judging.chain import along_lines
+from lidar_outlier_filter.core.engine.chain import along_lines
 from lidar_outlier_filter.evaluation.judged import SURFACE
 from lidar_outlier_filter.evaluation.report import STRETCHES
 from lidar_outlier_filter.messages.decoder import Decoder

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.models import read_trees
+from lidar_outlier_filter.core.detectors.boosted_trees.models import read_trees
 from lidar_outlier_lab.training.learner import learn
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from lidar_outlier_filter.annotations import Floats, Ints, Singles
-    from lidar_outlier_filter.core.detectors.evidence.trees import Trees
+    from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
     from lidar_outlier_lab.training.learner import Drawn
 
 Result = TypeVar('Result')

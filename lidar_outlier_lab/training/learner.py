@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, measure
-from lidar_outlier_filter.core.detectors.evidence.pattern.scores import (
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, measure
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import (
     COUNT_AGAIN,
     count_scores,
     measure_again,
 )
-from lidar_outlier_filter.core.detectors.evidence.trees import QUESTIONS, VALUES, Trees, add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees, add_up
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Singles
-    from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
+    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared
 
     Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
 

@@ -25,12 +25,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.models import VERSION, read_trees
-from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
-from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
-from lidar_outlier_filter.core.neighbours.brightness import UNKNOWN
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.detectors.boosted_trees.models import VERSION, read_trees
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import AGAIN
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.scan_pattern.brightness import UNKNOWN
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import (
     CLEAN,
@@ -51,9 +51,9 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from lidar_outlier_filter.annotations import Bools, Progress, Singles
-    from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
-    from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
+    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared
     from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 
 # Known to the second pass, and not used: trees would learn how many outliers the streets have.

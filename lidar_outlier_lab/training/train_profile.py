@@ -19,18 +19,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.models import VERSION
-from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import (
+from lidar_outlier_filter.core.detectors.boosted_trees.models import VERSION
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, FEATURES
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import (
     COUNT_PROFILE,
     PROFILE,
     measure_profile,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern.profile_groups import find_groups
-from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
-from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
-from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import find_groups
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import AGAIN
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
 from lidar_outlier_filter.core.points.points import SECOND, Points
+from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Ints, Progress, Singles
-    from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared
-    from lidar_outlier_filter.core.detectors.evidence.trees import Trees
+    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared
+    from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
     from lidar_outlier_lab.simulation.world.drive import Drive
 
 STREETS = 64

@@ -19,17 +19,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.models import VERSION
-from lidar_outlier_filter.core.detectors.evidence.survey.far import COUNT, MOST, NAMES, Far
-from lidar_outlier_filter.core.detectors.evidence.survey.judge import (
+from lidar_outlier_filter.core.detectors.boosted_trees.models import VERSION
+from lidar_outlier_filter.core.detectors.boosted_trees.survey.far import COUNT, MOST, NAMES, Far
+from lidar_outlier_filter.core.detectors.boosted_trees.survey.judge import (
     first_odds,
     measure_far,
     measure_near,
     neighbours,
 )
-from lidar_outlier_filter.core.detectors.evidence.survey.near import COUNT as COUNT_NEAR
-from lidar_outlier_filter.core.detectors.evidence.survey.near import NEAR
-from lidar_outlier_filter.core.detectors.evidence.trees import add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.survey.near import COUNT as COUNT_NEAR
+from lidar_outlier_filter.core.detectors.boosted_trees.survey.near import NEAR
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import add_up
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.places import K
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats, Ints, Progress, Singles
-    from lidar_outlier_filter.core.detectors.evidence.trees import Trees
+    from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
     from lidar_outlier_filter.core.neighbours.floor import Floor
     from lidar_outlier_lab.simulation.scenes.survey_scenes import SurveyScene
 

@@ -71,7 +71,7 @@ def test_odd_recordings_come_first_with_their_sentences() -> None:
         '0013': ['2.5 % of the clouds after a gap, median 0 % (z +25)'],
         '0033': [
             '0 % of the points rejected, median 0.2 % (z −20)',
-            '0 % of the points rejected by evidence, median 0.15 % (z −15)',
+            '0 % of the points rejected by boosted_trees, median 0.15 % (z −15)',
             '0 % of the points rejected by sor, median 0.07 % (z −7)',
         ],
     }
@@ -95,7 +95,7 @@ def test_several_topics_are_summed() -> None:
     line['topics']['/rear'] = {**line['topics']['/lidar'], 'rejected_by': {'sor': 9}}
     (drive,) = drives([line])
     assert (drive.points, drive.messages, drive.rejected) == (2_000_000, 400, 4000)
-    assert drive.rejected_by == {'evidence': 1500, 'sor': 709}
+    assert drive.rejected_by == {'boosted_trees': 1500, 'sor': 709}
 
 
 @pytest.mark.parametrize('lines', [[], [failed('one', 'it failed')], [entry('x', points=0)]])

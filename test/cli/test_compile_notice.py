@@ -18,7 +18,7 @@ from lidar_outlier_filter.cli.compile_notice import notice
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 from lidar_outlier_filter.core.kernels.compiling import NotCompiled, only_compiled
-from lidar_outlier_filter.stream.compiling import SHARED_SECONDS
+from lidar_outlier_filter.pipeline.compiling import SHARED_SECONDS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,10 +55,10 @@ def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
 def test_each_part_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     """A detector's own kernels by its name, those of the core as shared; strangers' not at all."""
     say_once = notice()
-    pattern = dict(DETECTORS['evidence'].kernels.parts)['pattern']
-    evidence = 'detectors.evidence'
+    pattern = dict(DETECTORS['boosted_trees'].kernels.parts)['pattern']
+    boosted_trees = 'detectors.boosted_trees'
     inside = ('pattern.judge', 'pattern.window', 'pattern.profile_groups', 'survey.near')
-    modules = [f'{evidence}.{name}' for name in inside]
+    modules = [f'{boosted_trees}.{name}' for name in inside]
     for module in ('detectors.lof', 'kernels', *modules):
         say_once(f'{PACKAGE}.core.{module}')
         say_once(f'{PACKAGE}.core.{module}')
@@ -67,9 +67,9 @@ def test_each_part_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err.splitlines() == [
         f'the kernels of lof are compiled, this once: about {seconds("lof")} s',
         f'the kernels that all share are compiled, this once: about {SHARED_SECONDS} s',
-        f'the kernels of evidence, pattern, are compiled, this once: about {pattern} s',
-        'the kernels of evidence, profile groups, are compiled, this once: about 6 s',
-        'the kernels of evidence are compiled, this once',
+        f'the kernels of boosted_trees, pattern, are compiled, this once: about {pattern} s',
+        'the kernels of boosted_trees, profile groups, are compiled, this once: about 6 s',
+        'the kernels of boosted_trees are compiled, this once',
         'the kernels of lidar_outlier_lab are compiled, this once',
     ]
 

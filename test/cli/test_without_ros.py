@@ -122,9 +122,9 @@ def test_the_stream() -> None:
 import numpy as np
 from lidar_outlier_filter import CloudFilter
 from doctest import testmod
-import lidar_outlier_filter.stream.cloud_filter, lidar_outlier_filter.stream.whole_cloud
+import lidar_outlier_filter.pipeline.cloud_filter, lidar_outlier_filter.pipeline.whole_cloud
 for name in ('cloud_filter', 'whole_cloud'):
-    print(testmod(getattr(lidar_outlier_filter.stream, name)).failed)
+    print(testmod(getattr(lidar_outlier_filter.pipeline, name)).failed)
 """
     assert output(code).split() == ['0', '0']
 

@@ -246,9 +246,9 @@ def test_three_lines(tmp_path: Path, capsys: Capture) -> None:
     command = ['replay', str(tmp_path / 'drive'), '--output', output, '--set', 'scores=true']
     assert main([*command, *sets]) == 0
     assert main(['evaluate', output, '--output', str(tmp_path / 'evaluation')]) == 0
-    assert 'evidence' in capsys.readouterr().out
+    assert 'boosted_trees' in capsys.readouterr().out
     found = json.loads((tmp_path / 'evaluation' / 'evaluation.json').read_text(encoding='utf-8'))
-    whole = found['detectors']['evidence']
+    whole = found['detectors']['boosted_trees']
     assert whole['found'] == found['found'] > 100
     # The curve, which is thinned, passes what was rejected where its thresholds pass 1.
     columns = (found['curve'][name] for name in ('threshold', 'found', 'lost'))

@@ -21,7 +21,7 @@ from helpers.cloud_files import columns
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
@@ -190,7 +190,7 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
         json.loads((folder / f'{path.stem}_cleaned{path.suffix}.json').read_text())
         for path in files
     ]
-    assert [log['chain'] for log in logs] == 3 * [['evidence']]
+    assert [log['chain'] for log in logs] == 3 * [['boosted_trees']]
     assert [log['lines'] for log in logs] == [
         'time (s) and ring',
         'gps_time (s) and scan_direction_flag',
@@ -199,7 +199,7 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
     assert [log['rejected'] <= 0.0005 * log['points'] for log in logs] == [False, True, True]
     said = capsys.readouterr().err.splitlines(keepends=True)
     # On a busy machine a run also says how far it is, and what takes long.
-    slow = ('cleaning: ', f'{files[0]}: evidence takes', f'{files[1]}: evidence takes')
+    slow = ('cleaning: ', f'{files[0]}: boosted_trees takes', f'{files[1]}: boosted_trees takes')
     assert ''.join(line for line in said if not line.startswith(slow)) == (
         f'{files[0]}: {logs[0]["rejected"] / logs[0]["points"]:.1%} of its points are rejected\n'
         f'{files[1]} is not in metres (x = 0.3048 m, y = 0.3048 m, z = 0.3048 m): it is judged in '
@@ -208,7 +208,7 @@ def test_the_default_runs_where_there_are_lines(folder: Path, capsys: Capture) -
     )
 
 
-@pytest.mark.parametrize(('chain', 'fewest'), [('alpha_beta_gamma', 100), ('evidence', 19)])
+@pytest.mark.parametrize(('chain', 'fewest'), [('alpha_beta_gamma', 100), ('boosted_trees', 19)])
 def test_lines_are_seen_as_by_the_replay(folder: Path, chain: str, fewest: int) -> None:
     """The verdict along lines is that of the points with their time and ring."""
     path = folder / f'{SWEEP}.pcd'
@@ -348,7 +348,7 @@ def test_tiles_by_the_default(folder: Path) -> None:
     """In tiles the default judges without scan lines, as it does in one piece where asked."""
     path = folder / 'autzen_trim.laz'
     for name, options in (
-        ('one.laz', ['--set', 'evidence.sensor=survey']),
+        ('one.laz', ['--set', 'boosted_trees.sensor=survey']),
         ('other.laz', ['--tile', '150']),
     ):
         assert main(['clean', str(path), *options, '--output', str(folder / name)]) == 0

@@ -79,7 +79,8 @@ def test_low_points_that_are_left(cloud: Path, capsys: Capture) -> None:
     assert 'low points' not in capsys.readouterr().err
     output = cloud.with_name('kept.las')
     assert main(['clean', str(cloud), '--keep-classes', '1', '--output', str(output)]) == 0
-    said = 'kept points that look like low points: 1; to find more, try --chain evidence,elevation'
+    said = 'kept points that look like low points: 1; '
+    said += 'to find more, try --chain boosted_trees,elevation'
     assert said in capsys.readouterr().err
     assert json.loads(output.with_name('kept.las.json').read_text())['left_low'] == 1
     assert 'left_low: 1' in output.with_name('kept.las.log').read_text()

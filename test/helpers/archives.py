@@ -18,7 +18,7 @@ def entry(name: str, **changes: Any) -> dict[str, Any]:
         'untested': 100,
         'refused': 0,
         'gaps': 0,
-        'rejected_by': {'evidence': 1500, 'sor': 700},
+        'rejected_by': {'boosted_trees': 1500, 'sor': 700},
         'untested_because': '',
     }
     entry: dict[str, Any] = {
@@ -53,19 +53,19 @@ def archive(count: int) -> list[dict[str, Any]]:
     rng = np.random.default_rng(1)
     lines = []
     for number in range(count):
-        evidence, sor = rng.poisson(1500), rng.poisson(700)
-        rejected = int(evidence + sor - 200)
-        by = {'evidence': int(evidence), 'sor': int(sor)}
+        boosted_trees, sor = rng.poisson(1500), rng.poisson(700)
+        rejected = int(boosted_trees + sor - 200)
+        by = {'boosted_trees': int(boosted_trees), 'sor': int(sor)}
         name = f's3://drives/2026-03/{number:04}.mcap'
         lines.append(entry(name, rejected=rejected, rejected_by=by))
     changes: list[dict[str, Any]] = [
-        {'rejected': 21_000, 'rejected_by': {'evidence': 1500, 'sor': 20_000}},
+        {'rejected': 21_000, 'rejected_by': {'boosted_trees': 1500, 'sor': 20_000}},
         {'refused': 3},
         {'gaps': 5},
         {'unread': 17},
         {'untested': 1_000_000, 'untested_because': 'lof needs more points', 'rejected': 0},
         {'lost': ['a chunk at byte 7 is cut off', 'another one']},
-        {'rejected': 0, 'rejected_by': {'evidence': 0, 'sor': 0}},
+        {'rejected': 0, 'rejected_by': {'boosted_trees': 0, 'sor': 0}},
     ]
     for number, change in enumerate(changes):
         lines[5 * number + 3] = entry(lines[5 * number + 3]['source'], **change)

@@ -14,8 +14,8 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.archive.hands import make_on_worker
+from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
-from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -16,7 +16,7 @@ from pathlib import Path
 from time import perf_counter, sleep
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.files.cleaning.clean import clean
 from lidar_outlier_filter.files.cleaning.clean_log import Wanted
 from lidar_outlier_filter.recordings.replay import replay

@@ -11,8 +11,8 @@ import numpy as np
 from helpers.profile_scanner import MOUNTING, Drive, seconds
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.stream.motion import Odometry
-from lidar_outlier_filter.stream.session import Answer, Session
+from lidar_outlier_filter.pipeline.motion import Odometry
+from lidar_outlier_filter.pipeline.session import Answer, Session
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

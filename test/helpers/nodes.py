@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from rclpy.subscription import Subscription
 
+    from lidar_outlier_filter.pipeline.session import Answer
     from lidar_outlier_filter.ros.channel import Channel
-    from lidar_outlier_filter.stream.session import Answer
 
 
 def process(node: OutlierFilterNode, msg: PointCloud2, tag: object = None) -> list[Answer]:

@@ -168,7 +168,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         page_sources.recovered,
         [
             Quote(
-                'doc/detectors/evidence.md',
+                'doc/detectors/boosted_trees.md',
                 f'| {title} | {{{name} equal}} | {{{name} known}} | {{{name} found}} '
                 f'| {{{name} near}} |',
             )
@@ -262,7 +262,7 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
     'leslar': (
         page_sources.leslar,
         [
-            Quote(LESLAR, f'\n| the default, `evidence` | {CELLS} | '),
+            Quote(LESLAR, f'\n| the default, `boosted_trees` | {CELLS} | '),
             Quote(LESLAR, 'The default finds {a found} and loses {a wrong}, at a higher speed.'),
         ],
     ),
@@ -274,7 +274,9 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 'recesses, poles, parked cars and a barrier arm; {points} points,\n'
                 '{outliers} ({share}) of them outliers. A profile scanner',
             ),
-            Quote(RESULTS, '`evidence` |\n| --- | --- | --- | --- |\n' + '\n'.join(STREET_TABLE)),
+            Quote(
+                RESULTS, '`boosted_trees` |\n| --- | --- | --- | --- |\n' + '\n'.join(STREET_TABLE)
+            ),
             Quote(
                 'README.md',
                 'In the first picture, {outliers} of {points} points are outliers:\n\n'

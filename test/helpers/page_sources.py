@@ -16,10 +16,10 @@ from helpers.detectors import BITS
 from helpers.page_runs import DATA, Pages, run, write_clouds
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.cli.terminal import REFUSED
-from lidar_outlier_filter.core.detectors.evidence.models import PATTERN_MODEL, read_file
-from lidar_outlier_filter.core.detectors.evidence.pattern.judge import judge
-from lidar_outlier_filter.core.judging.whole_cloud import judge_whole, with_rings
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.detectors.boosted_trees.models import PATTERN_MODEL, read_file
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import judge
+from lidar_outlier_filter.core.engine.whole_cloud import judge_whole, with_rings
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate

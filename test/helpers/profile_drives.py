@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.evidence.pattern.profile_groups import (
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import (
     find_groups,
 )
-from lidar_outlier_filter.core.detectors.evidence.pattern.window import Prepared, prepare
-from lidar_outlier_filter.core.neighbours.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared, prepare
 from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats
-    from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
+    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
 PERIOD = 5_000_000  # nanoseconds of a line
 AXES = np.array([[0.6, 0.8, 0.0], [0.16, -0.12, 0.98]])  # of the scan plane: level, and nearly up

@@ -12,8 +12,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import PointCloud2, PointField
 
+from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import LATCHED, NewBag, Recording, Topic
-from lidar_outlier_filter.stream.topics import CLOUD
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -147,7 +147,7 @@ CHAINS: dict[str, dict[str, object]] = {
     'sor, radius': {'sor.statistic': 'radius'},
     'hierarchical': {},
     'elevation': {},
-    'evidence': {},
+    'boosted_trees': {},
 }
 
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from lidar_outlier_filter.core.judging.blocks import Stream
-from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.engine.blocks import Stream
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -18,7 +18,7 @@ from lidar_outlier_filter.parameters.filter import FilterParameters
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lidar_outlier_filter.core.judging.chain import Chain
+    from lidar_outlier_filter.core.engine.chain import Chain
     from lidar_outlier_filter.errors import JudgingError
 
 

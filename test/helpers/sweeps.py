@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.detectors.evidence.pattern.features import COUNT, measure
-from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
-from lidar_outlier_filter.core.neighbours.placed_pattern import Pattern
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, measure
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
 from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 
 TURN_NS = 100_000_000  # ten turns a second
 RATE = -2 * np.pi / TURN_NS  # rad/ns: clockwise

@@ -52,7 +52,7 @@ from helpers import neighbour_clouds, profile_drives, sweeps  # noqa: E402
 from lidar_outlier_filter import core  # noqa: E402
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations  # noqa: E402
 from lidar_outlier_filter.core.detectors.seen import Seen  # noqa: E402
-from lidar_outlier_filter.core.judging.chain import Chain  # noqa: E402
+from lidar_outlier_filter.core.engine.chain import Chain  # noqa: E402
 from lidar_outlier_filter.core.points.points import Points  # noqa: E402
 from lidar_outlier_filter.parameters.declaration import walk  # noqa: E402
 from lidar_outlier_filter.parameters.filter import FilterParameters  # noqa: E402

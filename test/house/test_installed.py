@@ -246,7 +246,7 @@ def test_bits_are_one_detectors_own(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 'must be one of 256, 512' in str(result.refused['late'])
 
 
-@pytest.mark.parametrize('name', ['lof', 'evidence_profile', 'block', 'motion'])
+@pytest.mark.parametrize('name', ['lof', 'boosted_trees_profile', 'block', 'motion'])
 def test_names_are_one_detectors_own(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """So is a name that is taken by a detector or a parameter, its own or of further parameters."""
     result = found(monkeypatch, Declared(name), Declared('good', BIT, name))

@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.detectors.declaration import Detector, Measured, 
 from lidar_outlier_filter.core.detectors.dials import Dial, decades, each, plain
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, table
 from lidar_outlier_filter.core.detectors.scores import Scores
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import EXTRA
 from lidar_outlier_filter.errors import ParameterError

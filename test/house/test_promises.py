@@ -31,7 +31,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import BYTES_OF_SCORES, plain_rows, structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.stream.session import Answer, Session
+from lidar_outlier_filter.pipeline.session import Answer, Session
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
 
 if TYPE_CHECKING:
@@ -184,8 +184,8 @@ def test_options() -> None:
 # Chunk invariance -------------------------------------------------------------------------------
 
 WAYS: dict[str, dict[str, object]] = {
-    'default': DEFAULT | {'evidence.threshold': 0.7},
-    'default by angle': DEFAULT | {'line_source': 'angle', 'evidence.threshold': 0.5},
+    'default': DEFAULT | {'boosted_trees.threshold': 0.7},
+    'default by angle': DEFAULT | {'line_source': 'angle', 'boosted_trees.threshold': 0.5},
     'either': {},
     'both': dict(SMOOTHER),
     'sigma': {'alpha_beta_gamma.sigma': 0.02, 'alpha_beta_gamma.test': 'joint'},
@@ -202,8 +202,14 @@ WAYS: dict[str, dict[str, object]] = {
     'chain': {'chain': ['alpha_beta_gamma', 'lof', 'sor']},
     'hierarchical': {'chain': ['hierarchical'], 'hierarchical.min_cluster': 10},
     'elevation': {'chain': ['elevation'], 'elevation.k': 10, 'elevation.multiplier': 1.5},
-    'evidence of a scanner without rings': {'evidence.sensor': 'free', 'evidence.threshold': 0.7},
-    'evidence of a spinning sensor': {'evidence.sensor': 'spinning', 'evidence.threshold': 0.7},
+    'boosted_trees of a scanner without rings': {
+        'boosted_trees.sensor': 'free',
+        'boosted_trees.threshold': 0.7,
+    },
+    'boosted_trees of a spinning sensor': {
+        'boosted_trees.sensor': 'spinning',
+        'boosted_trees.threshold': 0.7,
+    },
     'vote': {'chain': ['alpha_beta_gamma', 'lof'], 'vote': 2},
 }
 LONG: dict[str, dict[str, object]] = {
@@ -294,7 +300,7 @@ def test_chunk_invariance_of_a_real_recording(recordings: Path, way: str) -> Non
             if connection.msgtype.endswith('PointCloud2')
         ]
     assert len(messages) == 4
-    extra = DEFAULT | {'evidence.threshold': 0.5, 'scores': True}  # enough to compare
+    extra = DEFAULT | {'boosted_trees.threshold': 0.5, 'scores': True}  # enough to compare
     if way != 'default':
         extra = {'alpha_beta_gamma.sides': way, 'scores': True}
     whole = run(messages, extra)

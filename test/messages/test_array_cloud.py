@@ -17,14 +17,14 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
-from lidar_outlier_filter.stream.session import Session
+from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
+from lidar_outlier_filter.pipeline.session import Session
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from lidar_outlier_filter.annotations import Rows
-    from lidar_outlier_filter.stream.session import Answer
+    from lidar_outlier_filter.pipeline.session import Answer
 
 SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002, 'chain': ['alpha_beta_gamma']}
 # All that a dtype of numpy may hold: padding, subarrays, texts, times, nested fields, half floats.
@@ -125,7 +125,7 @@ def test_recarray() -> None:
     assert answer.cleaned.size + answer.outliers.size == 300
 
 
-@pytest.mark.parametrize('chain', ['alpha_beta_gamma', 'evidence', 'lof'])
+@pytest.mark.parametrize('chain', ['alpha_beta_gamma', 'boosted_trees', 'lof'])
 def test_arrays_are_judged_as_messages(chain: str) -> None:
     """Absolute times need no stamp, and the answer is that to the message with these points."""
     parts = cut(drive(5), 5, 12)

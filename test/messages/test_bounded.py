@@ -17,9 +17,9 @@ from lidar_outlier_filter.errors import LONGEST, CloudError
 from lidar_outlier_filter.messages.cloud import MOST_LAYOUTS
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
+from lidar_outlier_filter.pipeline.statistics import MOST_KINDS, OTHERS, Kinds
 from lidar_outlier_filter.ros.tf import LONGEST_NAME, MOST_FRAMES, Links
-from lidar_outlier_filter.stream.cloud_filter import CloudFilter
-from lidar_outlier_filter.stream.statistics import MOST_KINDS, OTHERS, Kinds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -20,10 +20,10 @@ from lidar_outlier_filter.core.points.mask import read_mask
 from lidar_outlier_filter.errors import FilterError, ParameterError, RecordingError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.own_vehicle import learn_mask
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.stream.topics import CLOUD, ODOMETRY
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -34,9 +34,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import ParameterError, RecordingError
+from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.stream.topics import CLOUD
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize('name', REAL)
 def test_real_recording(recordings: Path, tmp_path: Path, name: str) -> None:
     """Of each real recording, every point is in one answer, and every message is copied."""
-    strict = {'evidence.threshold': 0.75}  # or next to nothing is rejected
+    strict = {'boosted_trees.threshold': 0.75}  # or next to nothing is rejected
     report = replay(recordings / 'bags' / name, tmp_path / 'out', parameters=strict)
     assert report.is_complete
     before, after = content(recordings / 'bags' / name), content(tmp_path / 'out')
@@ -102,11 +102,15 @@ def test_only_what_a_sensor_needs_is_compiled(recordings: Path, tmp_path: Path, 
     output = what if what == 'info' else str(tmp_path / 'out')
     command = [sys.executable, '-c', LOADED, str(source), output]
     loaded = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
-    evidence = 'lidar_outlier_filter.core.detectors.evidence.'
-    assert f'{evidence}pattern.judge' in loaded
+    boosted_trees = 'lidar_outlier_filter.core.detectors.boosted_trees.'
+    assert f'{boosted_trees}pattern.judge' in loaded
     others = ('profile_pattern', 'profile_scanner', 'profile_groups', 'profile_features')
     assert not [one for one in loaded if one.endswith(others)]
-    assert not [one for one in loaded if one.startswith((f'{evidence}weighted', f'{evidence}surv'))]
+    assert not [
+        one
+        for one in loaded
+        if one.startswith((f'{boosted_trees}weighted', f'{boosted_trees}surv'))
+    ]
 
 
 def test_everything_else_is_copied(tmp_path: Path) -> None:

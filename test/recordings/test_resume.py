@@ -16,12 +16,12 @@ from helpers import HELPERS, TESTS
 from helpers.damaged import write_large
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.journal import NOTES
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.stream.topics import CLOUD
 
 if TYPE_CHECKING:
     from pathlib import Path

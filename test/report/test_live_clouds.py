@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.judging.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.report import live_clouds
 from lidar_outlier_filter.report.live_clouds import (

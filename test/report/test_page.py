@@ -142,7 +142,7 @@ def test_click_on_a_point(desktop: Page, found: Gathered) -> None:
     said = re.search(r'score\s+(\S+)', text)
     assert said is not None
     assert float(said[1]) == pytest.approx(score, rel=1e-3)
-    assert 'rejected by evidence' in text
+    assert 'rejected by boosted_trees' in text
     assert desktop.locator('.bars rect').count() > 3
     assert desktop.locator('#ring').is_visible()
     assert desktop.evaluate('window.report.view().marks.every((mark) => mark.visible)')

@@ -16,17 +16,18 @@ from helpers.drives import BEGIN, FAST, PERIOD, cloud_bytes, rows_of_turn, topic
 from matplotlib import colormaps
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.evidence.explain.explanation import EXPLANATION
-from lidar_outlier_filter.core.detectors.evidence.explain.pattern_reasons import REASONS
-from lidar_outlier_filter.core.detectors.evidence.explain.reasons import REASON_NAMES
-from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import PROFILE
-from lidar_outlier_filter.core.detectors.evidence.survey.far import NAMES
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum.detector import PARTS
+from lidar_outlier_filter.core.detectors.boosted_trees.explain.explanation import EXPLANATION
+from lidar_outlier_filter.core.detectors.boosted_trees.explain.pattern_reasons import REASONS
+from lidar_outlier_filter.core.detectors.boosted_trees.explain.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import PROFILE
+from lidar_outlier_filter.core.detectors.boosted_trees.survey.far import NAMES
+from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.detector import PARTS
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag
 from lidar_outlier_filter.recordings.info import look
 from lidar_outlier_filter.recordings.replay import replay
@@ -39,7 +40,6 @@ from lidar_outlier_filter.report.page import colour_maps
 from lidar_outlier_filter.report.reasons import MOST_IN_BLOCK, STRONGEST
 from lidar_outlier_filter.report.sliders import BITS, WIDEST, choices, sliders
 from lidar_outlier_filter.report.sources import FileSource, RecordedSource
-from lidar_outlier_filter.stream.topics import CLOUD
 from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive
 from lidar_outlier_lab.simulation.world.recording import record
 
@@ -191,7 +191,7 @@ def test_reasons_stand_first_and_have_the_score(found: Gathered) -> None:
 
 def test_reasons_of_a_chain(snow: Path) -> None:
     """Where the default judges what others left, its part of the chain is explained."""
-    parameters = FilterParameters().changed({'chain': ['sor', 'evidence']})
+    parameters = FilterParameters().changed({'chain': ['sor', 'boosted_trees']})
     found = gather(RecordedSource(snow, parameters), CAUSES, MOST)
     assert found.ways == ('trees on the scan pattern',)
     there = found.kept.reason >= 0
@@ -273,7 +273,7 @@ def test_removed_points_are_counted_by_who_and_why(found: Gathered) -> None:
     known = header(found, frames, pack(found, frames))
     (slider,) = known['sliders']
     for step, counts in enumerate(slider['counts']):
-        assert counts['detectors'] == {'evidence': counts['points']}
+        assert counts['detectors'] == {'boosted_trees': counts['points']}
         listed = sum(count for _, count in counts['reasons'])
         assert listed <= counts['points']
         # Of what is kept at the given settings no reason is noted.
@@ -300,7 +300,15 @@ def test_parameter_file_is_read_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize('count', [1, 2, 3, 5, 7])
 def test_sliders_share_the_bits(count: int) -> None:
     """Any chain: no bit is used twice, and the given value is among the values, in order."""
-    chain = ['sor', 'lof', 'quadric', 'elevation', 'hierarchical', 'evidence', 'alpha_beta_gamma']
+    chain = [
+        'sor',
+        'lof',
+        'quadric',
+        'elevation',
+        'hierarchical',
+        'boosted_trees',
+        'alpha_beta_gamma',
+    ]
     parameters = FilterParameters().changed({'chain': chain[:count]})
     given = choices(parameters)
     rng = np.random.default_rng(count)
@@ -336,7 +344,7 @@ def test_a_file(tmp_path: Path) -> None:
     path.write_text(f'x y z\n{text}\n', encoding='utf-8')
     given = FilterParameters()
     found = gather(FileSource(path, given, truth=(path, '')), ALL_BUT_0, MOST)
-    assert found.parameters.chain == ('evidence',)
+    assert found.parameters.chain == ('boosted_trees',)
     assert found.found.invalid == 1
     assert found.kept.rejected[found.kept.index == 7].all()
     smoother = given.changed({'chain': ['alpha_beta_gamma']})

@@ -58,7 +58,7 @@ def desk(browser: Browser, written: Path) -> Iterator[Page]:
 @pytest.fixture(scope='module')
 def chain(snow: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Gathered, Path]:
     """Judge by a chain of two, and write its page."""
-    parameters = FilterParameters().changed({'chain': ['sor', 'evidence']})
+    parameters = FilterParameters().changed({'chain': ['sor', 'boosted_trees']})
     found = gather(RecordedSource(snow, parameters), CAUSES, 20_000)
     path = tmp_path_factory.mktemp('chain') / 'chain.html'
     write_page(found, path)
@@ -182,7 +182,7 @@ def test_box_is_counted_and_saved(desk: Page, tmp_path: Path) -> None:
     text = desk.locator('#tool').inner_text().replace('\u202f', ' ')
     rejected = sum(row['rejected'] == '1' for row in rows)
     assert f'rejected\n{rejected:,}'.replace(',', ' ') in re.sub(r'(\d)\s(\d)', r'\1 \2', text)
-    assert {row['detector'] for row in rows if row['rejected'] == '1'} == {'evidence'}
+    assert {row['detector'] for row in rows if row['rejected'] == '1'} == {'boosted_trees'}
     assert {row['truth'] for row in rows} <= {'good', 'outlier'}
     assert all(np.isfinite([float(row[one]) for one in 'xyz']).all() for row in rows)
     move(desk, 0)
@@ -231,7 +231,7 @@ def test_a_detector_is_hidden(browser: Browser, chain: tuple[Gathered, Path]) ->
         page.locator('[data-detector=sor]').uncheck()
         wait_for_drawing(page)
         few = near(pixels(page), '#c8500a')
-        page.locator('[data-detector=evidence]').uncheck()
+        page.locator('[data-detector=boosted_trees]').uncheck()
         wait_for_drawing(page)
         assert many > few > near(pixels(page), '#c8500a') < 60  # of the legend
         assert page.locator('#charts .limit').count() == 1

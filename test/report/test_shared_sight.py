@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.detectors.evidence.weighted_sum import detector as weighted_sum
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum import detector as weighted_sum
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.report.shared_sight import BLOCKS, SharedSight
@@ -31,7 +31,7 @@ def swung(seed: int) -> Points:
 def chains() -> list[Chain]:
     """Make one for each threshold."""
     given = FilterParameters().changed({'scores': True})
-    return [Chain(given.changed({'evidence.threshold': one})) for one in THRESHOLDS]
+    return [Chain(given.changed({'boosted_trees.threshold': one})) for one in THRESHOLDS]
 
 
 def test_verdicts_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,7 +45,9 @@ def test_verdicts_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
         looks.append(1)
         return look(*given)
 
-    monkeypatch.setattr('lidar_outlier_filter.core.detectors.evidence.ways.look_first', counted)
+    monkeypatch.setattr(
+        'lidar_outlier_filter.core.detectors.boosted_trees.ways.look_first', counted
+    )
     sight = SharedSight()
     for chain, expected in zip(chains(), alone, strict=True):
         chain.see = sight

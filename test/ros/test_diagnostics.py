@@ -19,8 +19,8 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
+from lidar_outlier_filter.pipeline.visibility import VIEWED
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
-from lidar_outlier_filter.stream.visibility import VIEWED
 
 if TYPE_CHECKING:
     from helpers.nodes import Diagnosis

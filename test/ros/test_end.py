@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.stream.session import Answer
+    from lidar_outlier_filter.pipeline.session import Answer
 
 
 def test_large_clouds_at_the_end(ros: Ros) -> None:

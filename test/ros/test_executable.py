@@ -36,7 +36,7 @@ from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.stream.session import Answer
+    from lidar_outlier_filter.pipeline.session import Answer
 
 TOPIC = '/velodyne_points'
 ANSWERS = ('cleaned', 'outliers')
@@ -201,7 +201,7 @@ def test_stopped_while_it_compiles(tmp_path: Path) -> None:
     """From an empty cache that takes half a minute; nobody has to wait for its end."""
     env = environment() | fresh_copy(tmp_path)
     with Program('-P', '-m', 'lidar_outlier_filter.cli.node', env=env) as node:
-        node.wait_for('compiling evidence')
+        node.wait_for('compiling boosted_trees')
         node.signal(signal.SIGINT)
         assert node.wait() == 0
     assert len(node.output) == 1
@@ -220,7 +220,7 @@ def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
         node.signal(signal.SIGINT)
         assert node.wait() == 0
     assert node.output[-1] == ready
-    assert f'version {__version__} is ready: inputs /points; chain evidence; ' in ready
+    assert f'version {__version__} is ready: inputs /points; chain boosted_trees; ' in ready
 
 
 # A detector whose kernel takes days.
@@ -325,7 +325,7 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
 def test_memory_is_kept_for_the_next_cloud() -> None:
     """What a large array has used is not asked of the system again."""
     script = (
-        'import resource; from lidar_outlier_filter.stream.memory import keep_memory\n'
+        'import resource; from lidar_outlier_filter.pipeline.memory import keep_memory\n'
         'def faults(): return resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n'
         'def use(): bytearray(40_000_000)\n'
         'keep_memory(); use(); before = faults(); use(); print(faults() - before)\n'

@@ -13,8 +13,8 @@ from helpers import ROOT
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import HealthLimits
+from lidar_outlier_filter.pipeline.statistics import Kinds, Statistics
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, PROFILES, WARN, Backlog, Health
-from lidar_outlier_filter.stream.statistics import Kinds, Statistics
 
 NOTHING = Backlog(0, 0.0, 0)
 MAX_DELAY = 1.0

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.ros.node import OutlierFilterNode
 
 pytestmark = pytest.mark.slow
-THRESHOLD = 'evidence.threshold'
+THRESHOLD = 'boosted_trees.threshold'
 
 
 class Served(NamedTuple):

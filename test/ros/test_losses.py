@@ -12,8 +12,8 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lidar_outlier_filter.pipeline.statistics import Kinds, Statistics
 from lidar_outlier_filter.ros.health import LOSS_PERIOD, Health, Loss, LossWarning
-from lidar_outlier_filter.stream.statistics import Kinds, Statistics
 
 SEEN = st.tuples(
     st.floats(0, 2 * LOSS_PERIOD),

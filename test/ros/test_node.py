@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 # The default rejects next to nothing of a clean recording.
-STRICT = {'evidence.threshold': 0.5}
+STRICT = {'boosted_trees.threshold': 0.5}
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_one_answer_per_cloud_in_order(ros: Ros, sweeps: list[PointCloud2]) -> N
     assert node.statistics.messages == 4
     assert node.statistics.points == sum(msg.width for msg in sweeps)
     assert node.statistics.outliers == sum(rejected(answers))
-    assert node.statistics.rejected == {'evidence': node.statistics.outliers}
+    assert node.statistics.rejected == {'boosted_trees': node.statistics.outliers}
     assert node.statistics.outliers > 50
     assert node.statistics.refused == 1
     assert node.statistics.refusals == {'point_step': 1}

@@ -23,8 +23,8 @@ from lidar_outlier_filter.evaluation.judged import read_recording
 from lidar_outlier_filter.evaluation.labels import ALL_BUT_0
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_filter.pipeline.topics import resolve
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.stream.topics import resolve
 from lidar_outlier_filter.tuning.inject import Injection
 from lidar_outlier_filter.tuning.training import from_recording, together
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from lidar_outlier_filter.annotations import Progress
-    from lidar_outlier_filter.core.judging.slow import SaySlow
+    from lidar_outlier_filter.core.engine.slow import SaySlow
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
     from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
     from lidar_outlier_filter.files.cloud_file import CloudFile

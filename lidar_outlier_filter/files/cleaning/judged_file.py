@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.judging.chain import along_lines, uses_lines
-from lidar_outlier_filter.core.judging.tiled_chain import TiledChain
-from lidar_outlier_filter.core.judging.whole_cloud import check_chain, judge_whole
+from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
+from lidar_outlier_filter.core.engine.tiled_chain import TiledChain
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.core.neighbours.floor import count_low
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.verdict import Verdict
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Allocate, Bools, Bytes, Progress
-    from lidar_outlier_filter.core.judging.slow import SaySlow
+    from lidar_outlier_filter.core.engine.slow import SaySlow
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.files.cleaning.clean_log import Wanted
     from lidar_outlier_filter.files.cloud_file import CloudFile

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import sigma_field
-from lidar_outlier_filter.core.judging.whole_cloud import with_rings
+from lidar_outlier_filter.core.engine.whole_cloud import with_rings
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.errors import CloudError

@@ -59,7 +59,7 @@ function why(header, point, detector) {
     return [node('h3', {}, title), bars(point.features)];
   }
   let text = '';
-  if (detector && detector.name !== 'evidence') {
+  if (detector && detector.name !== 'boosted_trees') {
     text = `${detector.name} rejects what ${detector.rejects}. It measures one thing: the score is that ÷ its critical value.`;
   } else if (header.explained) {
     text = `No reasons here: ${count(header.explained)} ${header.explained === 1 ? 'point is' : 'points are'} explained, rejected or near the threshold.`;

@@ -61,9 +61,9 @@ FORMS: Mapping[str, Mapping[str, object]] = {
     '`quadric` as it is by default': {'chain': ['quadric']},
     '`alpha_beta_gamma` as it is by default': {'chain': ['alpha_beta_gamma']},
     '`alpha_beta_gamma`, `quadric`, `lof`': METHODS['all_three'],
-    'the default, `evidence`': {},
+    'the default, `boosted_trees`': {},
 }
-SHOWN = ('a', 'b', 'c', 'ab', 'the default, `evidence`')  # in the figure
+SHOWN = ('a', 'b', 'c', 'ab', 'the default, `boosted_trees`')  # in the figure
 MILLION = 1e6
 
 

@@ -13,9 +13,9 @@ from rosbags.typesys import Stores, get_typestore
 from lidar_outlier_filter.errors import FilterError, RecordingError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.topics import CLOUD
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 from lidar_outlier_filter.recordings.replay import choose_clouds
-from lidar_outlier_filter.stream.topics import CLOUD
 from lidar_outlier_lab.simulation.weather.clouds import CloudWeather
 
 if TYPE_CHECKING:

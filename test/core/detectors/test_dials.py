@@ -11,7 +11,7 @@ import pytest
 
 from lidar_outlier_filter.core.detectors.dials import decades
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.judging.chain import Chain
+from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
@@ -45,8 +45,12 @@ FORMS: list[dict[str, object]] = [
         'sor.range_scaled': True,
         'sor.range_factor': 0.005,
     },
-    {'chain': ['evidence'], 'evidence_profile.passes': 1},
-    {'chain': ['evidence'], 'evidence.sensor': 'spinning', 'evidence_spinning.passes': 1},
+    {'chain': ['boosted_trees'], 'boosted_trees_profile.passes': 1},
+    {
+        'chain': ['boosted_trees'],
+        'boosted_trees.sensor': 'spinning',
+        'boosted_trees_spinning.passes': 1,
+    },
 ]
 
 

@@ -23,8 +23,8 @@ CHECKED = [
         f'neighbours/test_neighbours.py::test_{name}'
         for name in ('small_clouds', 'all_equally_far', 'some_lists_are_those_of_all')
     ),
-    'detectors/evidence/test_profile_pattern.py',
-    'detectors/evidence/test_scan_pattern.py',
+    'detectors/boosted_trees/test_profile_pattern.py',
+    'detectors/boosted_trees/test_scan_pattern.py',
 ]
 
 
@@ -50,6 +50,6 @@ def test_no_kernel_of_a_detector_leaves_its_arrays() -> None:
     """Nor does one of any detector, its choices and its explanation; each kernel is called."""
     done = run(str(HELPERS / 'uncompiled.py'), PYTHONPATH=os.pathsep.join([str(TESTS), *sys.path]))
     assert done.returncode == 0, done.stderr[-5000:]
-    evidence = 'lidar_outlier_filter.core.detectors.evidence'
-    for_training = f'{evidence}.pattern.features.measure', f'{evidence}.trees.add_up'
+    boosted_trees = 'lidar_outlier_filter.core.detectors.boosted_trees'
+    for_training = f'{boosted_trees}.pattern.features.measure', f'{boosted_trees}.trees.add_up'
     assert tuple(done.stdout.split()) == for_training

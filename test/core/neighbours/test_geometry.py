@@ -15,8 +15,8 @@ from naive import hierarchical as naive
 
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
-from lidar_outlier_filter.core.judging.chain import Chain
-from lidar_outlier_filter.core.neighbours.sorted_lines import OrderedLines, sort_lines
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.scan_pattern.sorted_lines import OrderedLines, sort_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def shape(name: str, count: int) -> Points:
 
 def by_line(name: str) -> list[str]:
     """List the forms that a detector may see differently."""
-    return list(FORMS) if name in {'evidence', 'alpha_beta_gamma'} else ['as scanned']
+    return list(FORMS) if name in {'boosted_trees', 'alpha_beta_gamma'} else ['as scanned']
 
 
 @pytest.mark.parametrize('name', CHAINS)

@@ -51,7 +51,7 @@ def test_the_worst() -> None:
 @pytest.mark.parametrize(('threshold', 'lost'), [(0.4, True), (3.0, False)])
 def test_failures(sample: Sample, *, threshold: float, lost: bool) -> None:
     """Too strict, it loses good points, which lie on something; too lax, it misses outliers."""
-    parameters = FilterParameters().changed({'evidence.threshold': threshold})
+    parameters = FilterParameters().changed({'boosted_trees.threshold': threshold})
     found = [one for one in gallery.failures(sample, parameters) if one.lost is lost]
     assert 3 <= len(found) <= gallery.MOST
     assert all((one.score > 1) == lost for one in found)
@@ -74,7 +74,7 @@ def test_failures(sample: Sample, *, threshold: float, lost: bool) -> None:
 @pytest.mark.slow
 def test_the_surface_is_level(sample: Sample) -> None:
     """A panel looks along the surface: what is 4 cm above it is as much off on the picture."""
-    parameters = FilterParameters().changed({'evidence.threshold': 3.0})
+    parameters = FilterParameters().changed({'boosted_trees.threshold': 3.0})
     missed = [one for one in gallery.failures(sample, parameters) if not one.lost]
     even = [one for one in missed if one.sigma < 0.01]
     assert even

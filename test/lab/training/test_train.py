@@ -9,13 +9,13 @@ import pytest
 from helpers.sweeps import sweep
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from lidar_outlier_filter.core.detectors.evidence.models import read_trees
-from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
-from lidar_outlier_filter.core.detectors.evidence.pattern.window import prepare
-from lidar_outlier_filter.core.detectors.evidence.trees import Trees, add_up
-from lidar_outlier_filter.core.neighbours.scan_pattern import find_pattern
+from lidar_outlier_filter.core.detectors.boosted_trees.models import read_trees
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import AGAIN
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_up
 from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import LIMITS, choose_threshold, figures, judge_at_all
 from lidar_outlier_lab.training.learner import export, window_features

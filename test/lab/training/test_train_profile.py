@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from lidar_outlier_filter.core.detectors.evidence.models import NAMES, PROFILE_MODEL, load
-from lidar_outlier_filter.core.detectors.evidence.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.evidence.pattern.profile_features import PROFILE
-from lidar_outlier_filter.core.detectors.evidence.pattern.scores import AGAIN
+from lidar_outlier_filter.core.detectors.boosted_trees.models import NAMES, PROFILE_MODEL, load
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import PROFILE
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import AGAIN
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.simulation.scenes.profile_streets import training_street
 from lidar_outlier_lab.training.train_profile import Street, measured, train_profile

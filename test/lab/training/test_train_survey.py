@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.detectors.evidence.models import SURVEY_MODEL, load
-from lidar_outlier_filter.core.detectors.evidence.survey.far import NAMES
+from lidar_outlier_filter.core.detectors.boosted_trees.models import SURVEY_MODEL, load
+from lidar_outlier_filter.core.detectors.boosted_trees.survey.far import NAMES
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_errors import NEIGHBOUR, add_errors

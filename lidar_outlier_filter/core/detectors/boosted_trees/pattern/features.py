@@ -1,0 +1,265 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the window of a spinning sensor's point says of it: features, one number each.
+
+Lengths are divided by what the beams are apart there: range × step along the ring, or × the angle
+to the next ring. :mod:`.pattern_window` says what a window is.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
+    BEFORE,
+    BEHIND,
+    DENSE,
+    FAR,
+    FARTHEST,
+    LEVEL,
+    MOST,
+    NEAR,
+    NEAREST_OTHER,
+    ONE,
+    OWN,
+    OWN_PHASES,
+    OWN_RANGES,
+    RANGE,
+    REACH_OWN,
+    ROUGH,
+    ROUGH_COUNT,
+    SIZE,
+    SPARSE,
+    THERE,
+    ZERO,
+    F,
+    gather,
+    look_from,
+    make_window,
+)
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.annotations import Single, Singles
+    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
+        PatternWindow,
+        Prepared,
+    )
+    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
+
+FEATURES = (
+    'step',  # distance to the nearer return of the ring, beside it
+    'leap',  # to the farther
+    'along',  # least difference of the range from three predictions along the ring
+    'along_m',  # the same, metres
+    'between',  # difference from the prediction between both neighbours
+    'beside',  # distance to the nearest return of other rings
+    'across',  # least difference of the range from three predictions across the rings
+    'near3',  # mean distance to the three nearest of the window
+    'near5',
+    'near5_m',  # the same, metres
+    'before_own',  # share of the ring's returns that are nearer to the sensor
+    'behind_own',
+    'before_other',
+    'behind_other',
+    'level_own',  # share of all places, that are at the same range
+    'level_other',
+    'there_own',  # share of the places that have a return
+    'there_other',
+    'rough_own',  # how much ranges differ from predictions along the ring, around the point
+    'rough_other',
+    'range',
+    'glare',  # range² ÷ range of the background: what a particle must outshine
+    'depth',  # range ÷ that of the background
+    'dense',  # share of the window within 2 beams
+    'sparse',  # within 6 beams
+    'bright',  # intensity ÷ what is usual at the range; -1 where the cloud has none
+    'uneven',  # angle to the farther ring beside ÷ that to the nearer
+)
+COUNT = len(FEATURES)
+SAME = F(1.5)  # beams apart: still at one range
+THREE, FIVE = F(3.0), F(5.0)
+DENSE_SQUARE, SPARSE_SQUARE = F(4.0), F(36.0)  # beams apart, squared
+PLACES_OWN, PLACES_OTHER, PLACES = F(2 * OWN), F(SIZE - 2 * OWN), F(SIZE)
+
+
+@kernel
+def measure(prepared: Prepared, begin: int, end: int, out: Singles) -> None:
+    """Write the features of all points of lines begin to end: (COUNT, M)."""
+    pattern, window = prepared.pattern, make_window()
+    values = rows_of_singles(COUNT)
+    for line in range(begin, end):
+        for k in range(pattern.first[line], pattern.last[line], LANES):
+            look_from(k, window.places)
+            gather(prepared, line, window)
+            write_features(pattern, line, window, values)
+            copy_points(values, pattern.last[line] - k, out[:, k:])
+
+
+@apart_kernel
+def copy_points(values: Singles, count: int, out: Singles) -> None:
+    """Write the features of the first ``count`` lanes, or of all of them."""
+    for f in range(len(values)):
+        for lane in range(min(count, LANES)):
+            out[f, lane] = values[f, lane]
+
+
+@inlined_kernel
+def write_features(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
+    """Write the features of the points of gathered windows."""
+    _count(pattern, line, window)
+    _along(pattern, line, window, values)
+    _distances(pattern, line, window, values)
+    _shares(window, values)
+    _ranges(pattern, line, window, values)
+
+
+@inlined_kernel
+def level_within(unit: Single, level: Single) -> Single:
+    """Return how far apart ranges are that still are the same, of what beams are apart, m."""
+    return SAME * unit + level
+
+
+@inlined_kernel
+def width(array: Singles) -> int:
+    """Return the number of lanes of an array."""
+    return int(array.shape[1])
+
+
+@apart_kernel
+def _count(pattern: Pattern, line: int, window: PatternWindow) -> None:
+    """Count returns before, behind and at the same range, and find the nearest of all."""
+    reach, gap = window.mine[RANGE], pattern.gap[line]
+    apart, most = pattern.apart[line], pattern.level[line]
+    square, away, sums, best = window.square, window.away, window.sums, window.best
+    best[:] = FAR
+    for lane in range(width(square)):
+        sums[FARTHEST, lane] = reach[lane]
+        sums[NEAREST_OTHER, lane] = FAR
+    for slot in range(2 * OWN, SIZE):
+        for lane in range(width(square)):
+            sums[NEAREST_OTHER, lane] = min(sums[NEAREST_OTHER, lane], square[slot, lane])
+    for slot in range(SIZE):
+        part = 0 if slot < 2 * OWN else 1
+        for lane in range(width(square)):
+            mine, value, off = reach[lane], square[slot, lane], away[slot, lane]
+            unit = mine * gap + apart
+            same = level_within(unit, most)
+            sums[BEFORE + part, lane] += ONE if off < -same else ZERO
+            sums[BEHIND + part, lane] += ONE if off > same else ZERO
+            sums[LEVEL + part, lane] += ONE if (abs(off) <= same) & (value < FAR) else ZERO
+            sums[DENSE, lane] += ONE if value <= DENSE_SQUARE * unit * unit else ZERO
+            sums[SPARSE, lane] += ONE if value <= SPARSE_SQUARE * unit * unit else ZERO
+            sums[FARTHEST, lane] = max(sums[FARTHEST, lane], mine + off)
+        for lane in range(width(square)):
+            # One after the other finds its rank; what is larger goes on.
+            value = square[slot, lane]
+            for rank in range(NEAR - 1):
+                a = best[rank, lane]
+                best[rank, lane], value = min(a, value), max(a, value)
+            best[NEAR - 1, lane] = min(best[NEAR - 1, lane], value)
+
+
+@apart_kernel
+def _along(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
+    """Write what three predictions along the ring say of the range."""
+    step, noise = pattern.step[line], pattern.noise[line]
+    r0, reach, phase = window.mine[RANGE], window.own[OWN_RANGES:], window.own[OWN_PHASES:]
+    ra, pa, rc, pc = reach[OWN - 1], phase[OWN - 1], reach[OWN - 2], phase[OWN - 2]
+    rb, pb, rd, pd = reach[OWN], phase[OWN], reach[OWN + 1], phase[OWN + 1]
+    most = REACH_OWN * step * pattern.turn[line]
+    for lane in range(width(values)):
+        r, a, b = r0[lane], pa[lane], pb[lane]
+        middle = _off(r, ra[lane], a, rb[lane], b, most)
+        before = _off(r, ra[lane], a, rc[lane], pc[lane], most)
+        after = _off(r, rb[lane], b, rd[lane], pd[lane], most)
+        least = min(middle, before, after)
+        unit = step + noise / r
+        values[2, lane] = min(least / unit, MOST)
+        values[3, lane] = min(least * r, MOST)
+        values[4, lane] = min(middle / unit, MOST)
+
+
+@apart_kernel
+def _off(r: Single, ra: Single, pa: Single, rb: Single, pb: Single, most: Single) -> Single:
+    """Return how far a range is from the straight line through two others, as a part of it.
+
+    ``pa`` and ``pb`` are their phases, less that of the range.
+    """
+    span = pb - pa
+    good = (abs(pa) <= most) & (abs(pb) <= most) & (span != ZERO)
+    part = -pa / (span if good else ONE)
+    value = (ONE - part) / ra + part / rb
+    # What the noise of both adds is taken off.
+    size = np.sqrt(ONE + (ONE - part) * (ONE - part) + part * part)
+    off = min(abs(ONE - r * value) / size, MOST)
+    return off if good else MOST
+
+
+@apart_kernel
+def _distances(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
+    """Write how far the nearest returns are: in the ring, in other rings, and of all."""
+    reach, step, gap = window.mine[RANGE], pattern.step[line], pattern.gap[line]
+    noise, apart = pattern.noise[line], pattern.apart[line]
+    square, sums, best = window.square, window.sums, window.best
+    for lane in range(width(values)):
+        mine = reach[lane]
+        own_unit, unit = mine * step + noise, mine * gap + apart
+        a, b = np.sqrt(square[OWN - 1, lane]), np.sqrt(square[OWN, lane])
+        values[0, lane] = min(min(a, b) / own_unit, MOST)
+        values[1, lane] = min(max(a, b) / own_unit, MOST)
+        values[5, lane] = min(np.sqrt(sums[NEAREST_OTHER, lane]) / unit, MOST)
+        three = np.sqrt(best[0, lane]) + np.sqrt(best[1, lane]) + np.sqrt(best[2, lane])
+        five = three + np.sqrt(best[3, lane]) + np.sqrt(best[4, lane])
+        values[7, lane] = min(three / (THREE * unit), MOST)
+        values[8, lane] = min(five / (FIVE * unit), MOST)
+        values[9, lane] = min(five / FIVE, MOST)
+
+
+@apart_kernel
+def _shares(window: PatternWindow, values: Singles) -> None:
+    """Write shares of the window, and how rough it is."""
+    sums = window.sums
+    for lane in range(width(values)):
+        own, others = max(sums[THERE, lane], ONE), max(sums[THERE + 1, lane], ONE)
+        values[10, lane] = sums[BEFORE, lane] / own
+        values[11, lane] = sums[BEHIND, lane] / own
+        values[12, lane] = sums[BEFORE + 1, lane] / others
+        values[13, lane] = sums[BEHIND + 1, lane] / others
+        values[14, lane] = sums[LEVEL, lane] / PLACES_OWN
+        values[15, lane] = sums[LEVEL + 1, lane] / PLACES_OTHER
+        values[16, lane] = sums[THERE, lane] / PLACES_OWN
+        values[17, lane] = sums[THERE + 1, lane] / PLACES_OTHER
+        values[18, lane] = sums[ROUGH, lane] / max(sums[ROUGH_COUNT, lane], ONE)
+        values[19, lane] = sums[ROUGH + 1, lane] / max(sums[ROUGH_COUNT + 1, lane], ONE)
+        values[23, lane] = sums[DENSE, lane] / PLACES
+        values[24, lane] = sums[SPARSE, lane] / PLACES
+
+
+@apart_kernel
+def _ranges(pattern: Pattern, line: int, window: PatternWindow, values: Singles) -> None:
+    """Write range and brightness, the background's range, and predictions across the rings."""
+    reach, gap, noise = window.mine[RANGE], pattern.gap[line], pattern.noise[line]
+    bright, uneven = window.bright, pattern.uneven[line]
+    sums, inverse, beside = window.sums, window.inverse, pattern.beside[:, line]
+    part = beside[1] / (beside[1] + beside[2])
+    low, high = beside[1] / (beside[0] - beside[1]), beside[2] / (beside[3] - beside[2])
+    for lane in range(width(values)):
+        mine, farthest = reach[lane], sums[FARTHEST, lane]
+        values[20, lane] = mine
+        values[21, lane] = mine * mine / farthest
+        values[22, lane] = mine / farthest
+        values[25, lane] = bright[lane]
+        values[26, lane] = uneven
+        # Of a plane, the inverse range is straight across the rings; below 0 it is unknown.
+        a, b, c, d = inverse[0, lane], inverse[1, lane], inverse[2, lane], inverse[3, lane]
+        between = abs(ONE - mine * ((ONE - part) * b + part * c))
+        between = between if (b > ZERO) & (c > ZERO) else MOST
+        below = abs(ONE - mine * ((ONE + low) * b - low * a)) / (ONE + low)
+        below = below if (a > ZERO) & (b > ZERO) else MOST
+        above = abs(ONE - mine * ((ONE + high) * c - high * d)) / (ONE + high)
+        above = above if (c > ZERO) & (d > ZERO) else MOST
+        values[6, lane] = min(min(between, below, above) / (gap + noise / mine), MOST)

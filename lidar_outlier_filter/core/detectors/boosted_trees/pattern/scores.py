@@ -1,0 +1,218 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Features of the second pass: those of the window, and scores of the first pass around it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import (
+    COUNT,
+    copy_points,
+    level_within,
+    width,
+    write_features,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
+    AROUND,
+    FAR,
+    ONE,
+    OTHER,
+    OWN,
+    RANGE,
+    RINGS,
+    SIZE,
+    TWO,
+    ZERO,
+    F,
+    gather,
+    look_from,
+    make_window,
+    offset_of,
+)
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import STRETCH
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.annotations import Index, Ints, Single, Singles
+    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
+        PatternWindow,
+        Prepared,
+    )
+    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
+
+AGAIN = (
+    'first',  # score of the first pass, -4 to 4
+    'first_own',  # mean of those of the ring's returns
+    'first_other',  # of other rings'
+    'first_close',  # of all, the closer the more weight
+    'first_level',  # of those at the same range; -5 for none
+    'first_behind',  # of those farther from the sensor; -5 for none
+    'first_before',
+    'wide_own',  # share of a longer stretch of the ring whose score is above 0
+    'wide_other',  # the same of other rings
+    'share',  # of all points seen together
+    'share_range',  # of those of them that are as far from the sensor
+)
+COUNT_AGAIN = COUNT + len(AGAIN)
+CLIP = F(4.0)
+UNKNOWN = F(-5.0)
+PLACES_WIDE = F(2 * STRETCH + 1)  # of the longer stretch
+BINS = 8  # of range: up to 1, 2, 4, 8 ... m
+# Rows of sums over a window: of clipped scores × a weight, and then of the weights. Those of the
+# other rings are behind those of the own one.
+OWN_SCORE, OWN_WEIGHT, CLOSE, LEVEL, BEHIND, BEFORE, ROWS = 0, 2, 4, 6, 8, 10, 12
+
+
+class FirstPass(NamedTuple):
+    """Scores of the first pass, and how many points have one above 0.
+
+    Attributes
+    ----------
+    score : (M,) float32
+        Of each place.
+    before : (M + 1,) int32
+        Points with a score above 0 up to each place.
+    share : (M,) float32
+        Of all points as far as each.
+    whole : float
+        Of all points.
+
+    """
+
+    score: Singles
+    before: Index
+    share: Singles
+    whole: float
+
+
+@kernel
+def count_scores(pattern: Pattern, score: Singles) -> FirstPass:
+    """Count the points with a score above 0."""
+    places = len(score)
+    before, share = np.zeros(places + 1, np.int32), np.zeros(places, np.float32)
+    count, above = np.zeros(BINS, np.int64), np.zeros(BINS, np.int64)
+    of = np.zeros(places, np.int8)
+    for k in range(places):
+        there = pattern.order[k] >= 0
+        mine, edge, b = pattern.range[k], ONE, 0
+        while b < BINS - 1 and mine > edge:
+            b, edge = b + 1, edge * TWO
+        flag = there and score[k] > ZERO
+        before[k + 1] = before[k] + flag
+        count[b] += there
+        above[b] += flag
+        of[k] = b
+    points = outliers = 0
+    for b in range(BINS):
+        points, outliers = points + count[b], outliers + above[b]
+    for k in range(places):
+        share[k] = above[of[k]] / max(count[of[k]], 1)
+    return FirstPass(score, before, share, float(np.float32(outliers / max(points, 1))))
+
+
+@kernel
+def measure_again(prepared: Prepared, first: FirstPass, begin: int, end: int, out: Singles) -> None:
+    """Write the features of all points of lines begin to end: (COUNT_AGAIN, M)."""
+    pattern, window = prepared.pattern, make_window()
+    values = rows_of_singles(COUNT_AGAIN)
+    for line in range(begin, end):
+        for k in range(pattern.first[line], pattern.last[line], LANES):
+            look_from(k, window.places)
+            gather(prepared, line, window)
+            write_features(pattern, line, window, values)
+            write_scores(prepared.pattern, first, line, window, values)
+            copy_points(values, pattern.last[line] - k, out[:, k:])
+
+
+@inlined_kernel
+def write_scores(
+    pattern: Pattern, first: FirstPass, line: int, window: PatternWindow, values: Singles
+) -> None:
+    """Write the features of the first pass, behind the others, of gathered windows.
+
+    The window's ``side`` is used up.
+    """
+    total, places = window.side[:ROWS], window.places
+    _sum_scores(pattern, first.score, line, window, total)
+    for lane in range(width(values)):
+        score = first.score[places[lane]]
+        values[COUNT, lane] = min(max(score, -CLIP), CLIP)
+        values[COUNT + 1, lane] = _mean(total[OWN_SCORE, lane], total[OWN_WEIGHT, lane])
+        values[COUNT + 2, lane] = _mean(total[OWN_SCORE + 1, lane], total[OWN_WEIGHT + 1, lane])
+        values[COUNT + 3, lane] = _mean(total[CLOSE, lane], total[CLOSE + 1, lane])
+        values[COUNT + 4, lane] = _mean(total[LEVEL, lane], total[LEVEL + 1, lane])
+        values[COUNT + 5, lane] = _mean(total[BEHIND, lane], total[BEHIND + 1, lane])
+        values[COUNT + 6, lane] = _mean(total[BEFORE, lane], total[BEFORE + 1, lane])
+    _write_shares(window.others, first, places, values)
+
+
+@apart_kernel
+def _sum_scores(
+    pattern: Pattern, score: Singles, line: int, window: PatternWindow, total: Singles
+) -> None:
+    """Sum up the scores of each window: of the ring, of other rings, and by where they are."""
+    reach, gap = window.mine[RANGE], pattern.gap[line]
+    apart, most = pattern.apart[line], pattern.level[line]
+    square, away, scores = window.square, window.away, window.side[ROWS]
+    total[:] = ZERO
+    for slot in range(SIZE):
+        part = 0 if slot < 2 * OWN else 1
+        _copy_scores(score, window, slot, scores)
+        for lane in range(width(square)):
+            value, off = square[slot, lane], away[slot, lane]
+            unit = reach[lane] * gap + apart
+            same = level_within(unit, most)
+            good = value < FAR
+            c = min(max(scores[lane], -CLIP), CLIP)
+            one = ONE if good else ZERO
+            weight = unit * unit / (unit * unit + value) if good else ZERO
+            level = ONE if good & (abs(off) <= same) else ZERO
+            behind, before = ONE if off > same else ZERO, ONE if off < -same else ZERO
+            total[OWN_SCORE + part, lane] += one * c
+            total[OWN_WEIGHT + part, lane] += one
+            total[CLOSE, lane] += weight * c
+            total[CLOSE + 1, lane] += weight
+            total[LEVEL, lane] += level * c
+            total[LEVEL + 1, lane] += level
+            total[BEHIND, lane] += behind * c
+            total[BEHIND + 1, lane] += behind
+            total[BEFORE, lane] += before * c
+            total[BEFORE + 1, lane] += before
+
+
+@apart_kernel
+def _copy_scores(score: Singles, window: PatternWindow, slot: int, scores: Singles) -> None:
+    """Write the scores of one slot of the windows."""
+    places, off = window.places, offset_of(slot)
+    if slot >= 2 * OWN:
+        ring, m = (slot - 2 * OWN) // AROUND, (slot - 2 * OWN) % AROUND
+        places, off = window.others[ring], m - OTHER
+    for lane in range(len(scores)):
+        scores[lane] = score[places[lane] + off]
+
+
+@inlined_kernel
+def _mean(total: Single, count: Single) -> Single:
+    return total / count if count > ZERO else UNKNOWN
+
+
+@apart_kernel
+def _write_shares(others: Ints, first: FirstPass, places: Ints, values: Singles) -> None:
+    """Write the shares of points with a score above 0."""
+    before, share, row = first.before, first.share, COUNT + 7
+    for lane in range(width(values)):
+        k = places[lane]
+        some = before[k + STRETCH + 1] - before[k - STRETCH]
+        values[row, lane] = np.float32(some) / PLACES_WIDE
+        values[row + 1, lane] = ZERO
+        values[row + 2, lane] = first.whole
+        values[row + 3, lane] = share[k]
+    for ring in range(len(others)):
+        for lane in range(len(places)):
+            j = max(others[ring, lane], STRETCH)
+            some = before[j + STRETCH + 1] - before[j - STRETCH]
+            values[row + 1, lane] += np.float32(some) / (PLACES_WIDE * np.float32(2 * RINGS))

@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The chain: detectors in their order, each on what the earlier ones left, or all on everything."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.seen import Seen
+from lidar_outlier_filter.core.engine.slow import watched
+from lidar_outlier_filter.core.kernels.compiling import SENSORS, sample
+from lidar_outlier_filter.core.verdict import Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from lidar_outlier_filter.core.engine.slow import SaySlow
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+def along_lines(chain: Sequence[str]) -> str:
+    """List those detectors of a chain that need scan lines, for people; empty: none does."""
+    return ', '.join(name for name in chain if DETECTORS[name].needs_lines)
+
+
+def uses_lines(chain: Sequence[str]) -> bool:
+    """Return whether any detector of a chain works along scan lines where there are some."""
+    return any(DETECTORS[name].uses_lines or DETECTORS[name].needs_lines for name in chain)
+
+
+class Chain:
+    """The detectors of one set of parameters."""
+
+    def __init__(self, parameters: FilterParameters, *, whole: bool = False) -> None:
+        """Choose the detectors that ``parameters.chain`` names.
+
+        ``whole`` says that what is judged is a whole cloud, no part of a stream.
+        """
+        self.parameters = parameters
+        self.whole = whole
+        self.passes = 0  # the most that a detector has needed
+        self.ways: Counter[str] = Counter()  # blocks by how a detector judged, where it can choose
+        self.see: Callable[..., Seen] = Seen  # makes what detectors see, of points
+        self.slow: SaySlow | None = None  # is called while a detector takes too long
+        self.scaled = True  # whether all scores so far were statistics ÷ critical value, no more
+        self._detectors = [DETECTORS[name] for name in parameters.chain]
+        # The lists that all detectors share are as long as the longest that one asks for.
+        self._neighbours = max(1, *(one.neighbours(parameters) for one in self._detectors))
+
+    def judge(self, points: Points) -> Verdict:
+        """Judge valid points that lie together in time; the verdict is in their order."""
+        parameters = self.parameters
+        verdict = Verdict.untested(len(points))
+        where = np.arange(len(points))
+        seen = self.see(points, parameters, self._neighbours, whole=self.whole)
+        for detector in self._detectors:
+            with watched(detector.name, parameters.max_delay, seen.points, self.slow):
+                found = detector.detect(seen, parameters)
+            verdict.add(detector.bit, where, found)
+            self.passes = max(self.passes, found.passes)
+            self.scaled &= found.scaled
+            if found.way:
+                self.ways[found.way] += 1
+            # Behind the last one nobody looks at what is left.
+            if parameters.vote == 0 and detector is not self._detectors[-1]:
+                rejected = found.score > 1
+                if rejected.any():
+                    where, seen = where[~rejected], seen.without(rejected)
+        verdict.settle(max(parameters.vote, 1))
+        return verdict
+
+    def compile(self, sensors: Sequence[str] = SENSORS) -> None:
+        """Run every detector on a few points of these sensors, so that its kernels are ready."""
+        for sensor in sensors:
+            for points in sample(sensor):
+                self.judge(points)
+        self.passes = 0
+        self.ways.clear()

@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A cloud that is judged as a whole, in one piece, and what its chain must not need."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.engine.chain import Chain, along_lines
+from lidar_outlier_filter.core.points.scan_lines import has_lines
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import MOST_POINTS, recover_rings
+from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.errors import CloudError, ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from lidar_outlier_filter.core.engine.slow import SaySlow
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+def check_chain(chain: Sequence[str], what: str, lack: str) -> None:
+    """Refuse a chain that needs scan lines, of which a cloud lacks something.
+
+    Parameters
+    ----------
+    chain : names of detectors
+    what, lack : the cloud, and what it lacks, for people
+
+    Raises
+    ------
+    ParameterError
+        If a detector needs scan lines.
+
+    """
+    along = along_lines(chain)
+    if along:
+        raise ParameterError('chain', f'without {along}, as {what} has {lack}', ', '.join(chain))
+
+
+def with_rings(cloud: Points, parameters: FilterParameters) -> Points:
+    """Recover the rings of a cloud without scan lines; it stays as it is where it shows none.
+
+    Parameters
+    ----------
+    cloud : in the sensor's own frame, missing returns among its points
+    parameters : whose chain may want rings
+
+    """
+    wanted = any(DETECTORS[name].wants_rings(parameters) for name in parameters.chain)
+    if not wanted or has_lines(cloud):
+        return cloud
+    where = np.flatnonzero(cloud.valid)
+    found = recover_rings(cloud.xyz[where]) if len(where) <= MOST_POINTS else None
+    if found is None:
+        return cloud
+    ring = np.full(len(cloud), -1)
+    ring[where] = found
+    return replace(cloud, ring=ring)
+
+
+def judge_whole(
+    cloud: Points,
+    parameters: FilterParameters,
+    chain: Chain | None = None,
+    slow: SaySlow | None = None,
+) -> Verdict:
+    """Judge the valid points of a cloud in one piece; the others stay untested.
+
+    The ``chain`` is that of the parameters, unless another one is given. ``slow`` is called while a
+    detector takes too long.
+
+    Raises
+    ------
+    CloudError
+        If they are more than ``max_points``.
+
+    """
+    where = np.flatnonzero(cloud.valid)
+    if len(where) > parameters.max_points:
+        must_be = f'at most max_points = {parameters.max_points}'
+        raise CloudError('the number of points judged in one piece', must_be, len(where))
+    verdict = Verdict.beforehand(cloud)
+    if len(where):
+        chain = chain or Chain(parameters)
+        chain.slow, chain.whole = slow, True
+        verdict.put(where, chain.judge(cloud.take(where)))
+    return verdict

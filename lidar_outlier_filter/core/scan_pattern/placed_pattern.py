@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Points in cells: sorted by line and phase, with empty cells around each line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.kernels.lanes import LANES
+from lidar_outlier_filter.core.scan_pattern.brightness import UNKNOWN
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Floats, Ints, Singles
+    from lidar_outlier_filter.core.scan_pattern.sorted_lines import OrderedLines
+
+STRETCH = 24  # cells on either side of a point: nothing looks farther along a line
+PAD = LANES + STRETCH  # cells: as many as are looked at side by side, and what these look at
+NOWHERE = 1e9  # rad: the phase where there is no point
+LINES_AT_ONCE = 4  # lines that a thread takes of long work
+POINTS_AT_ONCE = 32_768  # points that a thread takes of short work: fewer are done before it wakes
+
+
+class Pattern(NamedTuple):
+    """N points sorted by ring, from below, and azimuth, in M cells.
+
+    Around the rings are ``PAD`` cells without a point: whatever looks a few cells on finds a
+    phase there that is far away.
+
+    Attributes
+    ----------
+    order : (M,) int64
+        The index, as given, of each; -1 for none.
+    copies : (C, 2) int64
+        Indices, as given, of returns that have no cell, because another return of the same shot
+        lies at the very same point; and of that.
+    first, last : (L,) int64
+        Where each ring begins, and the cell behind its end.
+    x, y, z, range : (M,) float32
+        Metres, about a point near them.
+    phase : (M,) float64
+        Rad turned, never falling along a ring. Of a spinning sensor their differences are exact.
+    bright : (M,) float32
+        Intensity ÷ what is usual at the range; -1 where it is not known.
+    step, gap : (L,) float32
+        Angle between shots of the ring, and to the nearer ring beside it, rad.
+    turn : (L,) float32
+        How much the head turns while a beam of the ring moves by 1 rad: more the steeper it is.
+    beside : (4, L) float32
+        Angles to the second ring below, the one below, the one above and the second above, rad; any
+        where there is no such ring.
+    uneven : (L,) float32
+        Angle to the farther ring beside it ÷ that to the nearer.
+    noise, apart : (L,) float32
+        Metres that are added to range × step, and to range × gap: no range is better, and the
+        sensor may have moved from one line to the next.
+    level : (L,) float32
+        Metres that ranges may differ by, and still be the same.
+
+    """
+
+    order: Ints
+    copies: Ints
+    first: Ints
+    last: Ints
+    x: Singles
+    y: Singles
+    z: Singles
+    range: Singles
+    phase: Floats
+    bright: Singles
+    step: Singles
+    gap: Singles
+    turn: Singles
+    beside: Singles
+    uneven: Singles
+    noise: Singles
+    apart: Singles
+    level: Singles
+
+
+class Spacing(NamedTuple):
+    """The angles between lines of a pattern; see the attributes of these names there."""
+
+    step: Singles
+    gap: Singles
+    turn: Singles
+    beside: Singles
+    uneven: Singles
+
+
+def lines_at_once(lines: int, points: int) -> int:
+    """Return how many of the lines of so many points a thread takes of short work."""
+    return max(lines * POINTS_AT_ONCE // max(points, 1), 1)
+
+
+def count_points(pattern: Pattern) -> int:
+    """Count the points of a pattern, copies included."""
+    return int(np.count_nonzero(pattern.order >= 0)) + len(pattern.copies)
+
+
+def spread(pattern: Pattern, values: NDArray[Any], out: NDArray[Any]) -> None:
+    """Write what cells have (M,) to their points (N,), in the order given, copies included."""
+    there = pattern.order >= 0
+    out[pattern.order[there]] = values[there]
+    fill_copies(pattern, out)
+
+
+def fill_copies(pattern: Pattern, out: NDArray[Any]) -> None:
+    """Give copies (N,) what the points have that they are copies of."""
+    out[pattern.copies[:, 0]] = out[pattern.copies[:, 1]]
+
+
+def make_pattern(
+    sizes: Ints,
+    spacing: Spacing,
+    noise: Singles,
+    apart: Singles,
+    level: Singles,
+    copies: Ints | None = None,
+) -> Pattern:
+    """Make a pattern of lines of so many points, whose cells have no points yet."""
+    begins = PAD + np.concatenate([[0], np.cumsum(sizes + PAD)])[:-1]
+    count = int(sizes.sum()) + (len(sizes) + 1) * PAD
+    return Pattern(
+        np.full(count, -1),
+        np.empty((0, 2), np.int64) if copies is None else copies,
+        begins,
+        begins + sizes,
+        np.zeros(count, np.float32),
+        np.zeros(count, np.float32),
+        np.zeros(count, np.float32),
+        np.ones(count, np.float32),
+        np.full(count, NOWHERE),
+        np.full(count, UNKNOWN, np.float32),
+        *spacing,
+        noise,
+        apart,
+        level,
+    )
+
+
+@kernel
+def place(
+    lines: OrderedLines, phase: Floats, rank: Ints, begin: int, end: int, placed: Pattern
+) -> None:
+    """Write the lines from the lowest on."""
+    xyz, distance, order, first = lines
+    # The sorted points do not depend on the order given, and neither does the first of them.
+    origin, start = np.floor(xyz[order[0]]), phase[first[0]]
+    x, y, z, reach = placed.x, placed.y, placed.z, placed.range
+    turned, given = placed.phase, placed.order
+    for line in range(begin, end):
+        source, target = first[rank[line]], placed.first[line]
+        for k in range(placed.last[line] - target):
+            i = order[source + k]
+            given[target + k] = i
+            x[target + k] = xyz[i, 0] - origin[0]
+            y[target + k] = xyz[i, 1] - origin[1]
+            z[target + k] = xyz[i, 2] - origin[2]
+            reach[target + k] = distance[i]
+            turned[target + k] = phase[source + k] - start

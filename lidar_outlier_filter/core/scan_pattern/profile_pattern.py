@@ -1,0 +1,150 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The scan pattern of a profile scanner, whose lines are revolutions of its mirror.
+
+The lines stand for a spinning sensor's rings, and the angle of the mirror for the
+azimuth. Points may be in any frame: :mod:`.profile_scanner` finds the scanner's position from them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import kernel
+from lidar_outlier_filter.core.points.scan_lines import (
+    is_interleaved,
+    line_starts,
+    order_by_line,
+)
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
+    Pattern,
+    Spacing,
+    lines_at_once,
+    make_pattern,
+    place,
+)
+from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
+    AWAY,
+    FEWEST,
+    SAMPLES,
+    find_scanner,
+)
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
+from lidar_outlier_filter.core.scan_pattern.sorted_lines import OrderedLines, sort_lines
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.annotations import Floats, Ints, Singles
+    from lidar_outlier_filter.core.points.points import Points
+
+FEWEST_LINES = 2
+# Of a step, in which angles are measured: no return is exactly as far as windows reach.
+MORE = 1.01
+MAD_TO_SIGMA = 1.4826
+SIGMA_FLOOR = 0.002  # metres
+NOISE, LEVEL = 2.0, 4.0  # standard deviations of ranges
+
+
+def find_profile_pattern(points: Points, threads: int = 0) -> Pattern | None:
+    """Sort points by line and mirror angle.
+
+    Parameters
+    ----------
+    points : valid ones, in any frame
+    threads : at most so many at once; 0 for as many as there are cores
+
+    Returns
+    -------
+    Pattern or None
+        None where the points have no such pattern: there are too few lines, several are measured
+        at once, or the points do not lie where an evenly turning mirror sees them.
+
+    """
+    order = order_by_line(points)
+    first = line_starts(points.line[order])
+    t = points.t[order]
+    lines = len(first) - 1
+    if lines < FEWEST_LINES or is_interleaved(t, first):
+        return None
+    # Lines in order of time, whatever their numbers.
+    rank = np.argsort(t[first[:-1]], kind='stable')
+    scanner = find_scanner(points.xyz, t, order, first, rank, threads)
+    if scanner is None:
+        return None
+    distance, phase = np.empty(len(points)), scanner.turned
+    ordered = OrderedLines(points.xyz, distance, order, first)
+
+    def prepare(begin: int, end: int) -> None:
+        _look(points.xyz, scanner.position, order, first, begin, end, distance)
+        # Only returns of one time change cells, and their angles are the same.
+        sort_lines(ordered, begin, end, phase, phase)
+
+    at_once = lines_at_once(lines, len(points))
+    pool.run(prepare, lines, at_once, threads)
+    steps = phase[1:] - phase[:-1]
+    steps = steps[steps > 0.0]
+    step = np.full(lines, MORE * np.median(steps) if len(steps) else TURN, np.float32)
+    noise = np.full(lines, NOISE * _sigma(distance, order, phase, first), np.float32)
+    found = make_pattern(
+        np.diff(first)[rank],
+        _space_out(step),
+        noise,
+        noise + _moved(scanner.position[rank]).astype(np.float32),
+        noise * np.float32(LEVEL / NOISE),
+    )
+    pool.run(lambda i, j: place(ordered, phase, rank, i, j, found), lines, at_once, threads)
+    return found
+
+
+def _space_out(step: Singles) -> Spacing:
+    """Return the spacing of lines that are as far apart as their shots."""
+    one = np.ones_like(step)
+    return Spacing(step, step, one, np.stack([2 * step, step, step, 2 * step]), one)
+
+
+def _moved(where: Floats) -> Floats:
+    """Return how far the scanner moved to the nearer of the lines before and after, metres."""
+    away = np.sqrt(((where[1:] - where[:-1]) ** 2).sum(axis=1))
+    nearer: Floats = np.minimum(np.append(away, np.inf), np.append(np.inf, away))
+    return nearer
+
+
+def _sigma(distance: Floats, order: Ints, phase: Floats, first: Ints) -> float:
+    """Return the standard deviation of ranges, metres, typical of all lines.
+
+    By the differences from what the neighbours in the line predict, of some returns.
+    """
+    sizes = np.diff(first)
+    inner = first[:-1, None] + 1 + np.arange(SAMPLES) * (sizes[:, None] - 2) // SAMPLES
+    some = inner[sizes >= FEWEST].ravel()
+    span = phase[some + 1] - phase[some - 1]
+    part = (phase[some] - phase[some - 1]) / np.where(span > 0.0, span, 1.0)
+    reach = distance[order[some]]
+    before, after = distance[order[some - 1]], distance[order[some + 1]]
+    value = (1.0 - part) / before + part / after
+    # Of a plane, the inverse range is a sine: between two others it is more than a line.
+    curved = part * (1.0 - part) * span**2 / 2.0
+    size = np.sqrt(1.0 + (1.0 - part) ** 2 + part**2)
+    off = np.abs(reach * (1.0 - reach * value - curved)) / size
+    return max(MAD_TO_SIGMA * float(np.median(off)), SIGMA_FLOOR)
+
+
+@kernel
+def _look(
+    xyz: Floats,
+    where: Floats,
+    order: Ints,
+    first: Ints,
+    begin: int,
+    end: int,
+    distance: Floats,
+) -> None:
+    """Write the ranges of the points of lines begin to end, in the order given."""
+    for line in range(begin, end):
+        x, y, z = where[line]
+        for k in range(first[line], first[line + 1]):
+            i = order[k]
+            dx, dy, dz = xyz[i, 0] - x, xyz[i, 1] - y, xyz[i, 2] - z
+            distance[i] = max(np.sqrt(dx * dx + dy * dy + dz * dz), AWAY)

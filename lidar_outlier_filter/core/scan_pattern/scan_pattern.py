@@ -1,0 +1,289 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The scan pattern of a spinning sensor: a point's neighbours by the way the head turns.
+
+A point's neighbours are those before and after it in its ring, and those at its azimuth in the two
+rings above and the two below. All rings are sorted by azimuth, so that one walk finds them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels import threads as pool
+from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
+from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
+from lidar_outlier_filter.core.scan_pattern.brightness import write_brightness
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
+    Pattern,
+    Spacing,
+    lines_at_once,
+    make_pattern,
+    place,
+)
+from lidar_outlier_filter.core.scan_pattern.sorted_lines import (
+    SAME_SHOT,
+    OrderedLines,
+    find_copies,
+    join_shots,
+    sort_lines,
+)
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.annotations import Floats, Ints, Singles
+    from lidar_outlier_filter.core.points.points import Points
+
+TURN = 2.0 * np.pi
+BESIDE_EACH = 2  # rings beside each, below and above
+LAG = 8  # returns of a ring, to measure how fast the head turns
+SAMPLES = 64  # returns of a ring that show its elevation, its step and how fast the head turns
+FEWEST = 2 * LAG  # returns of a ring that show how fast the head turns
+STEADY = 0.9  # share of the steps along rings that go the way the head turns: less is no pattern
+AT_ONCE = 1 << 14  # points that a thread takes
+LEAST_GAP = 1e-4  # rad between rings
+LEAST_COSINE = 1e-3  # of an elevation: what looks straight up has no azimuth
+MOST_UNEVEN = 10.0  # times that the farther ring beside is as far as the nearer
+NOISE_M = 0.02  # metres that are added to what beams are apart: no range is better
+LEVEL_M = 0.06  # metres that ranges may differ by, and still be the same
+# Parts of a rad that phases are rounded to, and a turn in them: so differences of phases are exact
+# for half a million turns, and a turn is judged alike whenever it is.
+PHASE_PARTS = 2.0**30
+WHOLE_TURN = float(np.rint(TURN * PHASE_PARTS) / PHASE_PARTS)
+# atan(x) ÷ x in x², up to 1, within 1e-9. No processor's own function: their answers differ.
+ATAN = np.array(
+    [
+        0.9999999995535,
+        -0.3333332248889,
+        0.1999955809988,
+        -0.1427857601947,
+        0.1105077124416,
+        -0.08785043170557,
+        0.06685281272741,
+        -0.04392840736215,
+        0.02191294303868,
+        -0.007030668149872,
+        0.001057607174682,
+    ]
+)
+
+
+def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pattern | None:
+    """Sort points by ring and azimuth.
+
+    Parameters
+    ----------
+    points : valid ones, in the sensor's own frame
+    threads : at most so many at once; 0 for as many as there are cores
+    spins : the sensor is known to spin; otherwise it does where lines are measured at once
+
+    Returns
+    -------
+    Pattern or None
+        None where the points have no such pattern: lines are measured one after the other, rings
+        are too short, or their azimuths do not go steadily one way.
+
+    """
+    if len(points) < FEWEST:
+        return None
+    order = order_by_line(points)
+    t, first = points.t[order], line_starts(points.line[order])
+    if not spins and not is_interleaved(t, first):
+        return None
+    lines = OrderedLines(points.xyz, points.range, order, first)
+    turned = _turn(lines, t, threads)
+    if turned is None:
+        return None
+    lines, turned, copies = _leave_out_copies(lines, turned, points.intensity)
+    first = lines.first
+    elevation, step = np.empty(len(first) - 1), np.empty(len(first) - 1)
+    _typical(turned.up, turned.phase, first, elevation, step)
+    rank = np.argsort(elevation, kind='stable')
+    spacing = _space_out(elevation[rank], step[rank])
+    noise = np.full(len(rank), NOISE_M, np.float32)
+    same = np.full(len(rank), LEVEL_M, np.float32)
+    placed = make_pattern(np.diff(first)[rank], spacing, noise, noise, same, copies)
+    pool.run(
+        lambda i, j: place(lines, turned.phase, rank, i, j, placed),
+        *(len(rank), lines_at_once(len(rank), len(points)), threads),
+    )
+    if points.intensity is not None:
+        write_brightness(placed.order, placed.range, points.intensity, placed.bright, threads)
+    return placed
+
+
+class _Turned(NamedTuple):
+    """Of each point in the order of its ring: the angle turned, rad, and the sine of elevation."""
+
+    phase: Floats
+    up: Floats
+
+
+def _turn(lines: OrderedLines, t: Ints, threads: int) -> _Turned | None:
+    """Sort each ring by the angle turned; None where the head does not turn steadily."""
+    count, number = len(t), len(lines.first) - 1
+    azimuth, up, phase = np.empty(count), np.empty(count), np.empty(count)
+    pool.run(lambda i, j: _look(lines, i, j, azimuth, up), count, AT_ONCE, threads)
+    rate = _rate(azimuth, t, lines.first)
+    if not abs(rate) > 0.0:
+        return None
+    steady, at_once = np.zeros(number, np.int64), lines_at_once(number, count)
+    pool.run(
+        lambda i, j: _unwrap(azimuth, t, lines.first, rate, i, j, phase, steady),
+        number,
+        at_once,
+        threads,
+    )
+    if steady.sum() < STEADY * count:
+        return None
+
+    def sort(begin: int, end: int) -> None:
+        sort_lines(lines, begin, end, phase, up)
+        join_shots(lines, begin, end, phase, up)
+
+    pool.run(sort, number, at_once, threads)
+    return _Turned(phase, up)
+
+
+def _leave_out_copies(
+    lines: OrderedLines, turned: _Turned, intensity: Singles | None
+) -> tuple[OrderedLines, _Turned, Ints]:
+    """Leave out returns at the very position of another one of their shot; list them, too.
+
+    Sensors that publish two returns of each shot publish most of them twice.
+    """
+    known = np.empty(0, np.float32) if intensity is None else intensity
+    original = np.empty(len(lines.order), np.int64)
+    if find_copies(lines, turned.phase, known, original) == 0:
+        return lines, turned, np.empty((0, 2), np.int64)
+    kept = original == lines.order
+    copies = np.stack([lines.order, original], axis=1)[~kept]
+    first = np.concatenate([[0], np.cumsum(kept)])[lines.first]
+    left = lines._replace(order=lines.order[kept], first=first)
+    return left, _Turned(turned.phase[kept], turned.up[kept]), copies
+
+
+def _space_out(sine: Floats, step: Floats) -> Spacing:
+    """Return the angles between rings and shots, of sines of elevations in ascending order."""
+    cosine = np.sqrt(np.maximum(1.0 - sine**2, LEAST_COSINE**2))
+    # Straight up and down, where the cosine is 0, all rings are one.
+    middle = np.sqrt(np.maximum(1.0 - ((sine[1:] + sine[:-1]) / 2.0) ** 2, np.finfo(float).tiny))
+    between = np.maximum(np.diff(sine) / middle, LEAST_GAP)
+    below, above = np.append(np.nan, between), np.append(between, np.nan)
+    beside = np.ones((2 * BESIDE_EACH, len(sine)))
+    beside[1, 1:], beside[2, :-1] = between, between
+    beside[0], beside[3] = 2.0 * beside[1], 2.0 * beside[2]
+    second = between[1:] + between[:-1]
+    beside[0, 2:], beside[3, :-2] = second, second
+    if len(sine) == 1:
+        gap, far = np.ones(1), np.full(1, np.nan)
+    else:
+        gap, far = np.fmin(below, above), np.maximum(below, above)
+    uneven = np.where(np.isnan(far), MOST_UNEVEN, np.minimum(far / gap, MOST_UNEVEN))
+    values = step * cosine, gap, 1.0 / cosine, beside, uneven
+    return Spacing(*(one.astype(np.float32) for one in values))
+
+
+@kernel
+def arctangent(y: float, x: float) -> float:
+    """Return the angle of (x, y), -π to π, the same on every machine, within 1e-6."""
+    a, b = abs(x), abs(y)
+    high, low = max(a, b), min(a, b)
+    share = low / high if high > 0 else 0.0
+    square = share * share
+    total = ATAN[-1]
+    for m in range(len(ATAN) - 2, -1, -1):
+        total = total * square + ATAN[m]
+    angle = total * share
+    if b > a:
+        angle = np.pi / 2.0 - angle
+    if x < 0:
+        angle = np.pi - angle
+    return float(-angle if y < 0 else angle)
+
+
+@kernel
+def _look(lines: OrderedLines, begin: int, end: int, azimuth: Floats, up: Floats) -> None:
+    xyz, distance, order, _ = lines
+    for k in range(begin, end):
+        i = order[k]
+        azimuth[k] = arctangent(xyz[i, 1], xyz[i, 0])
+        up[k] = xyz[i, 2] / distance[i]
+
+
+@kernel
+def _rate(azimuth: Floats, t: Ints, first: Ints) -> float:
+    """Return how fast the head turns, rad/ns: the median over some stretches of all rings."""
+    most = (len(first) - 1) * SAMPLES
+    rates = np.empty(most)
+    count = 0
+    for line in range(len(first) - 1):
+        begin, end = first[line], first[line + 1]
+        stride = max((end - begin) // SAMPLES, LAG)
+        taken = 0
+        for k in range(begin, end - LAG, stride):
+            span = t[k + LAG] - t[k]
+            if span <= 0 or taken == SAMPLES:
+                continue
+            turned = 0.0
+            for m in range(k, k + LAG):
+                turned += _wrap(azimuth[m + 1] - azimuth[m])
+            rates[count] = turned / span
+            count += 1
+            taken += 1
+    return median(rates, count) if count > 0 else 0.0
+
+
+@inner_kernel
+def _wrap(angle: float) -> float:
+    return float(angle - TURN * np.rint(angle / TURN))
+
+
+@kernel
+def _unwrap(
+    azimuth: Floats,
+    t: Ints,
+    first: Ints,
+    rate: float,
+    begin: int,
+    end: int,
+    phase: Floats,
+    steady: Ints,
+) -> None:
+    """Write the angle turned, from the first return of all on; count the steps not back."""
+    sign = 1.0 if rate > 0 else -1.0
+    pace = abs(rate)
+    start, base = t[first[0]], sign * azimuth[first[0]]
+    for line in range(begin, end):
+        last, expected = t[first[line]], 0.0
+        expected = base + pace * (last - start)
+        for k in range(first[line], first[line + 1]):
+            expected += pace * (t[k] - last)
+            mine = np.rint(sign * azimuth[k] * PHASE_PARTS) / PHASE_PARTS
+            phase[k] = mine + WHOLE_TURN * np.rint((expected - mine) / TURN)
+            # Two returns of a shot differ by what their coordinates are rounded by.
+            steady[line] += k == first[line] or phase[k] >= phase[k - 1] - SAME_SHOT
+            expected, last = phase[k], t[k]
+
+
+@kernel
+def _typical(up: Floats, phase: Floats, first: Ints, elevation: Floats, step: Floats) -> None:
+    """Write the median elevation (its sine) and the median step of each line."""
+    some = np.empty(SAMPLES + 1)
+    for line in range(len(first) - 1):
+        begin, end = first[line], first[line + 1]
+        stride = max((end - begin) // SAMPLES, 1)
+        count = 0
+        for k in range(begin, end, stride):
+            # Nearer than what squares to more than 0, a return has no elevation.
+            if count < SAMPLES and not np.isnan(up[k]):
+                some[count] = up[k]
+                count += 1
+        elevation[line] = median(some, count) if count > 0 else 0.0
+        count = 0
+        for k in range(begin + 1, end, stride):
+            if count < SAMPLES and phase[k] > phase[k - 1]:
+                some[count] = phase[k] - phase[k - 1]
+                count += 1
+        step[line] = median(some, count) if count > 0 else 1.0

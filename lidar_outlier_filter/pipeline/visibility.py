@@ -1,0 +1,259 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""How well a sensor sees: what is rejected where, what does not come back, and how far it sees.
+
+What a sector usually has is learnt while the sensor runs. So dirt or fog that was there from the
+start is not seen.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lidar_outlier_filter.core.kernels.kernels import kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints
+    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
+    from lidar_outlier_filter.parameters.node import HealthLimits
+
+SECTORS = 24  # from the x axis on, against the clock
+BANDS = (0.0, 5.0, 15.0, 30.0)  # metres: begin there
+MOST_RINGS = 1024
+STEP, STEPS = 1.15, 45  # ranges from 1 m on, each so many times the one before
+FEWEST_LOOKS = 10  # before anything is usual
+MEMORY = 60.0  # looks that what is usual is the mean of
+FEWEST_RETURNS = 3.0  # of a ring in a sector and a cloud, to say anything
+STEADY = 0.15  # of the returns: a ring whose number changes by less in a sector always returns
+LOST = 0.05  # of all returns: where less is missing, only the scene has changed
+GONE = 0.3  # of the usual returns are left beyond a range, where surfaces vanish
+FEWEST = 0.003  # of the returns are usually beyond a range, to say anything
+# The contrast that is left at the visibility is 5 % (Koschmieder).
+CONTRAST = -math.log(0.05)
+
+
+@dataclass(frozen=True)
+class SensorView:
+    """What one look has seen.
+
+    Attributes
+    ----------
+    rejected : (SECTORS, BANDS) float64
+        Share of the points there; NaN where there are none.
+    missing : (SECTORS,) float64
+        Share of the returns that the sector usually has; NaN where that is not known.
+    visibility : float
+        Metres; inf where it is not less than usual, NaN where what is usual is not known.
+
+    """
+
+    rejected: Floats
+    missing: Floats
+    visibility: float
+
+    def complaints(self, limits: HealthLimits) -> list[str]:
+        """Say which sectors are blind, and that the visibility falls."""
+        found = []
+        haze = 0.0
+        if self.visibility < limits.visibility:
+            found.append(f'the visibility is {self.visibility:.0f} m')
+            haze = _usual_share(self.missing)
+        blind = np.flatnonzero(self.missing - haze > limits.blind)
+        if len(blind):
+            where = ', '.join(sector_name(sector) for sector in blind.tolist())
+            found.append(f'no return where there usually is one: dirt on the window at {where}?')
+        return found
+
+    def values(self) -> dict[str, str]:
+        """Name all, for /diagnostics."""
+        found = {'visibility, m': f'{self.visibility:.0f}'}
+        for sector in range(SECTORS):
+            name = sector_name(sector)
+            found[f'missing at {name}'] = f'{self.missing[sector]:.1%}'
+            shares = ', '.join(f'{share:.1%}' for share in self.rejected[sector].tolist())
+            found[f'rejected at {name}, from {", ".join(f"{b:g}" for b in BANDS)} m'] = shares
+        return found
+
+    def plotted(self) -> tuple[float, ...]:
+        """Return the values of ``VIEWED``."""
+        rejected = self.rejected.reshape(-1).tolist()
+        return (self.visibility, *self.missing.tolist(), *rejected)
+
+
+def sector_name(sector: int) -> str:
+    """Name a sector by its azimuths."""
+    width = 360 // SECTORS
+    return f'{sector * width}° to {(sector + 1) * width}°'
+
+
+# Of one look, in this order, in the message of its own.
+VIEWED = (
+    'visibility',
+    *(f'missing {sector_name(sector)}' for sector in range(SECTORS)),
+    *(
+        f'rejected {sector_name(sector)} from {begin:g} m'
+        for sector in range(SECTORS)
+        for begin in BANDS
+    ),
+)
+UNSEEN = (math.nan,) * len(VIEWED)
+
+
+class SensorWatch:
+    """Counts what becomes of returns, in the filter's thread, and compares, in another."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self._lock = threading.Lock()
+        self._tally = _ViewTally.nothing(0)
+        self._clouds = 0
+        self._looks = 0
+        self._usual = self._change = np.zeros((0, SECTORS))  # returns of a cloud, and their change
+        self._usual_steps = np.zeros((SECTORS, STEPS))
+
+    def add(self, cloud: StreamCloud, *, has_rings: bool) -> None:
+        """Count the points of a judged cloud."""
+        points = cloud.points.in_own_frame
+        line = points.line if has_rings else np.zeros(len(points), np.int64)
+        rings = min(int(line.max(initial=-1)) + 1, MOST_RINGS)
+        with self._lock:
+            self._clouds += 1
+            if rings > len(self._tally.kept):
+                self._tally = self._tally._replace(kept=_grown(self._tally.kept, rings))
+            _count(points.xyz, line, cloud.verdict.rejected[cloud.where], self._tally)
+
+    def look(self, limits: HealthLimits) -> SensorView | None:
+        """Return what was seen since the last look; None: no cloud."""
+        with self._lock:
+            tally, clouds = self._tally, self._clouds
+            self._tally, self._clouds = _ViewTally.nothing(len(tally.kept)), 0
+        if not clouds:
+            return None
+        now, steps = tally.kept / clouds, tally.steps / clouds
+        now = _grown(now, len(self._usual))
+        self._usual, self._change = (_grown(one, len(now)) for one in (self._usual, self._change))
+        missing = self._missing(now)
+        # NaN is no number that is above a limit: sectors that nothing is known of count, too.
+        open_ = ~(missing - _usual_share(missing) > limits.blind)
+        visibility = self._visibility(steps[open_].sum(axis=0), open_)
+        with np.errstate(invalid='ignore'):
+            view = SensorView(tally.rejected / tally.points, missing, visibility)
+        if now.any() and (self._looks < FEWEST_LOOKS or not view.complaints(limits)):
+            self._learn(now, steps)
+        return view
+
+    def _missing(self, now: Floats) -> Floats:
+        """Return the share of the returns that is missing, by sector, of rings that always have."""
+        known = (self._looks >= FEWEST_LOOKS) & (self._usual >= FEWEST_RETURNS)
+        steady = known & (self._change <= STEADY * self._usual)
+        usual = np.where(steady, self._usual, 0.0).sum(axis=0)
+        there = np.where(steady, np.minimum(now, self._usual), 0.0).sum(axis=0)
+        return np.where(usual > 0, 1 - there / np.maximum(usual, 1e-9), np.nan)
+
+    def _visibility(self, steps: Floats, open_: Bools) -> float:
+        """Estimate the visibility from the range at which surfaces vanish.
+
+        In clear air the usual surface is seen up to a range. In fog it is seen up to where its echo
+        is as weak: it falls with the square of the range, and with the extinction on both ways.
+        """
+        if self._looks < FEWEST_LOOKS or not steps.any():
+            return math.nan
+        usual = self._usual_steps[open_].sum(axis=0)
+        # Without those that only changed places, from near to far or the other way.
+        if steps.sum() > (1 - LOST) * usual.sum():
+            return math.inf
+        beyond, before = np.cumsum(steps[::-1])[::-1], np.cumsum(usual[::-1])[::-1]
+        vanish = np.flatnonzero((beyond < GONE * before) & (before > FEWEST * usual.sum()))
+        clear = np.flatnonzero(before > FEWEST * usual.sum())
+        if not len(vanish):
+            return math.inf
+        far, clearly = STEP ** (vanish[0] + 0.5), STEP ** (clear[-1] + 0.5)
+        return float(CONTRAST * far / np.log(clearly / far)) if far < clearly else math.inf
+
+    def _learn(self, now: Floats, steps: Floats) -> None:
+        """Let what is usual follow."""
+        weight = 1 / min(self._looks + 1, MEMORY)
+        self._looks += 1
+        if self._looks > 1:
+            self._change = self._change + weight * (np.abs(now - self._usual) - self._change)
+        self._usual = self._usual + weight * (now - self._usual)
+        self._usual_steps = self._usual_steps + weight * (steps - self._usual_steps)
+
+
+class _ViewTally(NamedTuple):
+    """What was counted: points and rejected ones by sector and band, others by ring and range."""
+
+    points: Ints
+    rejected: Ints
+    kept: Ints
+    steps: Ints
+
+    @classmethod
+    def nothing(cls, rings: int) -> _ViewTally:
+        """Count from nothing."""
+        shapes = (SECTORS, len(BANDS)), (SECTORS, len(BANDS)), (rings, SECTORS), (SECTORS, STEPS)
+        return cls(*(np.zeros(shape, np.int64) for shape in shapes))
+
+
+def compile_watch() -> None:
+    """Run the kernel once on nothing."""
+    nothing = np.empty((0, 3)), np.empty(0, np.int64), np.empty(0, np.bool_)
+    _count(*nothing, _ViewTally.nothing(0))
+
+
+# Unit vectors at the edges of the sectors, the first again at the end; squares of the ranges at
+# which steps end.
+EDGES = np.array(
+    [
+        (math.cos(k * 2 * math.pi / SECTORS), math.sin(k * 2 * math.pi / SECTORS))
+        for k in (*range(SECTORS), 0)
+    ]
+)
+CLEAR = 1e-9  # rad from an edge, where rounding does not matter
+ENDS = np.array([*(STEP ** (2 * (k + 1)) for k in range(STEPS - 1)), math.inf])
+
+
+@kernel
+def _count(xyz: Floats, line: Ints, rejected: Bools, tally: _ViewTally) -> None:
+    sector = step = 0
+    for i in range(len(line)):
+        x, y, z = xyz[i]
+        # Mostly it is clearly in the sector of the one before; an arctangent takes longer.
+        clear = CLEAR * (abs(x) + abs(y))
+        left = EDGES[sector, 0] * y - EDGES[sector, 1] * x
+        right = EDGES[sector + 1, 1] * x - EDGES[sector + 1, 0] * y
+        if not (left > clear and right > clear):
+            sector = int(np.floor(np.arctan2(y, x) * (SECTORS / (2 * np.pi)))) % SECTORS
+        square = x * x + y * y + z * z
+        band = 0
+        while band + 1 < len(BANDS) and square >= BANDS[band + 1] * BANDS[band + 1]:
+            band += 1
+        tally.points[sector, band] += 1
+        if rejected[i]:
+            tally.rejected[sector, band] += 1
+            continue
+        if 0 <= line[i] < len(tally.kept):
+            tally.kept[line[i], sector] += 1
+        while step > 0 and square < ENDS[step - 1]:
+            step -= 1
+        while square >= ENDS[step] and step < STEPS - 1:
+            step += 1
+        tally.steps[sector, step] += 1
+
+
+def _usual_share(missing: Floats) -> float:
+    """Return what most sectors miss: fog takes from all of them, dirt from some."""
+    known = missing[~np.isnan(missing)]
+    return float(np.median(known)) if len(known) else 0.0
+
+
+def _grown(table: NDArray[Any], rows: int) -> NDArray[Any]:
+    """Add rows of zeros to a table that has less."""
+    return np.pad(table, ((0, max(0, rows - len(table))), (0, 0)))

@@ -1,0 +1,206 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""One cloud, all of it at once: arrays in, arrays out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.registry import sigma_fields
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
+from lidar_outlier_filter.core.points.mask import mask_of, masked
+from lidar_outlier_filter.core.points.points import Points, is_return
+from lidar_outlier_filter.errors import CloudError, ParameterError
+from lidar_outlier_filter.messages.array_cloud import as_message
+from lidar_outlier_filter.messages.decoder import Decoder, to_nanoseconds
+from lidar_outlier_filter.pipeline.given_parameters import gather
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from lidar_outlier_filter.core.verdict import Verdict
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+FIELDS = ('time_field', 'line_field', 'angle_field')
+NO_TIME, NO_LINES = 'no time of each point', 'no scan line of each point'
+
+
+def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
+    xyz: Any,
+    *,
+    t: ArrayLike | None = None,
+    line: ArrayLike | None = None,
+    intensity: ArrayLike | None = None,
+    chain: Sequence[str] | None = None,
+    parameters: FilterParameters | Mapping[str, object] | None = None,
+) -> Verdict:
+    """Find the outliers of a cloud, all of whose points are judged together.
+
+    Parameters
+    ----------
+    xyz : (N, 3) array of numbers, structured array, or anything like a PointCloud2
+        Positions, metres. Missing returns (NaN, Inf, or all three 0) are kept, and their score is
+        NaN. Of a structured array and of a PointCloud2 the fields x, y and z are read, and those
+        that drivers give time and ring.
+    t : (N,) array, optional
+        Time of each point: floats are seconds, integers are nanoseconds.
+    line : (N,) array of integers, optional
+        Scan line of each point: the ring of a spinning sensor, or the number of the revolution of a
+        profile scanner.
+    intensity : (N,) array, optional
+        Intensity of each point, in any unit; NaN where it is not known.
+    chain : sequence of str, optional
+        The detectors, in their order: ``alpha_beta_gamma``, ``quadric``, ``lof``, ``sor``,
+        ``hierarchical``, ``elevation``, ``boosted_trees``. The first needs ``t`` and ``line``.
+        The last, which is the default, uses them where they are given.
+    parameters : mapping of flat names to values, or FilterParameters; optional
+        As in ``{'lof.threshold': 1.5}``. What is not named has its default, and what is about
+        the stream (``block``, ``halo``) has no effect.
+
+    Returns
+    -------
+    Verdict
+        ``outlier`` (N,) bool.
+        ``score`` (N,) float32: more than 1 exactly where a detector rejects the point, NaN where
+        none could test it.
+        ``detectors`` (N,) uint16: the sum of those that reject it, of 1 alpha_beta_gamma,
+        2 quadric, 4 lof, 8 sor, 16 hierarchical, 32 elevation, 64 boosted_trees.
+        All are in the order of the points, row by row.
+
+    Raises
+    ------
+    CloudError
+        If an array has a shape, a type or a value that makes no sense.
+    ParameterError
+        If a parameter or a detector is unknown, a value makes no sense, or the chain needs scan
+        lines that the cloud has not.
+    FilterError
+        If coordinates are so large that their squares are not finite.
+
+    See Also
+    --------
+    lidar_outlier_filter.CloudFilter : the same for a stream of clouds
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter import detect_outliers
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6  # a bird above a floor
+    >>> xyz[78] = np.nan  # a missing return
+    >>> verdict = detect_outliers(xyz)
+    >>> verdict.outlier[[76, 77, 78]].tolist()
+    [False, True, False]
+    >>> verdict.score[[76, 77, 78]].round(1)
+    array([0. , 1.5, nan], dtype=float32)
+
+    One detector alone, with a parameter of its own:
+
+    >>> verdict = detect_outliers(xyz, chain=['lof'], parameters={'lof.threshold': 2.0})
+    >>> np.flatnonzero(verdict.outlier).tolist()
+    [77]
+
+    Detectors along scan lines need times and lines:
+
+    >>> t = np.arange(900) * 50_000  # nanoseconds
+    >>> verdict = detect_outliers(xyz, t=t, line=x.astype(int), chain=['alpha_beta_gamma'])
+    >>> np.flatnonzero(verdict.outlier).tolist()
+    [77]
+
+    """
+    settings = gather(parameters, chain)
+    if (isinstance(xyz, np.ndarray) and xyz.dtype.names is not None) or hasattr(xyz, 'fields'):
+        for name, values in (('t', t), ('line', line), ('intensity', intensity)):
+            if values is not None:
+                raise CloudError(name, 'a field of a cloud that has fields', 'an array beside it')
+        points, lack = _read(xyz, settings)
+    else:
+        points, lack = _points(xyz, t, line, intensity, settings)
+    if lack:
+        check_chain(settings.chain, 'the cloud', lack)
+        nothing = np.zeros(len(points), np.int64)
+        points = replace(points, t=nothing, line=nothing)
+        points = with_rings(points, settings)
+    return judge_whole(points, settings)
+
+
+def _read(cloud: Any, parameters: FilterParameters) -> tuple[Points, str]:
+    """Read the points of a cloud with fields; say what it lacks to have scan lines."""
+    is_array = isinstance(cloud, np.ndarray)
+    decoder = Decoder(parameters)
+    # What times count from does not matter within one cloud.
+    points = decoder.decode(as_message(cloud, 0 if is_array else None))
+    found = decoder.convention
+    if found is None:
+        return points, ''
+    if found.time_field is None:
+        return points, NO_TIME
+    by_message = found.line_source == 'message' and parameters.line_source == 'auto'
+    return points, NO_LINES if by_message else ''
+
+
+def _points(
+    xyz: Any,
+    t: ArrayLike | None,
+    line: ArrayLike | None,
+    intensity: ArrayLike | None,
+    parameters: FilterParameters,
+) -> tuple[Points, str]:
+    """Make points of plain arrays; say what they lack to have scan lines."""
+    for name in (*FIELDS, *sigma_fields()):
+        value = parameters.value(name)
+        if value not in {'', 'auto'}:
+            must_be = 'given for clouds with fields only'
+            raise ParameterError(name, must_be, f'{value!r} for an array without')
+    given = _numbers('xyz', xyz, 'iuf')
+    if given.ndim != 2 or given.shape[1] != 3:  # noqa: PLR2004  x, y, z
+        raise CloudError('the shape of xyz', '(N, 3)', given.shape)
+    xyz, count = np.ascontiguousarray(given, np.float64), len(given)
+    valid = is_return(xyz)
+    zeros = np.zeros(count, np.int64)
+    time, number = zeros, zeros
+    if t is not None:
+        column = _column('t', t, 'iuf', count)
+        time = to_nanoseconds(column, valid, 's' if column.dtype.kind == 'f' else 'ns')
+    if line is not None:
+        column = _column('line', line, 'iu', count)
+        number = column.astype(np.int64)
+    bright = None
+    if intensity is not None:
+        bright = _column('intensity', intensity, 'iuf', count).astype(np.float32)
+    lack = NO_TIME if t is None else NO_LINES if line is None else ''
+    mask = mask_of(parameters)
+    if mask is not None and line is None:
+        raise CloudError('line', 'given, the ring of each point, where there is a mask', 'none')
+    points = Points(xyz, time, number, valid, intensity=bright)
+    return masked(points, mask, parameters), lack
+
+
+def _column(name: str, values: ArrayLike, kinds: str, count: int) -> NDArray[Any]:
+    array = _numbers(name, values, kinds)
+    if array.shape != (count,):
+        raise CloudError(
+            f'the shape of {name}', f'({count},), as xyz has {count} points', array.shape
+        )
+    return array
+
+
+def _numbers(name: str, values: Any, kinds: str) -> NDArray[Any]:
+    """Make an array of numbers; ``kinds`` are those of numpy that are allowed."""
+    must_be = 'an array of numbers' if 'f' in kinds else 'an array of integers'
+    if isinstance(values, np.ma.MaskedArray):
+        raise CloudError(name, f'{must_be} without a mask', 'a masked array')
+    try:
+        array = np.asarray(values)
+    except ValueError as err:
+        raise CloudError(name, must_be, 'rows of different lengths') from err
+    # An empty list is one of floats for numpy.
+    if array.dtype.kind not in kinds and array.size:
+        raise CloudError(name, must_be, f'one of {array.dtype}')
+    return array

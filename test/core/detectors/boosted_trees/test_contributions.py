@@ -1,0 +1,53 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What features add: their sums are what judged."""
+
+from __future__ import annotations
+
+import numpy as np
+from helpers.roads import arm
+
+from lidar_outlier_filter.core.detectors.boosted_trees.explain.explanation import contributions
+from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
+from lidar_outlier_filter.core.detectors.boosted_trees.ways import Way
+from lidar_outlier_filter.core.detectors.seen import Seen
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+def test_sum_adds_up_to_the_score() -> None:
+    """Of every point that is not below 0; that of a slanted group is one part."""
+    points, slanted = arm(0)
+    parameters = FilterParameters()
+    seen = Seen(points, parameters, 20)
+    every = np.ones(len(points), np.bool_)
+    found = contributions(seen, parameters, every)
+    assert found.way == Way.SUM.value
+    score = Chain(parameters).judge(points).score
+    total = np.maximum(found.added.sum(axis=0, dtype=np.float64), 0.0)
+    np.testing.assert_allclose(total, score, rtol=1e-5, atol=1e-5)
+    assert found.names[-1] == 'slanted'
+    assert (found.added[-1, slanted] > 1).any()
+    assert (found.added[:-1] != 0).any()
+
+
+def test_survey_adds_up_to_the_log_odds() -> None:
+    """With what the trees say on average; only wanted points are given."""
+    rng = np.random.default_rng(3)
+    xyz = rng.uniform((0, 0, 0), (30, 30, 0.05), (2000, 3))
+    xyz[:20, 2] += rng.uniform(2, 9, 20)
+    xyz[100:150] = xyz[50:100]  # two at one place
+    zeros = np.zeros(len(xyz), np.int64)
+    points = Points(xyz, zeros, zeros, np.ones(len(xyz), np.bool_))
+    parameters = FilterParameters()
+    seen = Seen(points, parameters, 20, whole=True)
+    wanted = rng.random(len(xyz)) < 0.3
+    wanted[:20] = True
+    found = contributions(seen, parameters, wanted)
+    assert found.way == Way.SURVEY.value
+    odds, _ = survey.measure(xyz, look_around(xyz, np.arange(len(xyz))))
+    total = found.added.sum(axis=0, dtype=np.float64) + found.average
+    np.testing.assert_allclose(total, odds[wanted], atol=2e-4)
+    assert len(np.unique(found.average)) == 2  # both passes judge some of them

@@ -1,0 +1,305 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The scan pattern of profile scanners: scanner, windows, pairs and groups are those of loops."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.profile_drives import PERIOD, SPEED, Drive, pattern_of, points_of, prepared
+from helpers.sweeps import sweep
+from naive import profile_pattern as naive
+from naive import scan_pattern as naive_pattern
+from numpy.testing import assert_allclose, assert_array_equal
+
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern import features as pattern_features
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern import profile_groups
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import judge
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import (
+    COUNT_PROFILE,
+    PROFILE,
+    measure_profile,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import (
+    GROUPS,
+    REACHES,
+    find_groups,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum import detector
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.points.scan_lines import line_starts
+from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
+from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
+    FEWEST,
+    SAMPLES,
+    Fit,
+    fit_lines,
+)
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
+
+
+def lines_of(pattern: Pattern) -> list[naive_pattern.Ring]:
+    """Return the lines of a pattern for the twin."""
+    found = []
+    for line in range(len(pattern.first)):
+        part = slice(pattern.first[line], pattern.last[line])
+        columns = (pattern.x, pattern.y, pattern.z, pattern.range, pattern.phase)
+        rows = np.stack([column[part] for column in columns], axis=1).tolist()
+        points = [
+            naive_pattern.Point(k, (x, y, z), reach, phase)
+            for k, (x, y, z, reach, phase) in enumerate(rows)
+        ]
+        found.append(
+            naive_pattern.Ring(points, 0.0, float(pattern.step[line]), float(pattern.gap[line]))
+        )
+    return found
+
+
+@pytest.mark.parametrize('moved', [(0.0, 0.0, 0.0), (4e5, 5e6, 100.0)])
+@pytest.mark.parametrize('lost', [0.0, 0.4])
+def test_scanner_is_found(lost: float, moved: tuple[float, float, float]) -> None:
+    """Ranges and mirror angles are those that were measured, wherever the points are."""
+    drive = Drive(1, lost)
+    points = points_of(drive.points.xyz + moved, drive.points.t, drive.points.line)
+    pattern = pattern_of(points)
+    there = pattern.order >= 0
+    order = pattern.order[there]
+    assert_array_equal(order, np.arange(len(points)))
+    assert_allclose(pattern.range[there], drive.far[order], atol=0.06)
+    off = pattern.phase[there] - drive.angle[order]
+    assert np.ptp(off) < 1e-4
+    assert_allclose(pattern.step, 2 * np.pi / 120, rtol=0.02)
+    # The way between two lines, and what is added for noise of 4 mm.
+    away = np.linalg.norm(SPEED) * PERIOD * 1e-9
+    assert_allclose(pattern.apart - pattern.noise, away, atol=0.03)
+    assert_allclose(pattern.noise / 2, 0.004, rtol=0.4)
+
+
+def test_scanner_in_its_own_frame() -> None:
+    """Points that were not moved lie about the scanner itself."""
+    rng = np.random.default_rng(3)
+    drive = Drive(3)
+    beam = np.stack([np.sin(drive.angle), np.zeros(len(drive.angle)), np.cos(drive.angle)], axis=1)
+    beam += 1e-4 * rng.standard_normal(beam.shape)
+    points = points_of(drive.far[:, None] * beam, drive.points.t, drive.points.line)
+    pattern = pattern_of(points)
+    there = pattern.order >= 0
+    assert_allclose(pattern.range[there], drive.far[pattern.order[there]], atol=0.02)
+
+
+@pytest.mark.parametrize('moved', [(0.0, 0.0, 0.0), (4e5, 5e6, 100.0)])
+@pytest.mark.parametrize('lost', [0.0, 0.4])
+def test_scanner_as_loops(lost: float, moved: tuple[float, float, float]) -> None:
+    """The position of each line, and how good it is, are those of loops, for any part of lines."""
+    drive = Drive(2, lost)
+    xyz, turned = drive.points.xyz + moved, drive.angle + 0.7
+    first = line_starts(drive.line)
+    left, count = drive.points.line != 3, len(first) - 1
+    left[first[3] : first[3] + FEWEST - 1] = True
+    xyz, turned, first = xyz[left], turned[left], line_starts(drive.line[left])
+    found = Fit(np.empty((count, 3)), np.empty(count), np.empty(count))
+    for begin, end in ((0, 5), (5, 6), (6, count)):
+        fit_lines(xyz, turned, np.arange(len(xyz)), first, begin, end, found)
+    for line in range(count):
+        size = first[line + 1] - first[line]
+        some = first[line] + np.arange(SAMPLES) * size // SAMPLES
+        if size < FEWEST:
+            assert found.off[line] == np.inf
+            continue
+        wanted = naive.seat(xyz[some], turned[some].tolist())
+        assert_allclose(found.position[line], wanted.position, rtol=0, atol=1e-8)
+        assert_allclose([found.off[line], found.unsure[line]], wanted[1:], rtol=1e-5)
+    assert np.count_nonzero(np.isinf(found.off)) == 1
+
+
+def test_lines_without_returns() -> None:
+    """Lines that are short, or away, do not move the others."""
+    drive = Drive(4, 0.1, lines=16)
+    line, place = drive.points.line, np.arange(len(drive.points)) % 7
+    left = (line != 5) & (line != 6) & ((line != 9) | (place == 0))
+    pattern = pattern_of(drive.points.take(left))
+    there = pattern.order >= 0
+    order = np.flatnonzero(left)[pattern.order[there]]
+    assert_allclose(pattern.range[there], drive.far[order], atol=0.1)
+    assert np.ptp(pattern.phase[there] - drive.angle[order]) < 1e-4
+
+
+def test_no_pattern() -> None:
+    """A spinning sensor, one line, a mirror that turns unevenly, and points anywhere have none."""
+    points = Drive(5).points
+    assert find_profile_pattern(sweep(1, 0.0)) is None
+    assert find_profile_pattern(points.take(points.line < 1)) is None
+    assert find_profile_pattern(points.take(slice(0, 0))) is None
+    assert find_profile_pattern(points.take(points.line == 3)) is None
+    rng = np.random.default_rng(5)
+    anywhere = rng.uniform(-5.0, 5.0, points.xyz.shape)
+    assert find_profile_pattern(points_of(anywhere, points.t, points.line)) is None
+    alike = np.zeros_like(points.xyz)
+    assert find_profile_pattern(points_of(alike, points.t, points.line)) is None
+    assert find_profile_pattern(points_of(points.xyz, points.t * 0, points.line)) is None
+    swaying = points.t + (800_000 * np.sin(points.t / 7e5)).astype(np.int64)
+    swaying[1:] = np.maximum(swaying[1:], swaying[:-1])
+    assert find_profile_pattern(points_of(points.xyz, swaying, points.line)) is None
+
+
+@pytest.mark.parametrize(('lost', 'lines'), [(0.0, 6), (0.3, 8), (0.6, 8)])
+def test_window_as_loops(lost: float, lines: int) -> None:
+    """The features that spinning sensors have, too, and those of pairs, are those of loops."""
+    pattern = pattern_of(Drive(6, lost, lines, 60 if lost == 0.0 else 100).points)
+    found = prepared(pattern)
+    count = len(pattern.first)
+    window = np.zeros((pattern_features.COUNT, len(pattern.order)), np.float32)
+    pairs = np.zeros((COUNT_PROFILE, len(pattern.order)), np.float32)
+    pattern_features.measure(found, 0, count, window)
+    measure_profile(found, 0, count, pairs)
+    rings = lines_of(pattern)
+    for number, ring in enumerate(rings):
+        for k in range(len(ring.points)):
+            place = pattern.first[number] + k
+            metres = [float(of[number]) for of in (pattern.apart, pattern.level)]
+            wanted = naive_pattern.features(rings, number, k, *metres)
+            got = {name: float(window[FEATURES.index(name), place]) for name in wanted}
+            assert got == pytest.approx(wanted, rel=2e-3, abs=1e-5), (number, k)
+            sigma = float(pattern.noise[number]) / 2
+            predicted = naive.predictions(rings, number, k, sigma)
+            wanted = naive.of_pairs(predicted)
+            got = {name: float(pairs[PROFILE.index(name), place]) for name in wanted}
+            # A range of single precision, squared, in standard deviations.
+            assert got == pytest.approx(wanted, rel=2e-3, abs=0.02), (number, k)
+
+
+@pytest.mark.parametrize('reach', REACHES)
+@pytest.mark.parametrize('lost', [0.0, 0.5])
+def test_groups_as_loops(lost: float, reach: float) -> None:
+    """Segments that are close to each other, and to no surface, are the groups of loops."""
+    drive = Drive(7, lost, 8, 400)
+    far = drive.far.copy()
+    for line, angle, part in (
+        (1, 1.0, 0.5),
+        (2, 2.5, 0.7),
+        (4, 2.6, 0.71),
+        (5, 4.0, 0.9),
+        (6, 5, 1),
+    ):
+        far[(np.abs(drive.line - line) < 2) & (np.abs(drive.angle - angle) < 0.06)] *= part
+    pattern = pattern_of(drive.measured(far))
+    near = prepare(pattern).near
+    segments = profile_groups.find_segments(pattern, reach)
+    group = profile_groups.join(pattern, near, reach, segments)
+    rings = lines_of(pattern)
+    wanted = naive.groups(rings, pattern.apart.tolist(), reach)
+    got: dict[int, list[tuple[int, int]]] = {}
+    for number, ring in enumerate(rings):
+        for k in range(len(ring.points)):
+            g = int(group[segments.of[pattern.first[number] + k]])
+            got.setdefault(g, []).append((number, k))
+    got.pop(-1, None)
+    assert len(wanted) > 1
+    assert sorted(got.values()) == sorted(wanted)
+
+
+def test_group_of_an_arm() -> None:
+    """A slanted tube in the air is one free group; what is said of it is what loops say."""
+    drive = Drive(8, lines=12, shots=400, strays=0.0)
+    tube = np.abs(drive.angle - 1.9) < 0.12
+    far = np.where(tube, 0.5 * drive.far + 0.05 * (drive.line - 6), drive.far)
+    points = drive.measured(far)
+    xyz = points.xyz
+    pattern = pattern_of(points)
+    there = pattern.order >= 0
+    found = np.empty((len(GROUPS), len(points)))
+    found[:, pattern.order[there]] = find_groups(pattern, prepare(pattern).near)[:, there]
+    assert_array_equal(found[0] == np.count_nonzero(tube), tube)
+    described = {name: float(found[n, tube].max()) for n, name in enumerate(GROUPS)}
+    along = np.linalg.svd(xyz[tube] - xyz[tube].mean(axis=0))[2]
+    turned = (xyz - xyz[tube].mean(axis=0)) @ along.T
+    assert described['group_slope'] == pytest.approx(abs(along[0, 2]), abs=1e-3)
+    rings = lines_of(pattern)
+    members = []
+    for number, ring in enumerate(rings):
+        first = pattern.first[number]
+        for k, point in enumerate(ring.points):
+            index = pattern.order[first + k]
+            ring.points[k] = point._replace(xyz=tuple(turned[index].tolist()))
+            members += [(number, k)] if tube[index] else []
+    wanted = naive.of_group(rings, members)
+    assert wanted == pytest.approx({name: described[name] for name in wanted}, rel=1e-2)
+
+
+def test_the_wide_group_is_described() -> None:
+    """Halves of a tube are a group each, and, reaching farther, one: of that one all is said."""
+    drive = Drive(8, lines=12, shots=400, strays=0.0)
+    tube = np.abs(drive.angle - 1.9) < 0.12
+    near = 0.5 * drive.far + 0.05 * (drive.line - 6) + 0.45 * (drive.line >= 6)
+    pattern = pattern_of(drive.measured(np.where(tube, near, drive.far)))
+    there = pattern.order >= 0
+    of_tube = tube[pattern.order[there]]
+    beside, found = prepare(pattern).near, {}
+    for reach in REACHES:
+        segments = profile_groups.find_segments(pattern, reach)
+        group = profile_groups.join(pattern, beside, reach, segments)
+        found[reach] = np.unique(group[segments.of[there]][of_tube])
+        assert (found[reach] >= 0).all()
+    assert [len(found[reach]) for reach in REACHES] == [1, 2]
+    count = find_groups(pattern, beside)[0, there]
+    assert_array_equal(count == np.count_nonzero(tube), of_tube)
+
+
+@pytest.mark.parametrize('threads', [1, 2, 5])
+def test_order_and_threads_do_not_matter(threads: int) -> None:
+    """Points in any order get the same scores, bit for bit, whatever the number of threads."""
+    points = Drive(9, 0.2).points
+    score = judge(pattern_of(points), 1.0, threads=1, profile=True)
+    order = np.random.default_rng(3).permutation(len(points))
+    pattern = find_profile_pattern(points.take(order), threads)
+    assert pattern is not None
+    again = np.empty_like(score)
+    again[order] = judge(pattern, 1.0, threads=threads, profile=True)
+    assert again.tobytes() == score.tobytes()
+
+
+def test_strays_are_found() -> None:
+    """The default's model rejects most of what hangs in a passage, and nearly none of its walls."""
+    drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
+    rejected = judge(pattern_of(drive.points), 1.0, profile=True) > 1
+    assert rejected[drive.stray].mean() > 0.8
+    assert rejected[~drive.stray].mean() < 0.0005
+
+
+@pytest.mark.parametrize('lines', [2, 3])
+def test_few_lines_are_enough(lines: int) -> None:
+    """Two lines show how fast the mirror turns: the trees find what does not belong."""
+    drive = Drive(10, 0.02, lines=20, shots=800, strays=0.005)
+    few = drive.points.line < lines
+    rejected = judge(pattern_of(drive.points.take(few)), 1.0, profile=True) > 1
+    assert rejected[drive.stray[few]].mean() > 0.8
+    assert rejected[~drive.stray[few]].mean() < 0.002
+
+
+def test_sensor_decides_the_way() -> None:
+    """Profile scanners have trees, unless the sensor is said to spin, or there is one line only."""
+    points = Drive(11, 0.1).points
+    wanted = judge(pattern_of(points), 2.0, profile=True).astype(np.float32)
+    for sensor, same in (('auto', True), ('profile', True), ('spinning', False)):
+        values = {
+            'chain': ['boosted_trees'],
+            'boosted_trees.sensor': sensor,
+            'boosted_trees.threshold': 2.0,
+        }
+        found = Chain(FilterParameters().changed(values)).judge(points)
+        assert np.array_equal(found.score, wanted) == same
+    few = points.take(points.line < 1)
+    near = Neighbourhood(few.xyz, detector.neighbours())
+    parameters = FilterParameters()
+    assert_array_equal(
+        Chain(parameters).judge(few).score,
+        detector.detect(near, few, parameters).astype(np.float32),
+    )

@@ -1,0 +1,342 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The scan pattern of spinning sensors: the neighbours, features and trees are those of loops."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.sweeps import RATE, TURN_NS, measured, pattern_of, sweep
+from naive import scan_pattern as naive
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, FEATURES
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import judge
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import (
+    AGAIN,
+    COUNT_AGAIN,
+    count_scores,
+    measure_again,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_up
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import count_points
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import arctangent, find_pattern
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+@pytest.mark.parametrize(
+    ('lost', 'turns', 'staggered'),
+    [(0.0, 1.0, False), (0.3, 1.3, False), (0.3, 0.6, True), (0.8, 2.2, False)],
+)
+def test_as_loops(lost: float, turns: float, *, staggered: bool) -> None:
+    """Neighbours and features, with missing returns, of a part of a turn and of several."""
+    points = sweep(1, lost, turns, staggered=staggered)
+    pattern = pattern_of(points)
+    xyz = [tuple(row) for row in points.xyz.tolist()]
+    rings = naive.rings_of(xyz, points.t.tolist(), points.line.tolist(), RATE)
+    # Steps and elevations are medians of samples there, and of all here: a sample is enough.
+    rings = [
+        ring._replace(step=float(step), gap=float(gap), turn=float(turn), uneven=float(uneven))
+        for ring, step, gap, turn, uneven in zip(
+            rings, pattern.step, pattern.gap, pattern.turn, pattern.uneven, strict=True
+        )
+    ]
+    out = measured(pattern)
+    for number, ring in enumerate(rings):
+        places = range(pattern.first[number], pattern.last[number])
+        assert [p.number for p in ring.points] == pattern.order[list(places)].tolist()
+        for k, place in enumerate(places):
+            wanted = naive.features(rings, number, k)
+            got = {name: float(out[FEATURES.index(name), place]) for name in wanted}
+            assert got == pytest.approx(wanted, rel=2e-3, abs=1e-5), (number, k)
+
+
+@pytest.mark.parametrize('threads', [1, 2, 5])
+def test_order_and_threads_do_not_matter(threads: int) -> None:
+    """Points in any order get the same scores, bit for bit, whatever the number of threads."""
+    points = sweep(2, 0.2)
+    score = judge(pattern_of(points), 1.0, threads=1)
+    order = np.random.default_rng(3).permutation(len(points))
+    pattern = find_pattern(points.take(order), threads)
+    assert pattern is not None
+    again = np.empty_like(score)
+    again[order] = judge(pattern, 1.0, threads=threads)
+    assert again.tobytes() == score.tobytes()
+
+
+def test_strays_are_found() -> None:
+    """The default's model rejects most of what hangs in a room, and nearly none of its walls."""
+    points = sweep(4, 0.0, columns=900)
+    level = np.hypot(points.xyz[:, 0], points.xyz[:, 1])
+    azimuth = np.arctan2(points.xyz[:, 1], points.xyz[:, 0])
+    wall = np.minimum(8.0 / np.abs(np.cos(azimuth)), 5.0 / np.abs(np.sin(azimuth)))
+    stray = level < 0.85 * wall
+    rejected = judge(pattern_of(points), 1.0) > 1
+    assert rejected[stray].mean() > 0.7
+    assert rejected[~stray].mean() < 0.02
+
+
+def test_threshold_is_a_dial() -> None:
+    """The higher it is, the fewer are rejected."""
+    pattern = pattern_of(sweep(5, 0.1, 2.0))
+    counts = [int((judge(pattern, dial) > 1).sum()) for dial in (0.5, 0.8, 1.0, 1.2, 2.0)]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] > counts[-1]
+
+
+def test_no_pattern() -> None:
+    """Lines one after the other, few points, and azimuths in disorder are none."""
+    points = sweep(6, 0.0)
+    profile = Points(points.xyz, np.arange(len(points)), np.arange(len(points)) // 90, points.valid)
+    assert find_pattern(profile) is None
+    assert find_pattern(points.take(slice(0, 10))) is None
+    rng = np.random.default_rng(1)
+    wild = Points(rng.standard_normal((len(points), 3)), points.t, points.line, points.valid)
+    assert find_pattern(wild) is None
+
+
+# Degrees: of data sheets.
+HALVES = [*np.linspace(-24.33, -8.83, 32), *np.linspace(-8.33, 2.0, 32)]  # HDL-64E
+CROWDED = [  # VLP-32C
+    *(-25, -15.64, -11.31, -8.84, -7.25, -6.15, -5.33, -4.67),
+    *np.linspace(-4, 5 / 3, 18),
+    *(2.33, 3.33, 4.67, 7, 10.33, 15),
+]
+
+
+@pytest.mark.parametrize(
+    'elevations',
+    [
+        np.linspace(-15, 15, 16),
+        np.delete(np.linspace(-30.67, 10.67, 32), [4, 20]),  # two without returns
+        HALVES,
+        CROWDED,
+        np.geomspace(1, 25, 16),
+        [0.0],
+    ],
+)
+def test_rings_however_spaced(elevations: Sequence[float]) -> None:
+    """Angles to the rings beside are those of the table; of one ring there is no other."""
+    pattern = find_pattern(sweep(7, 0.4, elevations=elevations), spins=True)
+    assert pattern is not None
+    known = np.radians(np.sort(elevations))
+    places = range(len(known))
+    for row, off in enumerate((-2, -1, 1, 2)):
+        there = [n for n in places if 0 <= n + off < len(known)]
+        wanted = [abs(known[n + off] - known[n]) for n in there]
+        np.testing.assert_allclose(pattern.beside[row, there], wanted, rtol=2e-3)
+    if len(known) > 2:
+        near, far = np.sort(np.abs(np.diff(known))[[[n - 1, n] for n in places[1:-1]]]).T
+        wanted = np.minimum(far / near, 10.0)
+        np.testing.assert_allclose(pattern.uneven[1:-1], wanted, rtol=5e-3)
+    assert pattern.uneven[[0, -1]].tolist() == [10.0, 10.0]
+
+
+def test_steps_between_shots() -> None:
+    """Each ring has its own: of one that looks up a beam moves by less than the head turns."""
+    elevations = np.array([40.0, 0.0, 60.0, 20.0])
+    points = sweep(13, 0.0, columns=360, elevations=tuple(elevations))
+    column = np.arange(len(points)) // len(elevations)
+    points = points.take((points.line > 0) | (column % 2 == 0))  # every second shot of that ring
+    rank = np.argsort(elevations)
+    turned = np.radians(np.where(rank == 0, 2.0, 1.0))
+    wanted = turned * np.cos(np.radians(elevations[rank]))
+    np.testing.assert_allclose(pattern_of(points).step, wanted, rtol=0.02)
+
+
+def test_beams_near_the_zenith_see_their_neighbours() -> None:
+    """Returns of a ring beside the zenith are near each other, though azimuths are far apart."""
+    points = sweep(9, 0.0, elevations=(80.0, 84.0, 86.0, 88.0), columns=360)
+    out = measured(pattern_of(points))
+    pattern = pattern_of(points)
+    for line in range(4):
+        some = slice(pattern.first[line] + 5, pattern.last[line] - 5)
+        assert (out[FEATURES.index('there_own'), some] == 1).mean() > 0.9
+
+
+def test_a_plane_is_predicted_across_uneven_rings() -> None:
+    """On a level floor, the rings beside predict the range however unevenly they are spaced."""
+    down = np.radians([-40.0, -31.0, -28.0, -26.5, -20.0, -18.0, -17.5])
+    shot = np.arange(len(down) * 720)
+    ring, azimuth = shot % len(down), RATE * (shot // len(down) * 138_889)
+    far = 2.0 / np.sin(-down)[ring]
+    up = np.sin(down)[ring]
+    level = np.cos(down)[ring]
+    xyz = far[:, None] * np.stack([level * np.cos(azimuth), level * np.sin(azimuth), up], axis=1)
+    t = shot // len(down) * 138_889 + ring
+    pattern = pattern_of(Points(xyz, t, ring, np.ones(len(shot), np.bool_)))
+    out = measured(pattern)[FEATURES.index('across')]
+    some = np.concatenate([np.arange(pattern.first[n] + 9, pattern.last[n] - 9) for n in range(7)])
+    # An arc of the sine of the elevation is not straight: a part of the angle between rings.
+    assert out[some].max() < 0.2
+
+
+def test_copies_share_a_verdict() -> None:
+    """A second return at the same place, as drivers publish it, changes nothing."""
+    points = sweep(4, 0.1, columns=900)
+    rng = np.random.default_rng(1)
+    twice = np.sort(np.concatenate([np.arange(len(points)), rng.integers(0, len(points), 20_000)]))
+    again = points.take(twice)
+    once, both = pattern_of(points), pattern_of(again)
+    assert len(both.copies) == len(again) - len(points)
+    score, copied = judge(once, 1.0), judge(both, 1.0)
+    assert copied.tobytes() == score[twice].tobytes()
+    # Two returns of a shot at different places are two.
+    farther = replace(
+        again, xyz=again.xyz * np.where(np.diff(twice, prepend=-1) == 0, 1.5, 1.0)[:, None]
+    )
+    apart = pattern_of(farther)
+    assert count_points(apart) == len(again)
+    assert len(apart.copies) < len(both.copies)
+
+
+def test_two_returns_of_a_shot_are_one_beam() -> None:
+    """Rounded coordinates do not part them, and heads with two returns turn steadily."""
+    points = sweep(4, 0.0, columns=900)
+    index = np.repeat(np.arange(len(points)), 2)
+    far = np.where(np.arange(len(index)) % 2, 1.0, 0.6137)[:, None]
+    rounded = (points.xyz[index] * far).astype(np.float32).astype(np.float64)
+    both = replace(points.take(index), xyz=rounded)
+    for order in (np.arange(len(index)), np.random.default_rng(1).permutation(len(index))):
+        pattern = pattern_of(both.take(order))
+        assert count_points(pattern) == len(index)
+        for n in range(len(pattern.first)):
+            some = slice(pattern.first[n], pattern.last[n])
+            near, farther = pattern.range[some][::2], pattern.range[some][1::2]
+            assert (near < farther).all()
+            assert np.array_equal(pattern.phase[some][::2], pattern.phase[some][1::2])
+
+
+def test_the_brightest_copy_counts() -> None:
+    """Copies of different intensities may come in any order."""
+    points = sweep(4, 0.1, columns=900)
+    rng = np.random.default_rng(2)
+    points = replace(points, intensity=rng.uniform(1, 9, len(points)).astype(np.float32))
+    index = np.repeat(np.arange(len(points)), 2)
+    both = points.take(index)
+    assert both.intensity is not None
+    dim = both.intensity * np.where(np.arange(len(index)) % 2, np.float32(0.3), np.float32(1.0))
+    both = replace(both, intensity=dim)
+    other = both.take(np.arange(len(index)).reshape(-1, 2)[:, ::-1].ravel())
+    score = judge(pattern_of(points), 1.0)
+    for one in (both, other):
+        assert judge(pattern_of(one), 1.0).tobytes() == score[index].tobytes()
+
+
+@pytest.mark.parametrize(
+    'name', ['vlp32_nebula_db3', 'vlp16_mrpt_mcap', 'hdl32_mrpt_mcap', 'os1_128_db3']
+)
+def test_rings_of_recordings(recordings: Path, name: str) -> None:
+    """Clouds of spinning sensors have a pattern, whether their rings are even or not."""
+    decoder = Decoder(FilterParameters())
+    with AnyReader(
+        [recordings / 'bags' / name], default_typestore=get_typestore(Stores.ROS2_JAZZY)
+    ) as reader:
+        clouds = [
+            decoder.decode(reader.deserialize(data, connection.msgtype))
+            for connection, _, data in reader.messages()
+            if connection.msgtype.endswith('PointCloud2')
+        ]
+    found = [find_pattern(points.take(points.valid)) is not None for points in clouds]
+    assert found
+    assert all(found)
+
+
+def test_arctangent() -> None:
+    """Within 1e-8 of the function, in all quadrants and on the axes."""
+    rng = np.random.default_rng(1)
+    pairs = [*rng.standard_normal((500, 2)).tolist(), [0, 1], [1, 0], [0, -1], [-1, 0], [2, 2]]
+    for y, x in pairs:
+        assert arctangent(float(y), float(x)) == pytest.approx(np.arctan2(y, x), abs=1e-8)
+
+
+def test_trees_are_those_of_loops() -> None:
+    """Sums of what single trees say, in their order, also where a feature is the limit."""
+    rng = np.random.default_rng(1)
+    feature = rng.integers(0, 5, (20, 7)).astype(np.int32)
+    limit = rng.integers(-3, 4, (20, 7)).astype(np.float32)
+    value = rng.standard_normal((20, 8)).astype(np.float32)
+    points = rng.integers(-3, 4, (5, 40)).astype(np.float32)
+    total = np.empty(40, np.float32)
+    add_up(Trees(feature, limit, value, np.float32(0.5)), points, total)
+    for n in range(40):
+        expected = np.float32(0.5)
+        for f, at, v in zip(feature.tolist(), limit.tolist(), value.tolist(), strict=True):
+            expected = np.float32(
+                expected + np.float32(naive.tree(f, at, v, points[:, n].tolist()))
+            )
+        assert total[n] == expected
+
+
+def turned_later(points: Points, turns: int) -> Points:
+    """Return what a head sees that turns so many times, and then sees the same again."""
+    later = points.t + turns * TURN_NS
+    both = np.concatenate
+    return Points(
+        both([points.xyz, points.xyz]),
+        both([points.t, later]),
+        both([points.line, points.line]),
+        both([points.valid, points.valid]),
+    )
+
+
+@pytest.mark.parametrize('turns', [3, 40, 3000, 20_003, 400_001])
+def test_a_turn_is_judged_alike_whenever_it_is(turns: int) -> None:
+    """The verdicts on points do not depend on how often the head turned before it saw them."""
+    points = sweep(10, 0.2, 1.3, columns=1800)
+    score = judge(pattern_of(turned_later(points, turns)), 1.0)
+    once, again = score[: len(points)], score[len(points) :]
+    assert 0 < np.count_nonzero(once > 1) < 0.2 * len(points)
+    # At the ends of what is seen together, longer stretches have other points in them.
+    step = TURN_NS // 1800
+    inner = (points.t > 60 * step) & (points.t < points.t.max() - 60 * step)
+    assert inner.mean() > 0.9
+    np.testing.assert_array_equal(once[inner], again[inner])
+
+
+@pytest.mark.parametrize('count', range(64, 97, 5))
+def test_nothing_is_read_behind_the_last_line(count: int) -> None:
+    """Lines of any length: under numba's bounds check, what lies behind the last raises."""
+    points = sweep(11, 0.0, columns=count)
+    assert (judge(pattern_of(points), 1.0) >= 0).all()
+
+
+def test_scores_of_the_first_pass_around_points() -> None:
+    """Shares of points as far away, and of rings beside: there are none beyond the outermost."""
+    points = sweep(12, 0.0)
+    pattern = pattern_of(points)
+    prepared = prepare(pattern)
+    score = np.full(len(pattern.order), -1.0, np.float32)
+    score[pattern.first[0] : pattern.first[0] + 9] = 1.0
+    out = np.zeros((COUNT_AGAIN, len(score)), np.float32)
+    measure_again(prepared, count_scores(pattern, score), 0, len(pattern.first), out)
+    found = dict(zip(AGAIN, out[COUNT:], strict=True))
+    there = pattern.order >= 0
+    # Nearer than 1 m, than 2 m and so on: an edge belongs to what is nearer.
+    octave = np.ceil(np.log2(np.maximum(pattern.range, 1.0)))
+    for k in np.flatnonzero(there):
+        alike = there & (octave == octave[k])
+        assert found['share_range'][k] == np.float32((score[alike] > 0).mean())
+    for line in range(len(pattern.first)):
+        wide = found['wide_other'][pattern.first[line] : pattern.last[line]]
+        assert wide.any() == (line in {1, 2})
+
+
+def test_a_range_at_an_edge_belongs_to_what_is_nearer() -> None:
+    """Shares are those of all points up to 1, 2, 4 … 64 m, and of all that are farther away."""
+    pattern = pattern_of(sweep(12, 0.0))
+    there = pattern.order >= 0
+    some = np.array([0.5, 1, 1.5, 2, 3, 4, 6, 8, 16, 32, 63, 64, 65, 128, 900], np.float32)
+    far = np.resize(some, len(there))
+    score = np.random.default_rng(1).choice(np.array([-1, 1], np.float32), len(there))
+    found = count_scores(pattern._replace(range=far), score)
+    octave = np.clip(np.ceil(np.log2(far)), 0, 7)
+    for k in np.flatnonzero(there):
+        alike = there & (octave == octave[k])
+        assert found.share[k] == np.float32((score[alike] > 0).mean())

@@ -1,0 +1,340 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Clouds without scan lines, judged by trees on the neighbours of each point."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from naive import survey as naive
+
+from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.core.detectors.boosted_trees.models import SURVEY_MODEL, load
+from lidar_outlier_filter.core.detectors.boosted_trees.survey import far as survey_far
+from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
+from lidar_outlier_filter.core.detectors.boosted_trees.survey import near as survey_near
+from lidar_outlier_filter.core.detectors.boosted_trees.survey.far import MOST, Far
+from lidar_outlier_filter.core.detectors.distances import squared_k_distances
+from lidar_outlier_filter.core.engine.tiled_chain import TiledChain
+from lidar_outlier_filter.core.engine.whole_cloud import judge_whole
+from lidar_outlier_filter.core.neighbours import places
+from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+from lidar_outlier_filter.core.neighbours.places import (
+    LEAST,
+    SAMPLE,
+    K,
+    find_copies,
+    find_places,
+    typical_scale,
+)
+from lidar_outlier_filter.core.points.points import Points, is_return
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
+    from lidar_outlier_filter.core.neighbours.floor import Floor
+
+
+def surface(count: int = 400, seed: int = 1, strays: int = 12) -> Floats:
+    """Make a rough surface with strays above and below it, in an order drawn by lot."""
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform((0.0, 0.0, 0.0), (20.0, 20.0, 0.1), (count, 3))
+    xyz[:, 2] += 0.05 * xyz[:, 0]
+    xyz[:strays, 2] += rng.uniform(3.0, 30.0, strays) * rng.choice([-1, 1], strays)
+    xyz[strays // 2 : strays, :2] = xyz[strays // 2, :2] + rng.normal(0.0, 0.2, (strays // 2, 2))
+    return xyz[rng.permutation(count)]
+
+
+def grid(side: int = 18) -> Floats:
+    """Make an even grid, where nearly all distances are tied."""
+    x, y = np.divmod(np.arange(float(side * side)), side)
+    return np.stack([x, y, np.zeros(len(x))], axis=1)
+
+
+def stacked() -> Floats:
+    """Make points of which many coincide, more than lists hold."""
+    rng = np.random.default_rng(3)
+    return np.concatenate([rng.uniform(0.0, 5.0, (60, 3)), np.ones((12, 3)), np.full((70, 3), 2.0)])
+
+
+def along_a_line() -> Floats:
+    """Make points on a straight line, which have no plane."""
+    along = np.random.default_rng(4).uniform(0.0, 9.0, (80, 1))
+    xyz: Floats = along * [[1.0, 2.0, 0.5]]
+    return xyz
+
+
+def mirrored(size: int = 33) -> Floats:
+    """Make a surface, and a piece of it so many points large that is seen far below it, as well."""
+    xyz = surface(300, strays=0)
+    near = np.argsort(np.hypot(*(xyz[:, :2] - 10.0).T))[:size]
+    return np.concatenate([xyz, xyz[near] - (0.0, 0.0, 25.0)])
+
+
+CLOUDS = {
+    'surface': surface(),
+    'mirrored': mirrored(),
+    'grid': grid(),
+    'stacked': stacked(),
+    'line': along_a_line(),
+    'short': surface(30, strays=2),
+    'nine': surface(9, strays=0),
+}
+# A plane means nothing where variances are equal, or nothing but rounding.
+_PLANE = ('off', 'flat', 'off_flat', 'off20', 'flat20', 'off_flat20', 'flat60', 'off_flat60')
+VAGUE = {'grid': ('level',), 'stacked': ('level', *_PLANE), 'line': ('level',)}
+
+
+def scale_of(xyz: Floats) -> float:
+    """Return the typical scale of a cloud, all of whose points there are."""
+    return typical_scale(xyz, np.arange(len(xyz)))
+
+
+def around(xyz: Floats) -> Floor:
+    """Return what a cloud is like, all of whose points there are."""
+    return look_around(xyz, np.arange(len(xyz)))
+
+
+def odds_of(xyz: Floats, threads: int = 0) -> tuple[Floats, Floats]:
+    """Return the log-odds of all points of a cloud, and how far they reach."""
+    return survey.measure(xyz, around(xyz), threads)
+
+
+def measured(xyz: Floats) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[np.float32]]:
+    """Return the features of all points, those of the first trees and all, in the order given."""
+    hood = Neighbourhood(xyz, K)
+    near, which = survey.neighbours(hood, around(xyz)), np.arange(len(xyz))
+    first = np.empty((survey_near.COUNT, len(xyz)), np.float32)
+    survey.measure_near(near, which, first)
+    odds, _ = survey.first_odds(near, load(SURVEY_MODEL).first)
+    index = hood.nearest_of(which, min(MOST, len(xyz) - 1))
+    every = np.empty((survey_far.COUNT, len(xyz)), np.float32)
+    survey.measure_far(Far(near, odds, index), which, every)
+    back = np.argsort(hood.order)
+    return hood, first[:, back], every[:, back]
+
+
+@pytest.mark.parametrize('name', CLOUDS)
+def test_features_against_loops(name: str) -> None:
+    """Each feature is what plain loops say, also of ties, stacks, lines and short clouds."""
+    xyz = CLOUDS[name]
+    hood, first, every = measured(xyz)
+    places = [tuple(row) for row in xyz.tolist()]
+    odds, _ = survey.first_odds(survey.neighbours(hood, around(xyz)), load(SURVEY_MODEL).first)
+    given = odds[np.argsort(hood.order)].tolist()
+    expected = np.array(naive.near_features(places, around(xyz).typical)).T
+    wide = np.array(naive.far_features(places, given, around(xyz).typical)).T
+    for n, feature in enumerate(survey_far.NAMES):
+        if feature in VAGUE.get(name, ()):
+            continue
+        loop = expected[n] if n < len(expected) else wide[n - len(expected)]
+        np.testing.assert_allclose(every[n], loop, rtol=2e-4, atol=2e-4, err_msg=feature)
+    np.testing.assert_array_equal(first, every[: len(first)])
+
+
+@pytest.mark.parametrize('size', [9, 33, 60, 61, 90])
+def test_closed_groups(size: int) -> None:
+    """Of a group that is apart the feature is its size, up to 60; of all others it is 61."""
+    _, first, _ = measured(mirrored(size))
+    closed = first[survey_near.NEAR.index('closed')]
+    np.testing.assert_array_equal(closed[:300], 61)
+    np.testing.assert_array_equal(closed[300:], min(size, 61))
+
+
+def test_trees_against_loops() -> None:
+    """The log-odds are sums of what plain loops read from the trees."""
+    xyz = CLOUDS['surface']
+    _, first, every = measured(xyz)
+    model = load(SURVEY_MODEL)
+    odds, _ = odds_of(xyz)
+    for n in range(0, len(xyz), 5):
+        said = _loop(model.first, first[:, n])
+        if said > np.float32(model.doubtful):
+            said = _loop(model.again, every[:, n])
+        assert odds[n] == said
+
+
+def _loop(trees: Trees, values: NDArray[np.float32]) -> float:
+    limits, leaves = trees.limit.tolist(), trees.value.tolist()
+    start, features = float(trees.start), trees.feature.tolist()
+    return naive.add_up(start, features, limits, leaves, values.tolist())
+
+
+@pytest.mark.parametrize('name', ['surface', 'stacked', 'short'])
+def test_order_and_threads_do_not_matter(name: str) -> None:
+    """Each point gets the same whatever the order of the points, and on any number of threads."""
+    xyz = CLOUDS[name] + np.random.default_rng(1).uniform(0.0, 1e-3, CLOUDS[name].shape)
+    odds, reach = odds_of(xyz, 1)
+    order = np.random.default_rng(2).permutation(len(xyz))
+    for threads in (1, 3):
+        again, far = odds_of(xyz[order], threads)
+        np.testing.assert_array_equal(again, odds[order])
+        np.testing.assert_array_equal(far, reach[order])
+
+
+@pytest.mark.parametrize('size', [1e-3, 1e3])
+def test_size_does_not_matter(size: float) -> None:
+    """A cloud in millimetres is judged as one in kilometres."""
+    xyz = surface(600)
+    odds, _ = odds_of(xyz * 1000.0)
+    again, _ = odds_of(xyz * 1000.0 * 2.0 ** np.round(np.log2(size)))
+    np.testing.assert_allclose(again, odds, atol=0.5)
+
+
+def test_reach() -> None:
+    """Points farther away than the reach of a point count for nothing."""
+    xyz = surface(900)
+    odds, reach = odds_of(xyz)
+    for p in range(0, len(xyz), 60):
+        near = np.linalg.norm(xyz - xyz[p], axis=1) <= reach[p] * (1 + 1e-9)
+        assert near.sum() > K
+        again, _ = survey.measure(xyz[near], around(xyz))
+        assert again[np.flatnonzero(near).tolist().index(p)] == odds[p]
+
+
+@pytest.mark.parametrize('name', ['stacked', 'surface', 'coarse'])
+def test_places_against_loops(name: str) -> None:
+    """The places are those of a plain loop."""
+    xyz = np.round(surface(300)) if name == 'coarse' else CLOUDS[name]
+    xyz[xyz == 0] *= np.random.default_rng(1).choice([-1.0, 1.0], np.count_nonzero(xyz == 0))
+    first = naive.places([tuple(row) for row in xyz.tolist()])
+    found = find_places(xyz)
+    np.testing.assert_array_equal(found.first[found.of], first)
+    np.testing.assert_array_equal(found.first, sorted(set(first)))
+    copies = [[p, at] for p, at in enumerate(first) if p != at]
+    assert find_copies(Neighbourhood(xyz, K), xyz, K).tolist() == copies
+
+
+def test_points_at_one_place_are_judged_as_one() -> None:
+    """Copies change no verdict, neither their own nor that of another point."""
+    xyz = surface(600)
+    odds, reach = odds_of(xyz)
+    copies = np.random.default_rng(1).integers(0, 600, 2000)
+    order = np.random.default_rng(2).permutation(2600)
+    again, far = survey.measure(np.concatenate([xyz, xyz[copies]])[order], around(xyz))
+    np.testing.assert_array_equal(again, np.concatenate([odds, odds[copies]])[order])
+    np.testing.assert_array_equal(far, np.concatenate([reach, reach[copies]])[order])
+
+
+@pytest.mark.parametrize('step', [0.02, 0.05, 0.2])
+def test_a_floor_that_is_rounded_is_kept(step: float) -> None:
+    """A dense floor whose coordinates were rounded, so that many points coincide, loses nothing."""
+    xyz = np.random.default_rng(3).uniform((0, 0, 0), (3, 3, 0.004), (60_000, 3))
+    rounded = np.round(xyz / step) * step
+    assert not detect_outliers(rounded).outlier.any()
+    tiled = TiledChain(
+        points(rounded), FilterParameters().changed({'chain': ['boosted_trees']}), 1.0
+    )
+    assert not tiled.judge().rejected.any()
+
+
+def test_too_few_places_are_not_tested() -> None:
+    """Many points at eight places have fewer than eight others."""
+    odds, _ = odds_of(np.repeat(surface(400)[:8], 50, axis=0))
+    assert np.isnan(odds).all()
+
+
+@pytest.mark.parametrize('count', [0, 1, 8])
+def test_too_few_points_are_not_tested(count: int) -> None:
+    """Points with fewer than eight others stay untested, and are kept."""
+    odds, reach = odds_of(surface(400)[:count])
+    assert np.isnan(odds).all()
+    assert np.isinf(reach).all()
+
+
+def points(xyz: Floats) -> Points:
+    """Make points without scan lines."""
+    zeros = np.zeros(len(xyz), np.int64)
+    return Points(xyz, zeros, zeros, is_return(xyz))
+
+
+@pytest.mark.parametrize('side', [3.0, 7.0, 100.0])
+@pytest.mark.parametrize('name', CLOUDS)
+def test_tiles_give_the_answer_of_one_piece(name: str, side: float) -> None:
+    """Whatever the side of the tiles, scores are those of one piece, bit for bit."""
+    xyz = CLOUDS[name].copy()
+    xyz[3] = np.nan
+    cloud, parameters = points(xyz), FilterParameters()
+    parameters = parameters.changed({'chain': ['boosted_trees']})
+    whole = judge_whole(cloud, parameters)
+    tiled = TiledChain(cloud, parameters, side).judge()
+    np.testing.assert_array_equal(tiled.score, whole.score)
+    np.testing.assert_array_equal(tiled.rejected, whole.rejected)
+
+
+def test_finds_strays_and_loses_nothing() -> None:
+    """The default finds single points off a surface, most of a group, and no other point."""
+    rng = np.random.default_rng(5)
+    xyz = rng.uniform((0.0, 0.0, 0.0), (50.0, 50.0, 0.05), (10_000, 3))
+    xyz[:20, 2] += rng.uniform(4.0, 20.0, 20) * rng.choice([-1, 1], 20)
+    xyz[20:35] = np.array([25.0, 25.0, 12.0]) + rng.normal(0.0, 0.3, (15, 3))
+    outlier = detect_outliers(xyz).outlier
+    assert outlier[:20].all()
+    assert outlier[20:35].sum() > 10
+    assert not outlier[35:].any()
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_finds_a_piece_that_a_mirror_shows_below(seed: int) -> None:
+    """A few dozen points as even as the ground, far below it, are no ground."""
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform((0.0, 0.0, 0.0), (100.0, 100.0, 0.1), (10_000, 3))
+    xyz[:, 2] += 0.05 * xyz[:, 0]
+    piece = np.argsort(np.hypot(*(xyz[:, :2] - 50.0).T))[: int(rng.integers(20, 45))]
+    outlier = detect_outliers(np.concatenate([xyz, xyz[piece] - (0.0, 0.0, 15.0)])).outlier
+    assert outlier[10_000:].mean() > 0.8
+    assert not outlier[:10_000].any()
+
+
+def test_an_even_plane_is_kept() -> None:
+    """An even, noisy plane loses nothing."""
+    xyz = np.random.default_rng(6).uniform((0.0, 0.0, 0.0), (50.0, 50.0, 0.2), (20_000, 3))
+    assert not detect_outliers(xyz).outlier.any()
+
+
+def test_lines_are_not_looked_at_where_asked() -> None:
+    """With ``boosted_trees.sensor: survey`` times and lines count for nothing."""
+    xyz = surface(500)
+    t, line = np.arange(500) * 1000, np.arange(500) // 50
+    asked = detect_outliers(xyz, t=t, line=line, parameters={'boosted_trees.sensor': 'survey'})
+    np.testing.assert_array_equal(asked.score, detect_outliers(xyz).score)
+
+
+def test_typical_scale() -> None:
+    """It is that of an even surface, from all points or few, in any order."""
+    for count in (5000, 60_000):
+        xyz = np.random.default_rng(7).uniform((0.0, 0.0, 0.0), (50.0, 50.0, 0.01), (count, 3))
+        radius = np.median(np.sqrt(squared_k_distances(Neighbourhood(xyz, K), K)))
+        found = scale_of(xyz)
+        assert found == pytest.approx(radius, rel=0.1)
+        order = np.random.default_rng(8).permutation(count)
+        assert scale_of(xyz[order]) == found
+        assert typical_scale(xyz, order) == found
+        # On a plane the sign of 0 says nothing: the same few points are taken.
+        plane = xyz * (1.0, 1.0, 0.0)
+        assert scale_of(plane * (1.0, 1.0, -1.0)) == scale_of(plane)
+    assert scale_of(xyz[:5]) > 0
+    assert scale_of(np.repeat(xyz[:5000], 9, axis=0)) == pytest.approx(
+        scale_of(xyz[:5000]), rel=0.05
+    )
+    # Where points nearly coincide the micrometre is left that is added.
+    assert scale_of(1e-15 * xyz[:5000]) == pytest.approx(LEAST)
+
+
+def test_typical_scale_is_that_of_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of many points about as many are looked at as are asked for."""
+    looked_at: list[int] = []
+
+    def note(xyz: Floats, *more: int) -> Neighbourhood:
+        looked_at.append(len(xyz))
+        return Neighbourhood(xyz, *more)
+
+    monkeypatch.setattr(places, 'Neighbourhood', note)
+    scale_of(np.random.default_rng(7).uniform(0.0, 50.0, (60_000, 3)))
+    assert looked_at == [pytest.approx(SAMPLE, rel=0.05)]

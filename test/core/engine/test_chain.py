@@ -1,0 +1,279 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The chain: order, vote, bits and scores, and points that nobody can judge."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import TESTS
+from helpers.detectors import BITS
+
+from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.points.points import FARTHEST, FINEST, Points
+from lidar_outlier_filter.core.verdict import ALL, EXTRA, Verdict
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+SPATIAL = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation', 'boosted_trees')
+EVERY = ('alpha_beta_gamma', *SPATIAL)
+QUICK = ('alpha_beta_gamma', *SPATIAL[1:])  # without quadric, whose kernels compile for a minute
+
+
+def slow(*values: object) -> Any:
+    """Mark values of a test's parameters as slow."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def parameters(*chain: str, **values: object) -> FilterParameters:
+    """Make parameters with a chain."""
+    return FilterParameters().changed({'chain': chain} | values)
+
+
+def road(seed: int = 0, lines: int = 40, shots: int = 100) -> Points:
+    """Make scan lines over a road with 1 % of the points up to two metres above it."""
+    rng = np.random.default_rng(seed)
+    xyz = np.empty((lines * shots, 3))
+    xyz[:, 0] = np.repeat(np.arange(lines) * 0.05, shots)
+    xyz[:, 1] = np.tile(np.linspace(-2.0, 2.0, shots), lines)
+    xyz[:, 2] = -2.0
+    xyz += rng.normal(0, 0.005, xyz.shape)
+    stray = rng.random(len(xyz)) < 0.01
+    xyz[stray, 2] += rng.uniform(0.3, 2.0, np.count_nonzero(stray))
+    t = np.arange(len(xyz)) * 10_000
+    line = np.repeat(np.arange(lines), shots)
+    return Points(xyz, t, line, np.ones(len(xyz), np.bool_))
+
+
+def judge(points: Points, *chain: str, **values: object) -> Verdict:
+    """Judge by a chain."""
+    return Chain(parameters(*chain, **values)).judge(points)
+
+
+@pytest.mark.parametrize('name', [*QUICK, slow('quadric')])
+def test_one_detector(name: str) -> None:
+    """Its bit is set where its score is above 1, and nowhere else; it finds something."""
+    verdict = judge(road(), name)
+    assert 20 < np.count_nonzero(verdict.rejected) < 400
+    detectors = verdict.detectors & ALL
+    np.testing.assert_array_equal(detectors, np.where(verdict.rejected, BITS[name], 0))
+    np.testing.assert_array_equal(verdict.score > 1, verdict.rejected)
+    np.testing.assert_array_equal(verdict.undecided != 0, np.isnan(verdict.score))
+
+
+# Sections are those of the tree, which loses points but is not built anew: quadric comes before
+# the other spatial ones.
+@pytest.mark.parametrize('chain', [QUICK, QUICK[::-1], slow(EVERY), ('sor', 'lof')])
+def test_each_judges_what_the_earlier_ones_left(chain: tuple[str, ...]) -> None:
+    """The chain is its detectors one after the other, each called anew on what is left."""
+    points = road(1)
+    verdict = judge(points, *chain)
+    left = np.arange(len(points))
+    detectors = np.zeros(len(points), np.uint16)
+    scores = np.full(len(points), np.nan, np.float32)
+    for name in chain:
+        alone = judge(points.take(left), name)
+        detectors[left] |= alone.detectors
+        scores[left] = np.fmax(scores[left], alone.score)
+        left = left[~alone.rejected]
+    np.testing.assert_array_equal(verdict.detectors, detectors)
+    np.testing.assert_array_equal(verdict.score, scores)
+    assert len(set(verdict.detectors.tolist())) > 2
+
+
+@pytest.mark.parametrize(
+    ('vote', 'chain'), [(1, QUICK), (2, QUICK), (3, QUICK), slow(2, EVERY), slow(4, EVERY)]
+)
+def test_vote(vote: int, chain: tuple[str, ...]) -> None:
+    """Every detector sees all points; as many as the vote must agree."""
+    points = road(2)
+    verdict = judge(points, *chain, vote=vote)
+    alone = [judge(points, name) for name in chain]
+    count = np.sum([each.rejected for each in alone], axis=0)
+    np.testing.assert_array_equal(verdict.rejected, count >= vote)
+    np.testing.assert_array_equal(verdict.detectors, sum(each.detectors for each in alone))
+    np.testing.assert_array_equal(verdict.undecided, sum(each.undecided for each in alone))
+    expected = np.fmax.reduce([each.score for each in alone])
+    np.testing.assert_array_equal(verdict.score, expected)
+    assert 0 < np.count_nonzero(verdict.rejected) < np.count_nonzero(count) or vote == 1
+
+
+def test_vote_of_more_than_there_are() -> None:
+    """More than the detectors of the chain can never agree."""
+    with pytest.raises(ParameterError, match='vote must be at most the 2 of the chain, got 3'):
+        parameters('lof', 'sor', vote=3)
+
+
+@pytest.mark.parametrize('count', [0, 1, 2, 3, 11, slow(15)])
+def test_too_few_points(count: int) -> None:
+    """What cannot be tested is left, and noted for each detector that looked at it."""
+    verdict = judge(road(3).take(slice(0, count)), *SPATIAL)
+    assert len(verdict) == count
+    assert not verdict.rejected.any()
+    expected = BITS['lof'] | BITS['sor']
+    assert (verdict.undecided & expected == expected).all()
+
+
+@pytest.mark.parametrize('name', [*SPATIAL[1:], slow('quadric')])
+def test_coincident_points(name: str) -> None:
+    """Points that are all the same are no outliers, however many."""
+    points = road(4)
+    same = Points(np.ones_like(points.xyz), points.t, points.line, points.valid)
+    assert not judge(same, name).rejected.any()
+
+
+@pytest.mark.parametrize('chain', [QUICK, ('lof',), ('sor',), slow(EVERY), slow(('quadric',))])
+def test_any_number_of_threads(chain: tuple[str, ...]) -> None:
+    """The verdict does not depend on the number of threads, bit for bit."""
+    points = road(5)
+    expected = judge(points, *chain, threads=1)
+    for threads in (2, 3, 7):
+        verdict = judge(points, *chain, threads=threads)
+        np.testing.assert_array_equal(verdict.score, expected.score)
+        np.testing.assert_array_equal(verdict.detectors, expected.detectors)
+
+
+def test_bits_are_all_different() -> None:
+    """A recorded number says the detectors."""
+    assert [BITS[name] for name in EVERY] == [1, 2, 4, 8, 16, 32, 64]
+    assert ALL & EXTRA == 0
+
+
+@pytest.mark.parametrize('chain', [('hierarchical',), ('hierarchical', 'elevation')])
+@pytest.mark.parametrize('vote', [0, 1])
+def test_phases(chain: tuple[str, ...], vote: int) -> None:
+    """A bit and the score say the phase that rejected a point, and the size of its cluster."""
+    points = road(7)
+    # Points float in rows, which phase 1 leaves connected.
+    near = np.arange(0, 400) % 2 == 0
+    points.xyz[:400, 2] += np.where(near, 0.25, 0.0)
+    values = {'hierarchical.min_cluster': 30, 'hierarchical.global_confidence': 0.9999}
+    verdict = judge(points, *chain, vote=vote, **values)
+    settings = parameters('hierarchical', **values).of(Hierarchical)
+    result = hierarchical.detect(points.xyz, settings)
+    assert set(result.phase) == {0, 1, 2}
+    second = result.phase == 2
+    np.testing.assert_array_equal(verdict.detectors & EXTRA != 0, second)
+    assert (verdict.detectors[second] & BITS['hierarchical'] != 0).all()
+    if chain == ('hierarchical',):
+        np.testing.assert_array_equal(np.round(30 / verdict.score), result.cluster)
+
+
+def test_the_second_phase_has_no_vote() -> None:
+    """It is a part of one detector."""
+    verdict = Verdict.untested(3)
+    verdict.detectors[:] = [BITS['hierarchical'] | EXTRA, BITS['lof'] | BITS['sor'], 0]
+    verdict.settle(2)
+    assert verdict.rejected.tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ('name', 'extra'),
+    [
+        slow('quadric', {'quadric.window': 'patch', 'quadric.significance': 1e-3}),
+        slow(
+            'quadric',
+            {'quadric.start': 'all', 'quadric.surfaces': 1, 'quadric.significance': 1e-3},
+        ),
+        ('lof', {'lof.statistic': 'lof2', 'lof.threshold': 0.5}),
+        ('sor', {'sor.statistic': 'sor2', 'sor.limit': 0.1}),
+        ('sor', {'sor.statistic': 'radius', 'sor.radius': 0.2}),
+        ('sor', {'sor.statistic': 'radius', 'sor.radius': 0.01, 'sor.range_scaled': True}),
+    ],
+)
+def test_every_form(name: str, extra: dict[str, Any]) -> None:
+    """Each form of a detector is reached by its parameters, and finds the strays."""
+    points = road(6, lines=20)
+    verdict = judge(points, name, **extra)
+    stray = points.xyz[:, 2] > -1.7
+    assert np.count_nonzero(verdict.rejected & stray) > 0.4 * np.count_nonzero(stray)
+    assert np.count_nonzero(verdict.rejected & ~stray) < 0.2 * len(points)
+    assert not np.array_equal(verdict.score, judge(points, name).score, equal_nan=True)
+
+
+@pytest.mark.parametrize('chain', [QUICK, slow(EVERY)])
+def test_compiles_what_the_parameters_ask_for(chain: tuple[str, ...]) -> None:
+    """Compiling leaves no trace in what is counted."""
+    ready = Chain(parameters(*chain))
+    ready.compile()
+    assert ready.passes == 0
+
+
+# A process of its own: what other tests have compiled does not count in it.
+COMPILING = """
+import sys
+import numpy as np
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from helpers.roads import arm, road, sweep
+
+
+def compiled():
+    rooms = [vars(m) for n, m in list(sys.modules.items()) if n.startswith('lidar_outlier_filter')]
+    things = {id(one): one for room in rooms for one in room.values()}
+    return {n: len(one.signatures) for n, one in things.items() if hasattr(one, 'signatures')}
+
+
+chain = Chain(FilterParameters())
+chain.compile()
+before = compiled()
+assert sum(count > 0 for count in before.values()) > 10
+for points, _ in (road(1, strays=0.1), sweep(1, 16, 300), arm(3)):
+    mixed = points.take(np.random.default_rng(1).permutation(len(points)))
+    for cloud in (points, mixed, points.take(slice(0, 400)), points.take(slice(0, 20))):
+        chain.judge(cloud)
+assert compiled() == before
+"""
+
+
+def test_nothing_is_compiled_later() -> None:
+    """The default chain is ready for profile scanners and spinning sensors, however they send."""
+    paths = [str(TESTS), *sys.path]
+    env = os.environ | {'PYTHONPATH': os.pathsep.join(paths)}
+    command = [sys.executable, '-c', COMPILING]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+    assert done.stderr == ''
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ('score', 'is_rejected'),
+    [
+        (1.0, False),
+        (np.nextafter(1.0, 2.0), True),
+        (1 + 1e-12, True),
+        (1e300, True),
+        (-1e300, False),
+    ],
+)
+def test_scores_beside_one(score: float, is_rejected: bool) -> None:  # noqa: FBT001  a parameter
+    """Rounding to float32 makes no rejected point look kept, and no kept point rejected."""
+    verdict = Verdict.untested(1)
+    verdict.add(BITS['sor'], np.array([0]), Scores(np.array([score])))
+    verdict.settle(1)
+    assert bool(verdict.score[0] > 1) == bool(verdict.rejected[0]) == is_rejected
+    assert (verdict.detectors[0] == BITS['sor']) == is_rejected
+
+
+@pytest.mark.parametrize('name', [*QUICK, slow('quadric')])
+def test_whatever_a_cloud_may_hold(name: str) -> None:
+    """Nothing that is let in makes a detector raise or warn, however odd it is."""
+    rng = np.random.default_rng(5)
+    times = np.array([-(2**61), 0, 10**7, 2**61])
+    for seed in range(12):
+        count = int(rng.choice([1, 2, 30, 300]))
+        odd = rng.choice([-1, 1], (count, 3)) * 10.0 ** rng.uniform(-30, 9, (count, 3))
+        xyz = [odd, rng.choice([-FARTHEST, FARTHEST, 0, 1], (count, 3)), FARTHEST - odd % 9]
+        t = np.sort(rng.choice(times, count)) if seed % 2 else np.arange(count) * 1000
+        line = rng.choice([-(2**63), 0, 2**63 - 1], count)
+        sigma = rng.choice([FINEST, 1.0, FARTHEST], count) if seed % 4 > 1 else None
+        points = Points(xyz[seed % 3], t, line, np.ones(count, np.bool_), sigma)
+        assert len(judge(points, name)) == count

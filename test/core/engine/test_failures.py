@@ -1,0 +1,319 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""A detector that raises an error: it costs its block, and the next one is judged."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import pytest
+from helpers.clouds import SECOND, STAMP, cloud, table
+from helpers.nodes import Ros, Sensor, line, wait_for_thread
+from helpers.replays import check_answers, content, write_drive
+from helpers.replays import cloud as sweep
+from helpers.streams import (
+    BLOCK,
+    HALO,
+    Census,
+    cut,
+    expected_scores,
+    points_at,
+    random_times,
+    stream,
+)
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.detectors.sor import detector as sor
+from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+from lidar_outlier_filter.errors import FilterError, JudgingError
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.session import Session
+from lidar_outlier_filter.recordings.replay import replay
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from helpers.streams import TaggedStream
+
+    from lidar_outlier_filter.core.engine.chain import Chain
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.core.verdict import Verdict
+
+RAISED = [FilterError('k', 'less', 3), ValueError('a\nb'), FloatingPointError(), MemoryError()]
+SENTENCE = 'the judging of a block must be free of errors, got ValueError: an error of the test'
+FAR = 1000.0  # metres; the detector of these tests raises at a point farther away
+SHORT = {'chain': ['sor'], 'block': 0.01, 'halo': 0.0, 'max_delay': 60.0}
+
+
+@dataclass
+class Raising(Census):
+    """A census that raises an error in blocks that see one of some times."""
+
+    bad: set[int] = field(default_factory=set)
+    error: Exception = field(default_factory=ValueError)
+
+    def judge(self, points: Points) -> Verdict:
+        """Score every point, or raise."""
+        if self.bad & set(points.t.tolist()):
+            raise self.error
+        return super().judge(points)
+
+
+def raising(bad: Sequence[int], error: Exception, **values: object) -> tuple[TaggedStream, Raising]:
+    """Make a stream with short blocks whose chain raises."""
+    made, _ = stream(**values)
+    chain = Raising(bad=set(bad), error=error)
+    made.stream.chain = cast('Chain', chain)
+    return made, chain
+
+
+@pytest.mark.parametrize('parts', [1, 10, 50, 1000])
+@pytest.mark.parametrize('seed', range(4))
+def test_an_error_costs_its_block(seed: int, parts: int) -> None:
+    """Messages with points in it fail, in their turn; all others have the verdicts they have."""
+    rng = np.random.default_rng(seed)
+    times, missing = random_times(rng)
+    valid = [t for t, gone in zip(times, missing, strict=True) if not gone]
+    bad = rng.choice(valid, 3)
+    starts = {t // BLOCK * BLOCK for t in valid}
+    failed = {b for b in starts if any(b - HALO <= t < b + BLOCK + HALO for t in bad.tolist())}
+    assert 0 < len(failed) < len(starts)
+    made, _ = raising(bad.tolist(), RAISED[seed])
+    errors: list[JudgingError] = []
+    made.stream.fail = errors.append
+    answers, pieces = [], cut(rng, len(times), parts)
+    for begin, end in pieces:
+        answers += made.push(points_at(times[begin:end], missing[begin:end]), (begin, end))
+    answers += made.flush()
+    assert [tag for tag, _ in answers] == pieces
+    assert len(errors) == len(failed)
+    expected = np.array(expected_scores(times, missing), np.float32)
+    for (begin, end), verdict in answers:
+        mine = zip(times[begin:end], missing[begin:end], strict=True)
+        is_hit = any(not gone and t // BLOCK * BLOCK in failed for t, gone in mine)
+        assert ((begin, end) in made.errors) == is_hit
+        assert len(verdict) == end - begin
+        if is_hit:
+            assert np.isnan(verdict.score).all()
+            assert not verdict.rejected.any()
+        else:
+            np.testing.assert_array_equal(verdict.score, expected[begin:end])
+
+
+def test_an_error_in_a_hurry_costs_what_was_hurried() -> None:
+    """What was judged before it in the same block keeps its verdict, and what comes later fails."""
+    made, chain = raising([2000], ValueError())
+    made.push(points_at([1000]), 'first')
+    ((_, first),) = made.hurry()
+    assert first.score.tolist() == [1]
+    made.push(points_at([2000]), 'second')
+    ((tag, second),) = made.hurry()
+    assert tag == 'second'
+    assert np.isnan(second.score).all()
+    assert list(made.errors) == ['second']
+    assert first.score.tolist() == [1]
+    chain.bad.clear()
+    made.push(points_at([3000]), 'third')
+    ((_, third),) = made.flush()
+    assert third.score.tolist() == [6]
+
+
+def test_an_error_with_a_block_for_each_message() -> None:
+    """That message alone fails; others that see it in their halo do where the error is raised."""
+    made, _ = raising([5], ValueError(), blocks='message')
+    kinds = [
+        [(tag, tag in made.errors) for tag, _ in made.push(points_at([t]), t)]
+        for t in (0, 5, 5 + HALO, 6 + HALO)
+    ]
+    assert kinds == [[(0, False)], [(5, True)], [(5 + HALO, True)], [(6 + HALO, False)]]
+
+
+def test_frames_that_are_judged_apart_share_their_block() -> None:
+    """The block is what an error costs, whatever the frames in it."""
+    made, _ = raising([5], ValueError())
+    made.push(points_at([4]), 'moved')
+    made.push(points_at([5]), 'own', frame='own')
+    answers = made.push(points_at([BLOCK + HALO]), 'next') + made.flush()
+    kinds = [(tag, tag in made.errors) for tag, _ in answers]
+    assert kinds == [('moved', True), ('own', True), ('next', False)]
+
+
+@pytest.mark.parametrize('error', RAISED, ids=lambda error: type(error).__name__)
+def test_the_error_is_told(error: Exception) -> None:
+    """In one sentence, with its place and its traceback, and without the points."""
+    made, _ = raising([5], error)
+    made.push(points_at([5]), 'cloud')
+    made.flush()
+    result = made.errors['cloud']
+    sentence = str(result)
+    assert sentence.startswith('the judging of a block must be free of errors, got ')
+    assert type(error).__name__ in sentence
+    assert '\n' not in sentence
+    assert result.place.startswith(__file__)
+    assert result.trace.startswith('Traceback')
+    assert [result.__traceback__, result.__cause__, result.__context__] == [None] * 3
+
+
+def test_nothing_is_kept_of_a_block_that_failed() -> None:
+    """Neither its points nor its messages, however many there are."""
+    made, chain = raising([], ValueError())
+    seen: list[weakref.ref[Any]] = []
+    for number in range(100):
+        points = points_at([number * BLOCK])
+        chain.bad = {number * BLOCK}
+        chain.blocks.clear()
+        chain.error = ValueError()
+        seen.append(weakref.ref(points.xyz))
+        made.push(points, number)
+        del points
+    gc.collect()
+    assert sum(points() is not None for points in seen) <= 4
+    assert made.held <= 4
+
+
+# Clouds -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def broken_sor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let ``sor`` raise an error where a point is far away."""
+    measure: Callable[..., Any] = sor.measure
+
+    def measure_or_raise(neighbourhood: Any, *rest: Any) -> Any:
+        if len(neighbourhood) and neighbourhood.xyz.max() > FAR:
+            raise ValueError('an error of the test')
+        return measure(neighbourhood, *rest)
+
+    monkeypatch.setattr(sor, 'measure', measure_or_raise)
+
+
+def far(begin: float) -> Any:
+    """Make a cloud of 10 ms with a point that is far away."""
+    t = np.arange(100) * 1e-4
+    rows = table(100, ring=('u2', 1), y=('f4', 10 * t), time=('f4', t))
+    rows['x'][50] = 2 * FAR
+    return cloud(rows, STAMP + round(begin * SECOND))
+
+
+@pytest.mark.usefixtures('broken_sor')
+def test_clouds_of_the_block_are_refused() -> None:
+    """Counted by the reason, said of once for each, the place of the error once."""
+    clean = Session(FilterParameters().changed(SHORT))
+    refused: list[str] = []
+    failed: list[JudgingError] = []
+    clean.refuse = lambda err: refused.append(str(err))
+    clean.fail = failed.append
+    messages = [line(0), far(0.01), line(0.02), far(0.03), far(0.04), line(0.05)]
+    answers = [
+        answer for number, msg in enumerate(messages) for answer in clean.push(msg, number)
+    ] + clean.flush()
+    assert [answer.tag for answer in answers] == [0, 2, 5]
+    assert [answer.outliers.width > 0 for answer in answers] == [True] * 3
+    assert refused == [SENTENCE] * 3
+    assert [str(err) for err in failed] == [SENTENCE]
+    counts = clean.statistics
+    assert counts.refusals == {'the judging of a block': 3}
+    assert (counts.messages, counts.points, counts.refused, counts.failures) == (3, 300, 3, 3)
+
+
+@pytest.mark.usefixtures('broken_sor')
+def test_clouds_of_the_block_pass() -> None:
+    """Where that is asked for: unfiltered, in their turn, and counted as such."""
+    clean = Session(FilterParameters().changed(SHORT | {'scores': True}))
+    clean.pass_failed = True
+    messages = [line(0), far(0.01), line(0.02)]
+    answers = [answer for msg in messages for answer in clean.push(msg)] + clean.flush()
+    assert [answer.outliers.width for answer in answers] == [answers[0].outliers.width, 0, 1]
+    assert answers[1].cleaned.width == 100
+    counts = clean.statistics
+    assert (counts.passed, counts.refused, counts.failures) == ({'failure': 1}, 0, 1)
+
+
+def test_an_error_at_a_change_of_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The new chain is tried on a few points first: an error there ends nothing."""
+    clean = Session(FilterParameters().changed(SHORT))
+    failed: list[JudgingError] = []
+    clean.fail = failed.append
+    measure = sor.measure
+    monkeypatch.setattr(sor, 'measure', None)
+    clean.change(clean.parameters.changed({'sor.k': 9}))
+    assert clean.parameters.of(Sor).k == 9
+    assert len(failed) == clean.statistics.failures == 1
+    monkeypatch.setattr(sor, 'measure', measure)
+    clean.push(line(0))
+    assert len(clean.flush()) == 1
+
+
+# Live and in a replay ---------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures('broken_sor')
+def test_live(ros: Ros, capfd: pytest.CaptureFixture[str]) -> None:
+    """The clouds are refused, the next one is answered; diagnostics and log say why."""
+    node = ros.filter(parameters=SHORT)
+    node.start()
+    sensor = Sensor(ros, '/points')
+    sensor.wait_for_filter(node)
+    messages = [line(0), far(0.01), far(0.02), line(0.03), line(0.04)]
+    for msg in messages:
+        sensor.publish(msg, expected=2)
+        received = node.channels[0].health._tally.clouds
+        while node.channels[0].health._tally.clouds == received:
+            ros.executor.spin_once(0.05)
+    sensor.wait_for_answers()
+    assert [msg.header for msg in sensor.cleaned] == [messages[0].header, messages[3].header]
+    found = ros.diagnosis(lambda found: found['refused'] == 2)
+    assert found.level == 2
+    assert 'a detector raised an error in 2 blocks: see the log' in found.message
+    assert found['refused for the judging of a block'] == found['failures'] == 2
+    assert ros.diagnosis(lambda found: found.level < 2)['refused'] == 2
+    node.finish()
+    said = capfd.readouterr().err
+    assert said.count('Traceback') == said.count('in measure_or_raise') == 1
+    assert SENTENCE in said
+
+
+@pytest.mark.usefixtures('broken_sor')
+def test_live_they_pass_by_the_policy(ros: Ros) -> None:
+    """Under ``pass_through``, which may be set at any time."""
+    node = ros.filter(parameters=SHORT)
+    node.start()
+    channel = node.channels[0]
+    for begin, policy in ((0.0, 'drop_oldest'), (0.1, 'pass_through'), (0.2, 'shed')):
+        assert ros.set(load__policy=policy) == ['']
+        for msg in (far(begin), line(begin + 0.01)):
+            channel.receiver.take(msg)
+        wait_for_thread(node)
+    assert node.statistics.refusals == {'the judging of a block': 2}
+    assert node.statistics.passed == {'failure': 1}
+    node.finish()
+    assert node.statistics.messages == 4
+
+
+@pytest.mark.usefixtures('broken_sor')
+@pytest.mark.parametrize('policy', ['drop_oldest', 'pass_through'])
+def test_replay(tmp_path: Path, policy: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Refused, whatever the policy, which is for live clouds; the others have their answers."""
+    messages = [sweep(number) for number in range(6)]
+    rows = np.frombuffer(messages[3].data, '<f4').copy()
+    rows[0] = 2 * FAR
+    messages[3].data = rows.tobytes()
+    source = write_drive(tmp_path / 'drive', messages)
+    values = {'chain': ('sor',), 'halo': 0.0, 'load.policy': policy}
+    report = replay(source, tmp_path / 'out', parameters=values)
+    assert not report.is_complete
+    (topic,) = report.topics
+    assert (topic.messages, topic.refused) == (6, 1)
+    assert topic.refusals == {'the judging of a block': 1}
+    before, after = content(source), content(tmp_path / 'out')
+    del before['/lidar'][3]
+    check_answers(before, after, '/lidar')
+    options = [f'{name}={value}' for name, value in {'chain': '[sor]', 'halo': '0.0'}.items()]
+    assert main(['replay', str(source), *(word for o in options for word in ('--set', o))]) == 3
+    reason = 'the judging of a block must be free of errors, got ValueError: an error of the test'
+    assert f'for: {reason} (1)' in capsys.readouterr().err

@@ -1,0 +1,262 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rings recovered from elevation: those that were measured, and none where there are none."""
+
+from __future__ import annotations
+
+import csv
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import yaml
+from naive import recovered_rings as naive
+
+from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.core.scan_pattern import ring_origin
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import find_peaks, recover_rings
+from lidar_outlier_filter.core.scan_pattern.ring_origin import find_origin
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import SEPARATE, Wanted
+from lidar_outlier_filter.files.cloud_file import filled, open_cloud, read_exact
+from lidar_outlier_filter.files.info import look_at_file
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.bags import Recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Floats, Ints
+
+HELIOS = 'helios_1691141763462381376.pcd'
+TABLES = ('Pandar40P.csv', 'Pandar64.csv', 'PandarQT128.csv', 'Pandar128E4X.csv', 'VLP32.yaml')
+EVEN = tuple(np.linspace(-15.0, 15.0, 16))
+
+
+def room(
+    elevations: Floats, seed: int = 1, origin: tuple[float, float] = (0.0, 0.0), columns: int = 240
+) -> tuple[Floats, Ints]:
+    """Return a yard with a floor, some of whose points float, and the ring of each."""
+    rng = np.random.default_rng(seed)
+    up, out = origin
+    ring = np.repeat(np.arange(len(elevations)), columns)
+    azimuth = np.tile(np.linspace(-np.pi, np.pi, columns, endpoint=False), len(elevations))
+    slope = np.radians(np.sort(elevations))[ring]
+    wall = 20.0 / np.maximum(np.abs(np.cos(azimuth)), np.abs(np.sin(azimuth))) / np.cos(slope)
+    floor = np.where(slope < 0, -1.8 / np.minimum(np.sin(slope), -1e-9), np.inf)
+    far = np.minimum(wall, floor) + rng.normal(0.0, 0.01, len(ring))
+    floats = rng.random(len(ring)) < 0.05
+    far[floats] *= rng.uniform(0.2, 0.9, int(floats.sum()))
+    flat = far * np.cos(slope) + out
+    xyz = np.stack(
+        [flat * np.cos(azimuth), flat * np.sin(azimuth), far * np.sin(slope) + up], axis=1
+    )
+    return xyz, ring
+
+
+def table(path: Path) -> Floats:
+    """Read elevations, degrees."""
+    text = path.read_text()
+    if path.suffix == '.csv':
+        return np.array([float(row[1]) for row in list(csv.reader(text.splitlines()))[1:]])
+    lasers = yaml.safe_load(text)['lasers']
+    return np.degrees([one['vert_correction'] for one in lasers])
+
+
+def share_right(found: Ints | None, true: Ints) -> float:
+    """Return the share of points in the ring that holds most of theirs, and that they hold most."""
+    assert found is not None
+    _, ring = np.unique(true, return_inverse=True)
+    count = np.zeros((found.max() + 1, ring.max() + 1), np.int64)
+    np.add.at(count, (found, ring), 1)
+    right = (count.argmax(1)[found] == ring) & (count.argmax(0)[ring] == found)
+    return float(right.mean())
+
+
+def columns(path: Path, *names: str) -> list[NDArray[np.float64]]:
+    """Read columns of a file."""
+    parts = [[filled(one) for one in chunk] for chunk in read_exact(open_cloud(path), names)]
+    return [np.concatenate(column).astype(np.float64) for column in zip(*parts, strict=True)]
+
+
+@pytest.mark.parametrize('name', TABLES)
+def test_rings_of_tables(recordings: Path, name: str) -> None:
+    """However unevenly a sensor's rings are spaced, each of its points is in its own."""
+    elevations = table(recordings / 'ring_tables' / name)
+    xyz, ring = room(elevations)
+    assert share_right(recover_rings(xyz), ring) > 0.999
+
+
+@pytest.mark.parametrize('grid', [0.001, 0.01])
+def test_rounded_coordinates(grid: float) -> None:
+    """Coordinates may be rounded, as those of some files are."""
+    xyz, ring = room(np.array(EVEN))
+    far = np.linalg.norm(xyz, axis=1) > 3.0
+    found = recover_rings(np.round(xyz / grid) * grid)
+    assert found is not None
+    assert share_right(found[far], ring[far]) > 0.99
+
+
+def test_origin_of_beams() -> None:
+    """Lenses beside the axis, above the origin of the frame, are found within two millimetres."""
+    xyz, ring = room(np.array(EVEN), origin=(0.036, 0.028))
+    flat = np.hypot(xyz[:, 0], xyz[:, 1])
+    order = np.lexsort((flat, xyz[:, 2]))
+    origin = find_origin(flat[order], xyz[order, 2])
+    assert origin == pytest.approx((0.036, 0.028), abs=0.002)
+    assert share_right(recover_rings(xyz), ring) == 1.0
+
+
+def test_order_does_not_matter() -> None:
+    """Points in another order have the same rings and the same verdicts, bit for bit."""
+    xyz, _ = room(np.array(EVEN))
+    mixed = np.random.default_rng(2).permutation(len(xyz))
+    for copies in (0, len(xyz) // 7):
+        some = np.concatenate([xyz, xyz[:copies]])
+        order = np.concatenate([mixed, np.arange(len(xyz), len(some))])
+        found, again = recover_rings(some), recover_rings(some[order])
+        assert found is not None
+        assert again is not None
+        np.testing.assert_array_equal(again, found[order])
+    once, twice = detect_outliers(xyz), detect_outliers(xyz[mixed])
+    np.testing.assert_array_equal(twice.score, once.score[mixed])
+
+
+@pytest.mark.parametrize(
+    'bag',
+    ['vlp16_mrpt_mcap', 'hdl32_mrpt_mcap', 'vlp32_nebula_db3', 'os1_128_db3', 'os0_32.bag',
+     'hesai_xt32_nebula_mcap', 'cloudini_lidar_link_mcap'],
+)  # fmt: skip
+def test_recordings(recordings: Path, bag: str) -> None:
+    """Of real sensors nearly every point is in the ring that the sensor gives it."""
+    points = first_cloud(recordings / 'bags' / bag)
+    assert share_right(recover_rings(points[0]), points[1]) > 0.999
+
+
+def first_cloud(path: Path) -> tuple[Floats, Ints]:
+    """Return the valid points of a recording's first cloud, and their rings."""
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+
+    types = get_typestore(Stores.ROS2_JAZZY)
+    with Recording(path) as source:
+        topics = [topic for topic in source.topics if topic.msgtype.endswith('PointCloud2')]
+        _, _, data = next(iter(source.messages(topics)))
+    points = Decoder(FilterParameters()).decode(
+        types.deserialize_cdr(data, 'sensor_msgs/msg/PointCloud2')
+    )
+    return points.xyz[points.valid], points.line[points.valid]
+
+
+@pytest.mark.parametrize(
+    'name',
+    [HELIOS, 'rubyplus_1693387801484595521.pcd', 'bpearl_1692928171930900197.pcd'],
+)
+def test_sweeps(recordings: Path, name: str) -> None:
+    """So it is of sweeps within a few metres, uneven rings and rings up to the zenith."""
+    x, y, z, channel, distance = columns(
+        recordings / 'clouds' / 'sensors' / name, 'x', 'y', 'z', 'channel', 'distance'
+    )
+    valid = np.isfinite(x) & (distance > 0)
+    xyz = np.stack([x, y, z], axis=1)[valid]
+    assert share_right(recover_rings(xyz), channel[valid].astype(np.int64)) > 0.999
+
+
+@pytest.mark.parametrize(
+    'name',
+    ['autzen_trim.laz', 'plane.laz', 'samp41-utm.pcd', 'sample_lareunion_epsg2975.laz',
+     'test_semis_2021_0382_6565_LA93_IGN69_cropped.laz', 'bun0.pcd'],
+)  # fmt: skip
+def test_others_have_none(recordings: Path, name: str) -> None:
+    """Clouds from the air, of walls and of things have none, wherever one looks from."""
+    xyz = np.stack(columns(recordings / 'clouds' / name, 'x', 'y', 'z'), axis=1)
+    if name.startswith('samp41'):
+        xyz = xyz[np.isfinite(xyz).all(axis=1)]
+    for origin in (np.zeros(3), xyz.mean(axis=0), xyz[len(xyz) // 2] + [0.0, 0.0, 1.5]):
+        assert recover_rings(xyz - origin) is None
+
+
+def test_noise_has_none() -> None:
+    """So have points anywhere around, a cloud that is too small, and a single ring."""
+    rng = np.random.default_rng(4)
+    assert recover_rings(rng.normal(0.0, 5.0, (20_000, 3))) is None
+    xyz, ring = room(np.array(EVEN))
+    assert recover_rings(xyz[:100]) is None
+    assert recover_rings(xyz[ring == 3]) is None
+
+
+def test_spread_is_that_of_loops() -> None:
+    """The spread of elevations is that of plain loops."""
+    xyz, _ = room(np.array(EVEN), columns=30)
+    flat, z = np.hypot(xyz[:, 0], xyz[:, 1]), xyz[:, 2].copy()
+    for up, out in ((0.0, 0.0), (0.03, -0.02)):
+        expected = naive.spread(flat.tolist(), z.tolist(), up, out)
+        # Angles here and there differ by a millionth.
+        assert ring_origin.spread(flat, z, up, out) == pytest.approx(expected, abs=0.05)
+
+
+def test_peaks_are_those_of_loops() -> None:
+    """Peaks of a histogram are those of plain loops, with ties and empty columns."""
+    assert find_peaks(np.array([0, 6, 9, 2, 8, 0, 3, 0]), 6).tolist() == [2, 4]
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        count = rng.integers(0, 12, 60) * (rng.random(60) < rng.uniform(0.2, 1.0))
+        assert find_peaks(count, 6).tolist() == naive.peaks(count.tolist(), 6)
+
+
+def test_arrays_without_lines() -> None:
+    """An array is judged by its recovered rings, unless the sensor is said to be another."""
+    xyz, ring = room(np.array(EVEN))
+    found = detect_outliers(xyz)
+    survey = detect_outliers(xyz, parameters={'boosted_trees.sensor': 'survey'})
+    assert not np.array_equal(found.score, survey.score)
+    # The same rings, said by the sensor, and its times: nearly the same.
+    azimuth = np.arctan2(xyz[:, 1], xyz[:, 0])
+    said = detect_outliers(xyz, t=(azimuth + np.pi) / (2 * np.pi), line=ring)
+    assert np.mean(said.outlier == found.outlier) > 0.999
+
+
+def test_intensity_of_arrays() -> None:
+    """Intensities of an array count where it has rings."""
+    xyz, _ = room(np.array(EVEN))
+    bright = np.random.default_rng(5).uniform(1.0, 100.0, len(xyz))
+    dark, lit = detect_outliers(xyz), detect_outliers(xyz, intensity=bright)
+    assert not np.array_equal(dark.score, lit.score)
+
+
+def test_files(recordings: Path, tmp_path: Path) -> None:
+    """``clean`` says how many rings it recovered, ``info`` too; tiles change nothing."""
+    path = recordings / 'clouds' / 'source.ply'
+    assert look_at_file(path).rings == 32
+    wanted = Wanted(SEPARATE)
+    reports = [
+        clean(path, tmp_path / f'{side}.ply', wanted, tmp_path / f'{side}_outliers.ply')
+        for side, wanted in ((0, wanted), (5, Wanted(SEPARATE, tile=5.0)))
+    ]
+    assert [report.rings for report in reports] == [32, 32]
+    assert json.loads((tmp_path / '0.ply.json').read_text())['rings'] == 32
+    assert (tmp_path / '0.ply').read_bytes() == (tmp_path / '5.ply').read_bytes()
+    plain = look_at_file(recordings / 'clouds' / 'plane.laz')
+    assert plain.rings == 0
+
+
+def test_intensities_of_files(tmp_path: Path) -> None:
+    """Intensities of a file count where it has rings; missing ones are unknown."""
+    xyz, _ = room(np.array(EVEN))
+    bright = np.random.default_rng(5).uniform(1.0, 100.0, len(xyz))
+    for name, header in (('dark', 'x,y,z'), ('lit', 'x,y,z,Intensity')):
+        rows = np.column_stack([xyz, bright])[:, : len(header.split(','))]
+        np.savetxt(tmp_path / f'{name}.csv', rows, '%.6f', ',', header=header, comments='')
+    count = [
+        clean(tmp_path / f'{name}.csv', tmp_path / f'{name}_out.csv', Wanted()).rejected
+        for name in ('dark', 'lit')
+    ]
+    rounded = np.round(xyz, 6)
+    assert count == [
+        int(detect_outliers(rounded).outlier.sum()),
+        int(detect_outliers(rounded, intensity=bright.round(6)).outlier.sum()),
+    ]
+    assert count[0] != count[1]

@@ -1,0 +1,236 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels are compiled beside, in processes, and only what is compiled is used where asked."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import TESTS
+from numba import njit
+from numba.core.event import Event, Listener, install_listener
+
+from lidar_outlier_filter.cli.compile import _wanted
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.kernels.compiling import SENSORS, NotCompiled, only_compiled
+from lidar_outlier_filter.errors import ParameterError
+from lidar_outlier_filter.parameters.filter import FilterParameters, installed
+from lidar_outlier_filter.pipeline import compiling
+from lidar_outlier_filter.pipeline.compiling import KernelShare, Processes, is_ready, shares
+
+PACKAGE = Path(compiling.__file__).parents[1]
+QUICK = ('sor',)
+# Says of each chain whether it can be loaded.
+LOADING = """
+import sys
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.compiling import load
+for chain in sys.argv[1:]:
+    print(load(FilterParameters().changed({'chain': chain.split(',')})))
+"""
+# Lists the kernels of the package that were called so far.
+CALLED = """
+import gc
+from numba.core.dispatcher import Dispatcher
+
+def called():
+    every = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    mine = [one for one in every if one.py_func.__module__.startswith('lidar_outlier_filter.core')]
+    return {(one.py_func.__name__, str(how)) for one in mine for how in one.signatures}
+"""
+# Names the kernels that a stream calls first when it runs, though the chain was made ready.
+LATER = """
+import sys
+from pathlib import Path
+from helpers.live import clouds
+from helpers.profile_scanner import Drive
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
+from lidar_outlier_filter.pipeline.compiling import make_ready
+
+parameters = FilterParameters().changed({'scores': True})
+make_ready(parameters)
+before = called()
+spinning = [deserialize_message(data, PointCloud2) for data in clouds(Path(sys.argv[1]))]
+profile = Drive(0.5)
+for messages in (spinning, profile.clouds(profile.own)):
+    stream = CloudFilter(parameters, str, str)
+    for msg in messages:
+        stream.push(msg)
+    stream.flush()
+    assert stream.statistics.points > stream.statistics.untested
+    assert stream.statistics.rejected
+print(sorted({name for name, _ in called() - before}))
+"""
+LATER_SURVEY = """
+import numpy as np
+from lidar_outlier_filter import detect_outliers
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.compiling import make_ready
+
+make_ready(FilterParameters().changed({'boosted_trees.sensor': 'survey'}))
+before = called()
+xyz = np.random.default_rng(1).uniform((0, 0, 0), (20, 20, 0.02), (5000, 3))
+xyz[77] = 1, 2, 3
+assert detect_outliers(xyz).outlier[77]
+print(sorted({name for name, _ in called() - before}))
+"""
+
+
+def fresh(tmp_path: Path, *missing: str) -> dict[str, str]:
+    """Copy the package without these kernels; return the environment that uses the copy."""
+    ignore = shutil.ignore_patterns(*missing)
+    shutil.copytree(PACKAGE, tmp_path / PACKAGE.name, ignore=ignore)
+    shutil.copytree(PACKAGE.parent / 'config', tmp_path / 'config')
+    shutil.copy(PACKAGE.parent / 'setup.py', tmp_path)
+    paths = [str(tmp_path), *filter(None, [os.environ.get('PYTHONPATH')])]
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths)}
+
+
+def run(env: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in that environment."""
+    command = [sys.executable, '-P', *arguments]  # not what lies in this folder
+    return subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+
+
+def parameters(*chain: str, **values: object) -> FilterParameters:
+    """Make parameters with a chain."""
+    return FilterParameters().changed({'chain': chain, **values})
+
+
+@pytest.mark.slow
+def test_compile_fills_the_cache(tmp_path: Path) -> None:
+    """Nothing can be loaded before; then all can, beside the sources, and nothing is left."""
+    env = fresh(tmp_path, 'detector._average-*.nb?', 'gabriel.*.nb?')
+    assert run(env, '-c', LOADING, 'sor').stdout == 'False\n'
+    command = ('-m', 'lidar_outlier_filter.cli.main', 'compile', '--chain', 'sor')
+    done = run(env, *command)
+    assert done.returncode == 0
+    assert done.stderr == 'compiled 1 of 1: sor\nall kernels are compiled\n'
+    assert list((tmp_path / PACKAGE.name).rglob('sor/**/detector._average-*.nbi'))
+    assert run(env, '-c', LOADING, 'sor', 'sor,hierarchical').stdout == 'True\nFalse\n'
+    assert run(env, *command).stderr == 'all kernels are compiled\n'
+
+
+@pytest.mark.slow
+def test_a_ready_chain_calls_no_other_kernels(recordings: Path) -> None:
+    """Of both kinds of sensors, with scores and reasons: else a stream would wait for them."""
+    paths = [str(TESTS), *filter(None, [os.environ.get('PYTHONPATH')])]
+    env = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths)}
+    done = run(env, '-c', CALLED + LATER, str(recordings / 'bags' / 'vlp16_mrpt_mcap'))
+    assert done.stdout == '[]\n', done.stderr
+
+
+def test_scores_have_kernels_of_their_own() -> None:
+    """Reasons come with them: who is ready without is not ready with them."""
+    work = shares(parameters('boosted_trees', scores=True))
+    assert all(('scores', True) in share.values for share in work)
+    compiling.make_ready(parameters('alpha_beta_gamma'))
+    assert is_ready(parameters('alpha_beta_gamma'))
+    with_scores = compiling._kind(parameters('alpha_beta_gamma', scores=True))
+    assert with_scores != compiling._kind(parameters('alpha_beta_gamma'))
+
+
+def test_surveys_are_compiled_once() -> None:
+    """Their kernels are the same for all sensors, and `compile` makes them, too."""
+    survey = parameters('boosted_trees', **{'boosted_trees.sensor': 'survey'})
+    assert [share.sensors for share in shares(survey)] == [SENSORS]
+    assert survey in _wanted(None)
+
+
+@pytest.mark.slow
+def test_a_ready_survey_calls_no_other_kernels() -> None:
+    """A file without lines is judged by what is ready."""
+    done = run({**os.environ}, '-c', CALLED + LATER_SURVEY)
+    assert done.stdout == '[]\n', done.stderr
+
+
+def test_an_unknown_detector_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    """In one sentence."""
+    assert main(['compile', '--chain', 'lof,lov']) == 1
+    assert 'chain' in capsys.readouterr().err
+
+
+def test_only_this_thread_is_kept_from_compiling() -> None:
+    """Another one may compile meanwhile; what is compiled can be used."""
+    # Without a cache: what was kept of another run would be used.
+    add: Any = njit(lambda x: x + 1)
+    answers = []
+    with only_compiled():
+        with pytest.raises(NotCompiled):
+            add(1)
+        thread = threading.Thread(target=lambda: answers.append(add(1)))
+        thread.start()
+        thread.join()
+        assert add(2) == 3
+    assert answers == [2]
+
+
+def test_shares_are_all_the_work() -> None:
+    """Each detector once for each kind of sensor, with what was changed of its parameters."""
+    chain = tuple(installed().detectors)
+    work = shares(parameters(*chain, **{'lof.statistic': 'lof2', 'threads': 1}))
+    done = [(one.detector, sensor) for one in work for sensor in one.sensors]
+    assert len(set(done)) == len(done) == len(chain) * len(SENSORS)
+    assert dict(next(one.values for one in work if one.text == 'lof')) == {
+        'lof.statistic': 'lof2',
+    }
+
+
+def test_a_failed_share_is_one_sentence() -> None:
+    """The others are compiled all the same, and each is counted."""
+    good, bad = shares(parameters(*QUICK))[0], KernelShare('lov', (), SENSORS)
+    steps: list[tuple[int, int]] = []
+    errors = Processes().run([bad, good], lambda done, total, _: steps.append((done, total)))
+    assert len(errors) == 1
+    assert 'could not be compiled beside' in errors[0]
+    assert '\n' not in errors[0]
+    assert steps == [(1, 2), (2, 2)]
+
+
+def test_stopped_processes_begin_nothing() -> None:
+    """And it is no error."""
+    processes = Processes()
+    processes.stop()
+    assert not processes.run(shares(parameters(*QUICK)))
+
+
+def test_what_chooses_kernels_is_not_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A threshold needs no other kernels; a method may."""
+    monkeypatch.setattr(compiling, '_ready', set())  # whatever other tests of the process needed
+    compiling.make_ready(parameters(*QUICK))
+    assert is_ready(parameters(*QUICK, **{'sor.multiplier': 3.0, 'max_delay': 2.0}))
+    assert not is_ready(parameters(*QUICK, **{'sor.statistic': 'radius'}))
+    assert not is_ready(parameters('lof', 'sor', vote=2))
+
+
+class Compilations(Listener):
+    """Counts what numba compiles."""
+
+    count = 0
+
+    def on_start(self, _event: Event) -> None:
+        """Count."""
+        self.count += 1
+
+    def on_end(self, _event: Event) -> None:
+        """Do nothing."""
+
+
+def test_an_error_is_raised_through() -> None:
+    """Parameters that make no sense are refused before anything is compiled."""
+    listener = Compilations()
+    with install_listener('numba:compile', listener), pytest.raises(ParameterError):
+        compiling.load(parameters('lov'))
+    assert listener.count == 0
+    assert np.all(np.array(SENSORS) == ('profile', 'spinning'))

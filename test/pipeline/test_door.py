@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The door of the library: its names, and what their docstrings say and show."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import tomllib
+from typing import TYPE_CHECKING
+
+import pytest
+from helpers import ROOT
+from helpers.detectors import BITS
+
+import lidar_outlier_filter
+from lidar_outlier_filter import CloudFilter, detect_outliers
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma import detector as alpha_beta_gamma
+from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum import detector as boosted_trees
+from lidar_outlier_filter.core.detectors.elevation import detector as elevation
+from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.lof import detector as lof
+from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+from lidar_outlier_filter.core.detectors.sor import detector as sor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+DETECTORS = (alpha_beta_gamma, quadric, lof, sor, hierarchical, elevation, boosted_trees)
+FUNCTIONS = (detect_outliers, CloudFilter, *(detector.detect for detector in DETECTORS))
+
+
+def test_names_of_the_door() -> None:
+    """Every name is there, documented, and listed; another is refused as by any module."""
+    listed = dir(lidar_outlier_filter)
+    for name in lidar_outlier_filter.__all__:
+        assert name in listed
+        assert getattr(lidar_outlier_filter, name).__doc__
+    with pytest.raises(AttributeError, match="'lidar_outlier_filter' has no attribute 'detect'"):
+        getattr(lidar_outlier_filter, 'detect')  # noqa: B009  a type checker knows better
+
+
+def modules() -> list[tuple[str, str]]:
+    """List the files of the package, and what is in them."""
+    package = ROOT / 'lidar_outlier_filter'
+    paths = sorted(package.rglob('*.py'))
+    return [(str(path.relative_to(ROOT)), path.read_text(encoding='utf-8')) for path in paths]
+
+
+def test_bits_are_described() -> None:
+    """The documentation says the bit of every detector, in the order of the bits."""
+    document = ' '.join((inspect.getdoc(detect_outliers) or '').split())
+    assert ', '.join(f'{bit} {name}' for name, bit in BITS.items()) in document
+
+
+def test_examples_are_run() -> None:
+    """Every file with an example in a docstring is among those that pytest looks into."""
+    settings = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))
+    options = settings['tool']['pytest']['ini_options']
+    assert '--doctest-modules' in options['addopts']
+    folders = tuple(path for path in options['testpaths'] if path != 'test')
+    with_examples = [path for path, text in modules() if '>>> ' in text]
+    assert len(with_examples) >= 9
+    assert [path for path in with_examples if not path.startswith(folders)] == []
+    assert all((ROOT / path).exists() for path in folders)
+
+
+@pytest.mark.parametrize('function', FUNCTIONS, ids=lambda function: function.__module__)
+def test_docstrings(function: Callable[..., object]) -> None:
+    """What users call says what it takes and gives, and shows it."""
+    document = inspect.getdoc(function) or ''
+    found = re.findall(r'^([A-Z][a-z ]+)\n-+$', document, re.MULTILINE)
+    assert {'Parameters', 'Examples'} <= set(found)
+    numpydoc = ('Parameters', 'Attributes', 'Returns', 'Raises', 'See Also', 'References')
+    assert found == [name for name in (*numpydoc, 'Examples') if name in found]
+    inside = function.__init__ if isinstance(function, type) else function  # type: ignore[misc]
+    names = set(inspect.signature(inside).parameters) - {'self'}
+    assert names == {
+        name for name in names if re.search(rf'^(\w+, )*{name}\b.* : ', document, re.MULTILINE)
+    }
+    if function.__module__.startswith('lidar_outlier_filter.core.detectors'):
+        assert 'Returns' in found

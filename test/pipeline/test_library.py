@@ -1,0 +1,391 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The library: numpy in, numpy out, and the same verdict as on every other way."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.clouds import SECOND, STAMP, cloud, drive, to_rosbags
+
+from lidar_outlier_filter import (
+    CloudError,
+    CloudFilter,
+    FilterError,
+    ParameterError,
+    Verdict,
+    detect_outliers,
+)
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+    from sensor_msgs.msg import PointCloud2
+
+    from lidar_outlier_filter.annotations import Floats, Rows
+
+# Recorded clouds carry them: they never change.
+BITS = {
+    'alpha_beta_gamma': 1,
+    'quadric': 2,
+    'lof': 4,
+    'sor': 8,
+    'hierarchical': 16,
+    'elevation': 32,
+    'boosted_trees': 64,
+}
+# The default rejects next to nothing of a clean recording.
+STRICT, LESS_STRICT = {'boosted_trees.threshold': 0.5}, {'boosted_trees.threshold': 0.9}
+WITHOUT_LINES = ('quadric', 'lof', 'sor', 'hierarchical', 'elevation')
+COLUMNS = ('score', 'detectors', 'undecided', 'outlier')
+
+
+def floor(count: int = 1500, seed: int = 1) -> Floats:
+    """Make a rough floor with a point in fifty above it, and a few missing returns."""
+    rng = np.random.default_rng(seed)
+    xyz = np.column_stack([rng.uniform(-10, 10, (count, 2)), rng.normal(-2, 0.02, count)])
+    xyz[::50, 2] += rng.uniform(1, 5, len(xyz[::50]))
+    xyz[7::400] = np.nan
+    xyz[8::400] = 0
+    xyz[9::400, 1] = np.inf
+    return xyz
+
+
+def assert_same(one: Verdict, other: Verdict) -> None:
+    """Two verdicts agree bit by bit."""
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
+
+
+def drive_of(rows: Rows) -> tuple[Floats, NDArray[np.int64], NDArray[np.uint16]]:
+    """Take positions, times in nanoseconds and rings of a drive."""
+    xyz = np.column_stack([rows[axis].astype(float) for axis in 'xyz'])
+    return xyz, rows['tick'].astype(np.int64), rows['ring']
+
+
+# What comes out ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', WITHOUT_LINES)
+def test_verdict(name: str) -> None:
+    """Columns have their types, outliers are those with a larger score than 1, with its bit."""
+    xyz = floor()
+    before = xyz.copy()
+    verdict = detect_outliers(xyz, chain=[name])
+    assert isinstance(verdict, Verdict)
+    dtypes = [getattr(verdict, column).dtype.name for column in COLUMNS]
+    assert dtypes == ['float32', 'uint16', 'uint16', 'bool']
+    assert verdict.score.shape == verdict.outlier.shape == (len(xyz),)
+    np.testing.assert_array_equal(verdict.outlier, verdict.score > 1)
+    assert (verdict.detectors[verdict.outlier] & BITS[name]).all()
+    assert not verdict.detectors[~verdict.outlier].any()
+    assert np.count_nonzero(verdict.outlier[::50]) > 0.8 * len(xyz[::50])
+    np.testing.assert_array_equal(xyz, before)
+
+
+def test_missing_returns() -> None:
+    """NaN, Inf and 0 0 0 are kept, untested, and change no other verdict."""
+    xyz = floor()
+    missing = ~np.isfinite(xyz).all(axis=1) | (xyz == 0).all(axis=1)
+    verdict = detect_outliers(xyz)
+    assert np.count_nonzero(missing) == 12
+    assert np.isnan(verdict.score[missing]).all()
+    assert not verdict.outlier[missing].any()
+    assert not verdict.undecided[missing].any()
+    assert_same(verdict.take(~missing), detect_outliers(xyz[~missing]))
+
+
+@pytest.mark.parametrize('name', WITHOUT_LINES)
+def test_permutation(name: str) -> None:
+    """The order of points without times and lines does not matter, but for roundings."""
+    xyz = floor(seed=2)
+    order = np.random.default_rng(3).permutation(len(xyz))
+    verdict = detect_outliers(xyz, chain=[name]).take(order)
+    permuted = detect_outliers(xyz[order], chain=[name])
+    np.testing.assert_array_equal(permuted.outlier, verdict.outlier)
+    np.testing.assert_allclose(permuted.score, verdict.score, rtol=1e-5)
+
+
+@pytest.mark.parametrize('kind', ['f4', '>f4', 'f8', '>f8', 'f2', 'i2', 'i8', 'u4'])
+@pytest.mark.parametrize('order', ['C', 'F'])
+def test_types_of_numbers(kind: str, order: Any) -> None:
+    """Numbers of any type and layout are judged by their values."""
+    xyz = np.rint(10 * np.nan_to_num(floor(), posinf=3.0)) + 200
+    expected = detect_outliers(xyz, chain=['sor'])
+    assert expected.outlier.any()
+    given = np.asarray(xyz.astype(kind), order=order)
+    assert_same(detect_outliers(given, chain=['sor']), expected)
+    backwards = detect_outliers(xyz.astype(kind)[::-1], chain=['sor'])
+    assert_same(backwards.take(np.s_[::-1]), expected)
+    assert_same(detect_outliers(given), detect_outliers(xyz))
+
+
+def test_lists() -> None:
+    """Whatever numpy makes an array of will do."""
+    xyz = floor(200)
+    assert_same(detect_outliers(xyz.tolist()), detect_outliers(xyz))
+
+
+@pytest.mark.parametrize('name', [None, *WITHOUT_LINES])
+@pytest.mark.parametrize('count', [0, 1, 2, 8])
+def test_few_points(count: int, name: str | None) -> None:
+    """No points, one, and few: an answer of that length, without an outlier but of small groups."""
+    verdict = detect_outliers(floor(12)[:count], chain=None if name is None else [name])
+    assert len(verdict.score) == len(verdict.outlier) == count
+    assert np.isnan(verdict.score).all()
+    assert not verdict.outlier.any()
+
+
+# Times and lines --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('chain', [None, ['alpha_beta_gamma'], ['boosted_trees', 'lof']])
+def test_as_the_filter(chain: list[str] | None) -> None:
+    """A recording in one block has the verdict of the filter, bit by bit; however it is given."""
+    rows = drive(3)
+    rows['timestamp'] = 0
+    xyz, t, ring = drive_of(rows)
+    parameters: dict[str, object] = {'block': 60.0, 'max_delay': 61.0, 'time_field': 'tick'}
+    parameters |= {'scores': True, 'time_reference': 'stamp', **LESS_STRICT}
+    stream = CloudFilter(parameters, chain=chain)
+    answers = [one for part in np.array_split(rows, 7) for one in stream.push(part, stamp=0)]
+    answers += stream.flush()
+    found = np.concatenate([answer.outliers for answer in answers])
+    verdict = detect_outliers(xyz, t=t, line=ring, chain=chain, parameters=LESS_STRICT)
+    assert 20 < np.count_nonzero(verdict.outlier) < 0.1 * len(rows)
+    assert found['tick'].tolist() == rows['tick'][verdict.outlier].tolist()
+    np.testing.assert_array_equal(found['outlier_score'], verdict.score[verdict.outlier])
+    np.testing.assert_array_equal(found['outlier_detectors'], verdict.detectors[verdict.outlier])
+    fields = {'time_field': 'tick', **LESS_STRICT}
+    for given in (rows, cloud(rows), to_rosbags(cloud(rows))):
+        assert_same(detect_outliers(given, chain=chain, parameters=fields), verdict)
+
+
+def test_real_sweeps(sweeps: list[PointCloud2]) -> None:
+    """Sweeps of a VLP-16, each judged by itself, have the verdict of the filter and of arrays."""
+    stream = CloudFilter({'blocks': 'message', 'halo': 0.0, **STRICT})
+    for sweep in sweeps:
+        (answer,) = stream.push(sweep)
+        verdict = detect_outliers(sweep, parameters=STRICT)
+        rows = structured(sweep).reshape(-1)
+        assert bytes(answer.outliers.data) == rows[verdict.outlier].tobytes()
+        assert 0 < np.count_nonzero(verdict.outlier) < 0.2 * len(rows)
+        assert_same(detect_outliers(rows, parameters=STRICT), verdict)
+
+
+def test_default_chains() -> None:
+    """The default has scan lines only with times and lines, for arrays of either kind."""
+    rows = drive(4)
+    xyz, t, ring = drive_of(rows)
+    unlined = detect_outliers(xyz, parameters={'boosted_trees.sensor': 'survey'})
+    usual = detect_outliers(xyz, t=t, line=ring, chain=['boosted_trees'])
+    assert set(usual.detectors.tolist()) == {0, BITS['boosted_trees']}
+    assert_same(detect_outliers(xyz), unlined)
+    assert_same(detect_outliers(xyz, t=t), unlined)
+    assert_same(detect_outliers(xyz, line=ring), unlined)
+    assert_same(detect_outliers(xyz, t=t, line=ring), usual)
+    assert_same(detect_outliers(rows[['x', 'y', 'z']]), unlined)
+    assert_same(detect_outliers(rows[['x', 'y', 'z', 'ring']]), unlined)
+    assert_same(detect_outliers(rows[['x', 'y', 'z', 'timestamp']]), unlined)
+    both = rows[['x', 'y', 'z', 'ring', 'timestamp']]
+    assert set(detect_outliers(both).detectors.tolist()) == {0, BITS['boosted_trees']}
+    by_message = {'line_source': 'message'}
+    single = detect_outliers(rows[['x', 'y', 'z', 'timestamp']], parameters=by_message)
+    assert set(single.detectors.tolist()) <= {0, BITS['boosted_trees']}
+    assert not detect_outliers(rows[:0]).outlier.any()
+
+
+def test_rows_are_lines() -> None:
+    """The rows of an organised cloud are its lines, where it has times; the verdict is flat."""
+    rows = drive(8)[:2000]
+    table = np.zeros((4, 500), [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4')])
+    for name, field in zip(('x', 'y', 'z', 'tick'), 'xyzt', strict=True):
+        table[field] = rows[name].reshape(4, 500)
+    xyz, t, _ = drive_of(rows)
+    expected = detect_outliers(xyz, t=t, line=np.repeat(np.arange(4), 500))
+    verdict = detect_outliers(table)
+    assert verdict.outlier.any()
+    assert_same(verdict, expected)
+
+
+def test_units_of_time() -> None:
+    """Floats are seconds, integers nanoseconds, of whatever size."""
+    rows = drive(5)
+    xyz, t, ring = drive_of(rows)
+    expected = detect_outliers(xyz, t=t, line=ring)
+    for given in (t.astype('u4'), t + STAMP, t / SECOND, (t / SECOND).tolist(), -t.max() + t):
+        assert_same(detect_outliers(xyz, t=given, line=ring), expected)
+    for given in (ring.astype('i1'), ring.astype('>i8'), ring.tolist()):
+        assert_same(detect_outliers(xyz, t=t, line=given), expected)
+    other = detect_outliers(xyz, t=t[::-1] // 50 * 50, line=ring, chain=['alpha_beta_gamma'])
+    alone = detect_outliers(xyz, t=t, line=ring, chain=['alpha_beta_gamma'])
+    assert not np.array_equal(other.score, alone.score, equal_nan=True)
+    # What a missing return has for a time does not matter.
+    hole = ~np.isfinite(xyz).all(axis=1)
+    seconds = t / SECOND
+    seconds[hole] = np.nan
+    assert hole.any()
+    assert_same(detect_outliers(xyz, t=seconds, line=ring), expected)
+
+
+# Chains and parameters --------------------------------------------------------------------------
+
+
+def test_chain_and_parameters() -> None:
+    """The chain may be among the parameters; these may be numpy's numbers, or a whole set."""
+    xyz = floor()
+    expected = detect_outliers(xyz, chain=['lof'], parameters={'lof.threshold': 1.5})
+    assert expected.outlier.sum() < detect_outliers(xyz, chain=['lof']).outlier.sum()
+    for threshold in (np.float64(1.5), np.float32(1.5)):
+        values = {'lof.threshold': threshold, 'lof.min_pts': np.int64(20), 'chain': ('lof',)}
+        assert_same(detect_outliers(xyz, parameters=values), expected)
+    whole = FilterParameters().changed({'lof.threshold': 1.5, 'chain': ['lof']})
+    assert_same(detect_outliers(xyz, parameters=whole), expected)
+    other = detect_outliers(xyz, parameters=whole, chain=['sor'])
+    assert_same(other, detect_outliers(xyz, chain=['sor']))
+    assert CloudFilter(whole).parameters == whole
+    assert CloudFilter({'lof.threshold': 1.5}, chain=['lof']).parameters == whole
+    assert CloudFilter().parameters == FilterParameters()
+
+
+def test_votes() -> None:
+    """A vote asks several detectors about all points."""
+    xyz = floor()
+    alone = [detect_outliers(xyz, chain=[name]) for name in ('lof', 'sor')]
+    both = detect_outliers(xyz, chain=['lof', 'sor'], parameters={'vote': 2})
+    np.testing.assert_array_equal(both.outlier, alone[0].outlier & alone[1].outlier)
+    assert both.outlier.any()
+
+
+def test_as_the_command(tmp_path: Path) -> None:
+    """A file without scan lines has the verdict of its points."""
+    xyz = floor(400)
+    xyz = xyz[np.isfinite(xyz).all(axis=1)]
+    xyz[5, 2] = 60.0
+    path, output = tmp_path / 'cloud.csv', tmp_path / 'out.csv'
+    lines = ['x,y,z', *(','.join(map(repr, row)) for row in xyz.tolist())]
+    path.write_text('\n'.join(lines) + '\n')
+    clean(path, output, Wanted())
+    table = np.genfromtxt(output, delimiter=',', names=True)
+    verdict = detect_outliers(xyz)
+    np.testing.assert_array_equal(table['outlier'] == 1, verdict.outlier)
+    assert verdict.outlier.any()
+
+
+# What is refused --------------------------------------------------------------------------------
+
+XYZ = floor(100)
+T, LINE = np.arange(100), np.zeros(100, int)
+TABLE = np.zeros(9, [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4')])
+MASKED = np.ma.MaskedArray(XYZ)
+REFUSALS: list[tuple[type[FilterError], tuple[Any, dict[str, Any]], str]] = [
+    (CloudError, (XYZ.T, {}), 'the shape of xyz must be (N, 3), got (3, 100)'),
+    (CloudError, (XYZ[:, :2], {}), 'the shape of xyz must be (N, 3), got (100, 2)'),
+    (CloudError, (XYZ[0], {}), 'the shape of xyz must be (N, 3), got (3,)'),
+    (CloudError, ([], {}), 'the shape of xyz must be (N, 3), got (0,)'),
+    (CloudError, (5.0, {}), 'the shape of xyz must be (N, 3), got ()'),
+    (CloudError, (XYZ > 0, {}), 'xyz must be an array of numbers, got one of bool'),
+    (CloudError, (XYZ + 1j, {}), 'xyz must be an array of numbers, got one of complex128'),
+    (CloudError, (None, {}), 'xyz must be an array of numbers, got one of object'),
+    (CloudError, ([[1, 2, 3], [1]], {}), 'xyz must be an array of numbers, got rows of different'),
+    (CloudError, (MASKED, {}), 'xyz must be an array of numbers without a mask, got a masked'),
+    (
+        CloudError,
+        (XYZ, {'t': T[1:]}),
+        'the shape of t must be (100,), as xyz has 100 points, got (',
+    ),
+    (
+        CloudError,
+        (XYZ, {'t': T[:, None]}),
+        'the shape of t must be (100,), as xyz has 100 points, ',
+    ),
+    (CloudError, (XYZ, {'line': 3}), 'the shape of line must be (100,), as xyz has 100 points, g'),
+    (
+        CloudError,
+        (XYZ, {'line': LINE / 2}),
+        'line must be an array of integers, got one of float64',
+    ),
+    (CloudError, (XYZ, {'t': T > 3}), 't must be an array of numbers, got one of bool'),
+    (
+        CloudError,
+        (XYZ, {'t': T.astype('M8[ns]')}),
+        't must be an array of numbers, got one of datet',
+    ),
+    (CloudError, (XYZ, {'t': T + 1e10}), 'the time of a point must be finite and within 73 years'),
+    (
+        CloudError,
+        (XYZ, {'t': T * np.nan}),
+        'the time of a point must be finite and within 73 years',
+    ),
+    (CloudError, (TABLE, {'t': T[:9]}), 't must be a field of a cloud that has fields, got an ar'),
+    (CloudError, (TABLE[['x', 'y']], {}), 'the fields must be with x, y and z, got x, y'),
+    (
+        CloudError,
+        (XYZ, {'parameters': {'max_points': 9}}),
+        'the number of points judged in one pie',
+    ),
+    (FilterError, (XYZ * 1e200, {}), 'coordinates must be finite and at most 1e+150 m'),
+    (ParameterError, (XYZ, {'chain': ['loff']}), "got ['loff'] (did you mean 'lof'?)"),
+    (ParameterError, (XYZ, {'chain': 'lof'}), "chain must be a list of texts, got 'lof'"),
+    (ParameterError, (XYZ, {'chain': []}), 'chain must be a list, without repetition, of one of'),
+    (
+        ParameterError,
+        (XYZ, {'chain': ['lof'], 'parameters': {'chain': ['lof']}}),
+        'chain must be given once, got another one among the parameters',
+    ),
+    (
+        ParameterError,
+        (XYZ, {'parameters': {'lof.treshold': 2}}),
+        "a parameter must be a known one, got 'lof.treshold' (did you mean 'lof.threshold'?)",
+    ),
+    (
+        ParameterError,
+        (XYZ, {'parameters': ['lof']}),
+        "the parameters must be a mapping as in {'max_points': 1000}, got ['lof']",
+    ),
+    (
+        ParameterError,
+        (XYZ, {'parameters': {'time_field': 'tick'}}),
+        "time_field must be given for clouds with fields only, got 'tick' for an array without",
+    ),
+    (
+        ParameterError,
+        (XYZ, {'chain': ['alpha_beta_gamma', 'lof']}),
+        'chain must be without alpha_beta_gamma, as the cloud has no time of each point, got ',
+    ),
+    (
+        ParameterError,
+        (XYZ, {'parameters': {'chain': ['alpha_beta_gamma']}, 't': T}),
+        'chain must be without alpha_beta_gamma, as the cloud has no scan line of each point, got ',
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ('error', 'given', 'sentence'), REFUSALS, ids=[text for _, _, text in REFUSALS]
+)
+def test_refusals(
+    error: type[FilterError], given: tuple[Any, dict[str, Any]], sentence: str
+) -> None:
+    """What makes no sense is refused in one sentence: what, must be, got."""
+    xyz, others = given
+    with pytest.raises(error, match=re.escape(sentence)) as refusal:
+        detect_outliers(xyz, **others)
+    assert type(refusal.value) is error
+
+
+def test_cloud_with_fields_but_no_lines() -> None:
+    """A chain that needs lines is refused for a structured array that has none."""
+    rows = drive(1)[['x', 'y', 'z', 'timestamp']]
+    with pytest.raises(ParameterError, match='as the cloud has no scan line of each point'):
+        detect_outliers(rows, chain=['alpha_beta_gamma'])
+    with pytest.raises(ParameterError, match='as the cloud has no time of each point'):
+        detect_outliers(rows[['x', 'y', 'z']], chain=['alpha_beta_gamma'])

@@ -1,0 +1,225 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The own vehicle on its way: out of the cleaned clouds, and out of the detectors' sight."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.clouds import cloud, point_bytes
+from helpers.own_vehicle import stamp, turn
+
+from lidar_outlier_filter import CloudError, CloudFilter, ParameterError, detect_outliers
+from lidar_outlier_filter.core.points.mask import as_text
+from lidar_outlier_filter.core.points.mask_learner import MaskLearner
+from lidar_outlier_filter.files.cleaning.clean import clean
+from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+from lidar_outlier_filter.messages.cloud import structured
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.installed import MASKED, MASKED_REASON
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from lidar_outlier_filter.annotations import Rows
+
+CHAINS = [['boosted_trees'], ['sor'], ['sor', 'lof'], ['alpha_beta_gamma']]
+
+
+@pytest.fixture(scope='module')
+def mask(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Learn a mask of twelve turns."""
+    learner, decoder = MaskLearner(10.0), Decoder(FilterParameters())
+    for number in range(12):
+        learner.add(decoder.decode(cloud(turn(number), stamp(number))))
+    path = tmp_path_factory.mktemp('mask') / 'car.csv'
+    path.write_text(as_text(learner.learn()))
+    return str(path)
+
+
+def answers(
+    turns: list[Rows], parameters: dict[str, Any], parts: int = 1
+) -> tuple[list[Any], CloudFilter]:
+    """Filter turns, each cut into so many messages."""
+    made = CloudFilter(parameters)
+    found = []
+    for number, rows in enumerate(turns):
+        for some in np.array_split(rows, parts):
+            found += made.push(cloud(some, stamp(number)))
+    return found + made.flush(), made
+
+
+def rows_of(clouds: list[Any]) -> Counter[bytes]:
+    """Count the points of some clouds, by their bytes."""
+    return Counter(one for some in clouds for one in point_bytes(some))
+
+
+@pytest.mark.parametrize('chain', CHAINS, ids=lambda chain: chain[0])
+def test_the_rest_is_judged_as_if_it_were_not_there(chain: list[str], mask: str) -> None:
+    """All of the vehicle is an outlier; all other verdicts are those of clouds without it."""
+    turns = [turn(number, rain=5) for number in range(20, 23)]
+    given = {'chain': chain, 'scores': True}
+    with_mask, made = answers(turns, given | {'mask': mask})
+    without, other = answers([rows[rows['own'] == 0] for rows in turns], given)
+    found = [structured(answer.outliers).reshape(-1) for answer in with_mask]
+    own = [rows['own'] == 1 for rows in found]
+    for rows, is_own, answer, alone in zip(found, own, with_mask, without, strict=True):
+        assert (rows['outlier_detectors'] == MASKED).tolist() == is_own.tolist()
+        assert np.isinf(rows['outlier_score'][is_own]).all()
+        assert set(rows['outlier_reason'][is_own].tolist()) == {MASKED_REASON}
+        assert set(rows['outlier_detector_number'][is_own].tolist()) == {15}
+        assert rows[~is_own].tobytes() == structured(alone.outliers).tobytes()
+        assert bytes(answer.cleaned.data) == bytes(alone.cleaned.data)
+    masked = sum(int(one.sum()) for one in own)
+    assert masked == sum(int((rows['own'] == 1).sum()) for rows in turns) > 1000
+    counts, alone = made.statistics, other.statistics
+    assert counts.rejected['mask'] == masked
+    assert (counts.outliers - masked, counts.untested) == (alone.outliers, alone.untested)
+    assert (counts.invalid, counts.points) == (0, alone.points + masked)
+
+
+def test_masked_points_change_the_rest_where_they_are_seen(mask: str) -> None:
+    """The test above can fail: with the vehicle in sight, other points are judged otherwise."""
+    rows = turn(20, rain=5)
+    seen = detect_outliers(rows, chain=['sor'])
+    hidden = detect_outliers(rows, chain=['sor'], parameters={'mask': mask})
+    others = rows['own'] == 0
+    assert not np.array_equal(seen.score[others], hidden.score[others], equal_nan=True)
+
+
+@pytest.mark.parametrize('parts', [2, 7])
+@pytest.mark.parametrize('mode', ['range', 'ray'])
+def test_partition_and_chunks(parts: int, mode: str, mask: str) -> None:
+    """However turns are cut: every point is once in one of the two, and always the same."""
+    turns = [turn(number, rain=5) for number in range(20, 23)]
+    given = {'chain': ['boosted_trees'], 'mask': mask, 'mask_mode': mode, 'scores': True}
+    whole, _ = answers(turns, given)
+    cut, _ = answers(turns, given, parts)
+    for side in ('cleaned', 'outliers'):
+        one, other = ([getattr(a, side) for a in some] for some in (whole, cut))
+        assert rows_of(one) == rows_of(other)
+    plain, _ = answers(turns, {'chain': ['boosted_trees'], 'mask': mask, 'mask_mode': mode}, parts)
+    both = rows_of([a.cleaned for a in plain]) + rows_of([a.outliers for a in plain])
+    assert both == rows_of([cloud(rows) for rows in turns])
+
+
+def test_what_lies_farther_is_kept_but_in_ray_mode(mask: str) -> None:
+    """A wall behind the bonnet is no vehicle; a ghost in its mirror goes where rays are masked."""
+    rows = turn(30)
+    ghost = np.flatnonzero((rows['own'] == 1) & (rows['ring'] == 5))[10:20]
+    for axis in 'xyz':
+        rows[axis][ghost] *= 4
+    for mode, covered in (('range', 0), ('ray', len(ghost))):
+        given = {'chain': ['sor'], 'sor.multiplier': 1000.0, 'mask': mask, 'mask_mode': mode}
+        verdict = detect_outliers(rows, parameters=given)
+        assert np.count_nonzero(verdict.masked[ghost]) == covered
+        others = np.setdiff1d(np.flatnonzero(rows['own']), ghost)
+        assert verdict.outlier[others].all()
+        assert not verdict.outlier[rows['own'] == 0].any()
+
+
+def test_tolerance(mask: str) -> None:
+    """What is nearer or farther by more than the tolerance is not masked."""
+    rows = turn(30)
+    own = rows['own'] == 1
+    for axis in 'xyz':
+        rows[axis][own] *= (1.5 + 0.3) / 1.5
+    given = {'chain': ['sor'], 'mask': mask}
+    assert not detect_outliers(rows, parameters=given).masked.any()
+    wider = given | {'mask_tolerance': 0.4}
+    assert detect_outliers(rows, parameters=wider).masked[own].all()
+
+
+def test_arrays_need_the_ring(mask: str) -> None:
+    """Of plain arrays the line is the ring; without it a mask cannot be applied."""
+    rows = turn(30)
+    xyz = np.stack([rows[axis] for axis in 'xyz'], axis=1)
+    given = {'chain': ['sor'], 'mask': mask}
+    verdict = detect_outliers(xyz, line=rows['ring'], parameters=given)
+    assert verdict.masked.tolist() == (rows['own'] == 1).tolist()
+    with pytest.raises(CloudError, match='line must be given, the ring of each point'):
+        detect_outliers(xyz, parameters=given)
+    with pytest.raises(CloudError, match='the rings of the sensor, by a field or by rows'):
+        detect_outliers(_bare(rows), parameters=given)
+
+
+def _bare(rows: Rows) -> Rows:
+    """Keep the coordinates alone."""
+    bare = np.zeros(rows.shape, [(axis, 'f4') for axis in 'xyz'])
+    for axis in 'xyz':
+        bare[axis] = rows[axis]
+    return bare
+
+
+def test_votes_do_not_save_it(mask: str) -> None:
+    """However many detectors must agree, the vehicle is an outlier."""
+    turns = [turn(20)]
+    given = {'chain': ['sor', 'lof'], 'vote': 2, 'mask': mask, 'scores': True}
+    (answer,), _ = answers(turns, given)
+    bits = structured(answer.outliers)['outlier_detectors']
+    assert np.count_nonzero(bits == MASKED) == np.count_nonzero(turns[0]['own'])
+
+
+def test_missing_returns_are_dropped_beside_it(mask: str) -> None:
+    """Dropped are the missing returns, and the vehicle is none."""
+    rows = turn(20)
+    gone = np.flatnonzero(rows['own'] == 0)[:33]
+    for axis in 'xyz':
+        rows[axis][gone] = 0
+    (answer,), made = answers([rows], {'chain': ['sor'], 'mask': mask, 'missing': 'drop'})
+    assert (made.statistics.dropped, made.statistics.invalid) == (33, 33)
+    assert answer.cleaned.width + answer.outliers.width == len(rows) - 33
+    assert np.count_nonzero(structured(answer.outliers)['own']) == np.count_nonzero(rows['own'])
+
+
+def test_organised_clouds_keep_their_shape(mask: str) -> None:
+    """Rows are rings where there is no such field; masked points become holes."""
+    rows = turn(20).reshape(-1, 16).T.copy()
+    bare = _bare(rows)
+    made = CloudFilter({'chain': ['sor'], 'mask': mask, 'keep_organized': True})
+    (answer,) = made.push(cloud(bare, stamp(0))) + made.flush()
+    holes = np.isnan(structured(answer.cleaned)['x'])
+    assert holes[rows['own'] == 1].all()
+
+
+def test_files_are_cleaned_of_it(mask: str, tmp_path: Path) -> None:
+    """A file with rings is masked, too, with scan lines or without, in tiles or in one piece."""
+    rows = turn(20)
+    path = tmp_path / 'turn.csv'
+    columns = ('x', 'y', 'z', 'ring', 'own')
+    np.savetxt(
+        path,
+        np.stack([rows[name] for name in columns], axis=1),
+        fmt='%.6f,%.6f,%.6f,%d,%d',
+        header=','.join(columns),
+        comments='',
+    )
+    for tile in (0.0, 30.0):
+        wanted = Wanted(tile=tile, parameters={'chain': ['sor'], 'mask': mask})
+        report = clean(path, tmp_path / f'out{tile}.csv', wanted)
+        assert report.rejected_by['mask'] == np.count_nonzero(rows['own'])
+        assert report.rejected == sum(report.rejected_by.values())
+        assert (report.invalid, report.untested) == (0, 0)
+    short = tmp_path / 'short.csv'
+    short.write_text('x,y,z\n1,2,3\n')
+    with pytest.raises(CloudError, match='the line column must be one of ring'):
+        clean(short, tmp_path / 'no.csv', Wanted(parameters={'chain': ['sor'], 'mask': mask}))
+
+
+def test_what_is_refused(mask: str, tmp_path: Path) -> None:
+    """A mask that is not there, an empty name, and one mask for several sensors."""
+    with pytest.raises(ParameterError, match=r'the mask .* must be a readable file'):
+        CloudFilter({'mask': str(tmp_path / 'none.csv'), 'chain': ['sor']})
+    with pytest.raises(ParameterError, match="mask must be a file, or 'off', got ''"):
+        FilterParameters().changed({'mask': ''})
+    with pytest.raises(ParameterError, match="mask must be 'off' with several inputs"):
+        FilterParameters().changed({'mask': mask, 'inputs': ['left', 'right']})
+    assert FilterParameters().changed({'mask': False}).mask == 'off'  # YAML reads the word so
+    made = CloudFilter({'mask': mask, 'chain': ['sor'], 'line_source': 'message'})
+    with pytest.raises(CloudError, match='the scan lines must be the rings of the sensor'):
+        made.push(cloud(turn(0), stamp(0)))
+    assert made.statistics.refused == 1
