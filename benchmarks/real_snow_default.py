@@ -16,8 +16,9 @@ from real_snow_forms import Verdict
 
 from lidar_outlier_filter import CloudFilter
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.files.cleaning.clean import clean
-from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+from lidar_outlier_filter.files.clean import clean_file
+from lidar_outlier_filter.files.judged_file import CleanOptions
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from real_snow_forms import Cloud
     from real_snow_sweeps import Mask
 
-    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
+    from lidar_outlier_filter.files.judged_file import JudgedFile
 
 HESAI = Path(__file__).resolve().parents[1] / 'config' / 'hesai.yaml'  # as the quick start says
 XYZI = [('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4')]
@@ -90,11 +91,12 @@ def as_files(clouds: Sequence[Cloud]) -> Verdict:
 
     with TemporaryDirectory() as folder:
         paths = [_write(one, Path(folder)) for one in clouds]
-        output, dry = Path(folder, 'cleaned.pcd'), Wanted(dry=True)
-        clean(paths[0], output, dry)  # what is compiled or read once is no part of the time
+        output, dry = Path(folder, 'cleaned.pcd'), CleanOptions(dry=True)
+        # What is compiled or read once is no part of the time.
+        clean_file(paths[0], output, FilterParameters(), dry)
         begin = perf_counter()
         for path in paths:
-            clean(path, output, dry, look=look)
+            clean_file(path, output, FilterParameters(), dry, inspect=look)
         return Verdict(rejected, perf_counter() - begin, '')
 
 

@@ -29,11 +29,11 @@ __version__ = '0.1.0'
 
 _MODULES = {
     'CloudError': 'errors',
-    'CloudFilter': 'stream.cloud_filter',
+    'CloudFilter': 'pipeline.cloud_filter',
     'FilterError': 'errors',
     'ParameterError': 'errors',
     'Verdict': 'core.verdict',
-    'detect_outliers': 'stream.whole_cloud',
+    'detect_outliers': 'pipeline.whole_cloud',
 }
 
 # A type checker looks at the imports above, and so finds names that are not there.

@@ -21,7 +21,8 @@ from lidar_outlier_filter.archive.order import Made, Order, new_folder
 from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.disk.new_files import FILE, new_files, publish_all
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cleaning.clean import clean, list_logs
+from lidar_outlier_filter.files.clean import clean_file, log_of
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.manifest import Manifest
     from lidar_outlier_filter.archive.order import NoteDone
     from lidar_outlier_filter.core.engine.slow import SlowDetector
-    from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, Wanted
-    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
+    from lidar_outlier_filter.files.clean import CleanReport
+    from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 PARTS = ('reading', 'judging', 'writing')  # of the work on a file
@@ -60,7 +61,7 @@ class FileTask(Task):
     def outputs(self) -> Sequence[Path]:
         """See :class:`Task`."""
         clouds = [self.cleaned] if self.outliers is None else [self.cleaned, self.outliers]
-        return [*clouds, *list_logs(self.cleaned)]
+        return [*clouds, log_of(self.cleaned)]
 
     @property
     def label(self) -> str:
@@ -80,26 +81,26 @@ class CleanOrder(Order[FileTask]):
 
     what, verb, failed, unit = 'file', 'cleaned', 'refused', 'points'
     new, error = FILE, CloudError
-    judge = 'lidar_outlier_filter.files.cleaning.clean'
+    judge = 'lidar_outlier_filter.files.clean'
     waits = True
 
-    wanted: Wanted
+    parameters: Mapping[str, object]
+    wanted: CleanOptions
     look: Callable[[JudgedFile], object] = bool
 
     @property
     def values(self) -> Mapping[str, object]:
         """See :class:`Order`."""
-        return self.wanted.parameters
+        return self.parameters
 
     @property
     def options(self) -> dict[str, Any]:
         """See :class:`Order`."""
-        return {name: one for name, one in asdict(self.wanted).items() if name != 'parameters'}
+        return asdict(self.wanted)
 
     def on_one_thread(self) -> Self:
         """See :class:`Order`."""
-        wanted = replace(self.wanted, parameters={**self.wanted.parameters, 'threads': 1})
-        return replace(self, wanted=wanted)
+        return replace(self, parameters={**self.parameters, 'threads': 1})
 
     def make(
         self,
@@ -120,8 +121,17 @@ class CleanOrder(Order[FileTask]):
             found.append(self.look(judged))
 
         def cleaned(make: Callable[..., Any] = new_files) -> CleanReport:
-            given = (task.path, task.cleaned, self.wanted, task.outliers)
-            return clean(*given, _shared(note), slow, look, make)
+            return clean_file(
+                task.path,
+                task.cleaned,
+                FilterParameters().changed(self.parameters),
+                self.wanted,
+                outliers=task.outliers,
+                progress=_shared(note),
+                slow=slow,
+                inspect=look,
+                make=make,
+            )
 
         if folder is None:
             return Made(cleaned(), [], found=found[0], seconds=perf_counter() - began)
@@ -152,7 +162,7 @@ class CleanOrder(Order[FileTask]):
 
     def counted(self, report: CleanReport) -> dict[str, Any]:
         """See :class:`Order`: as those of a topic with one cloud."""
-        untested = f'{" and ".join(report.chain)} could test none' if is_untested(report) else ''
+        untested = f'{" and ".join(report.chain)} could test none' if report.is_untested else ''
         names = ('points', 'rejected', 'untested', 'invalid', 'ignored', 'spared')
         counts = {
             'messages': 1,
@@ -175,11 +185,6 @@ class CleanOrder(Order[FileTask]):
         if known is None or known.error == BROKEN_OFF or not task.cleaned.exists():
             return known is not None
         return content_hash(location_of(task.output)) == known.output_hash
-
-
-def is_untested(report: CleanReport) -> bool:
-    """Return whether no point could be tested."""
-    return report.points == report.untested + report.invalid + report.ignored
 
 
 def _shared(note: NoteDone) -> Progress:

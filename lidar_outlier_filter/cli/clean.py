@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.order import Made
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.cli.terminal import Advance, Commands
-    from lidar_outlier_filter.files.cleaning.clean_log import Wanted
-    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
+    from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.report.worst import Worst
 
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # behind the name of a file
@@ -137,6 +136,11 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
         'are below or above what is kept around; withheld: by this flag',
     )
     parser.add_argument(
+        '--scores',
+        action='store_true',
+        help='add outlier_score and outlier_detectors, as extra bytes in LAS, and outlier_reason',
+    )
+    parser.add_argument(
         '--only-classes',
         metavar='C[,C…]',
         help='classes of LAS whose points may be rejected; all others stay as they are',
@@ -187,13 +191,13 @@ def _clean(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.cli import clean_tables
     from lidar_outlier_filter.cli.archive_tables import status
 
-    wanted = _wanted(options)
+    parameters, wanted = _parameters(options), _wanted(options)
     folder = _folder(options)
     tasks = _tasks(options, folder)
     _check(options, folder, len(tasks))
     picture = options.picture if options.picture is None or can_draw() else None
     look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=picture)
-    order = CleanOrder(wanted, look)
+    order = CleanOrder(parameters, wanted, look)
     made: dict[FileTask, Made] = {}
     if len(tasks) == 1 and folder is None and not options.scheduler:
         entries, tried = [_clean_one(tasks[0], order, made)], tasks
@@ -223,7 +227,8 @@ def _clean_one(task: FileTask, order: CleanOrder, made: dict[FileTask, Made]) ->
     from lidar_outlier_filter.archive.manifest import How, begun
     from lidar_outlier_filter.archive.order import Made
     from lidar_outlier_filter.archive.run import noted
-    from lidar_outlier_filter.files.cleaning.clean import clean
+    from lidar_outlier_filter.files.clean import clean_file
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
     found: list[Any] = []
 
@@ -236,8 +241,16 @@ def _clean_one(task: FileTask, order: CleanOrder, made: dict[FileTask, Made]) ->
     began = perf_counter()
     with saying_how_far(how_far), stopping() as leave_if_asked, ExitStack() as bars:
         steps = _StepBars(task.path.name, leave_if_asked, bars)
-        given = (task.path, task.cleaned, order.wanted, task.outliers, steps)
-        report = clean(*given, lambda slow: say(f'{task.path}: {slow}'), look)
+        report = clean_file(
+            task.path,
+            task.cleaned,
+            FilterParameters().changed(order.parameters),
+            order.wanted,
+            outliers=task.outliers,
+            progress=steps,
+            slow=lambda slow: say(f'{task.path}: {slow}'),
+            inspect=look,
+        )
     made[task] = Made(report, [], found=found[0], seconds=perf_counter() - began)
     return noted(begun(task, How('', '', '')), task, order, made[task])
 
@@ -353,8 +366,8 @@ def _task(path: Path, options: argparse.Namespace, folder: Path | None, depth: i
     """Name the outputs after the file, beside it, where nothing else is said."""
     from lidar_outlier_filter.archive.locations import Location, location_of
     from lidar_outlier_filter.archive.one_file import FileTask
-    from lidar_outlier_filter.files.cleaning.clean_log import SEPARATE
     from lidar_outlier_filter.files.cloud_file import copy_suffix
+    from lidar_outlier_filter.files.judged_file import SEPARATE
 
     name = path.stem + CLEANED + copy_suffix(path)
     output = options.output or path.with_name(name)
@@ -371,12 +384,17 @@ def _task(path: Path, options: argparse.Namespace, folder: Path | None, depth: i
     return FileTask(location, output, depth, outliers)
 
 
-def _wanted(options: argparse.Namespace) -> Wanted:
-    """Take from the options what is wanted."""
-    from lidar_outlier_filter.files.cleaning.clean_log import MARK, SEPARATE, Wanted
-
+def _parameters(options: argparse.Namespace) -> dict[str, object]:
+    """Read the parameters of the filter."""
     values = read_parameters(options.params, options.settings, options.chain)
-    return Wanted(
+    return values | {'scores': True} if options.scores else values
+
+
+def _wanted(options: argparse.Namespace) -> CleanOptions:
+    """Take from the options what is wanted."""
+    from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions
+
+    return CleanOptions(
         options.rejected or (MARK if options.outliers is None else SEPARATE),
         names_in(options.columns or ''),
         options.table,
@@ -388,7 +406,6 @@ def _wanted(options: argparse.Namespace) -> Wanted:
         _classes(options.ignore_classes, '--ignore-classes'),
         options.dry_run,
         options.unit,
-        values,
     )
 
 

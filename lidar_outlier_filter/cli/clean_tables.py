@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.archive.one_file import is_untested
 from lidar_outlier_filter.cli.archive_tables import numbers, print_counts, say_lacks, table_of_all
 from lidar_outlier_filter.cli.terminal import say
 
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.manifest import Entry
     from lidar_outlier_filter.archive.one_file import CleanOrder, FileTask
     from lidar_outlier_filter.archive.order import Made
-    from lidar_outlier_filter.files.cleaning.clean_log import CleanReport
+    from lidar_outlier_filter.files.clean import CleanReport
     from lidar_outlier_filter.report.worst import Worst
 
 # Of ASPRS (LAS 1.4, table 17).
@@ -98,7 +97,7 @@ def _say_how(task: FileTask, report: CleanReport) -> None:
         say(f'{path}{has}: {report.rings} rings are recovered from elevation')
     elif report.lack:
         say(f'{path} has {report.lack}: it is judged without scan lines')
-    if is_untested(report):
+    if report.is_untested:
         say(f'{path}: {" and ".join(report.chain)} could test none of its points')
     if report.left_low:
         say(f'{path}: kept points that look like low points: {report.left_low:,}; {LOW_POINTS}')

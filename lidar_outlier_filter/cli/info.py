@@ -189,9 +189,9 @@ def _show_file(console: Console, path: Path) -> None:
     """Print what is known of a file of points."""
     from rich.table import Table
 
-    from lidar_outlier_filter.files.info import look_at_file
+    from lidar_outlier_filter.files.judged_file import describe_file
 
-    info = look_at_file(path)
+    info = describe_file(path)
     text = f'{path}: {info.points:,} points, {path.stat().st_size:,} bytes'
     console.print(text, markup=False, highlight=False, soft_wrap=True)
     table = Table('column', 'type', 'least', 'largest')
@@ -201,10 +201,12 @@ def _show_file(console: Console, path: Path) -> None:
         least, largest = info.extent.get(name, (math.nan, math.nan))
         table.add_row(name, kind, _plain(least), _plain(largest))
     console.print(table)
+    for name, value in info.about.items():
+        console.print(f'{name}: {value}', markup=False, highlight=False, soft_wrap=True)
     if info.rings:
         console.print(f'{info.rings} rings recovered from elevation', highlight=False)
-    if info.way:
-        console.print(f'judged by {info.way}', highlight=False)
+    if info.method:
+        console.print(f'judged by {info.method}', highlight=False)
 
 
 def _plain(value: float) -> str:

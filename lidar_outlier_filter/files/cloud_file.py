@@ -1,10 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every format can do, and which module reads which file."""
+"""The interface of all formats, and the rule that no header is trusted.
+
+Readers compare what a header says with the size of its file before they allocate memory or begin a
+loop. What cannot be in the file is refused, and so is a wrong count of points.
+"""
 
 from __future__ import annotations
 
 import importlib
+from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
@@ -12,10 +17,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError, FilterError, said_by
-from lidar_outlier_filter.files.size_check import check_count
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -24,8 +28,10 @@ if TYPE_CHECKING:
 
 
 CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
+_BYTES_AT_ONCE = 2**20
+_MOST_DIGITS = 18  # of a number that is less than 2^63
 
-# Suffix, module, and what to install where its library is missing.
+# Suffix, module, and the extra that installs its library.
 FORMATS = {
     '.las': ('las', 'files'),
     '.laz': ('las', 'files'),
@@ -44,25 +50,25 @@ FORMATS = {
     '.db': ('sqlite', ''),
 }
 SUFFIXES = tuple(FORMATS)
-_COPIES = {'.e57': '.ply'}  # of formats that are only read, the one of their copies
+_COPIES = {'.e57': '.ply'}  # of formats that are only read, the format of copies
 
 
 @dataclass(frozen=True)
 class Change:
-    """In what a copy of a file of N points differs from it.
+    """How a copy of a file of N points differs from it.
 
     Attributes
     ----------
     keep : (N,) bool or None
-        The points that the copy has; None: all.
+        The points of the copy; None: all.
     noise : (N,) bool or None
         The points whose classification becomes 7, low noise; only where the format has classes.
     high : (N,) bool or None
         Those whose classification becomes 18, high noise; likewise.
     withheld : (N,) bool or None
-        Those that gain the flag "withheld"; likewise.
+        Those that get the flag "withheld"; likewise.
     added : columns by name, (N,) each
-        What each point gains, behind all that it has.
+        New columns, behind the existing ones.
 
     """
 
@@ -73,24 +79,24 @@ class Change:
     added: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def count(self, total: int) -> int:
-        """Count the points of the copy of a file of so many."""
+        """Count the points of the copy of a file with ``total`` points."""
         return total if self.keep is None else int(np.count_nonzero(self.keep))
 
     def part(self, rows: slice) -> Change:
-        """Return what becomes of some of the points, in a format without classes."""
+        """Return the change of some of the points, in a format without classes."""
         added = {name: values[rows] for name, values in self.added.items()}
         return Change(None if self.keep is None else self.keep[rows], added=added)
 
 
 class CloudFile(Protocol):
-    """A file of points, read chunk by chunk as often as it takes, and copied with changes.
+    """A file of points, which can be read repeatedly, chunk by chunk, and copied with changes.
 
     Attributes
     ----------
-    columns : the columns that hold one number a point, and their types, in the order of the file
+    columns : the columns with one number per point, and their types, in file order
     classes : whether points have a classification
     gaps : whether a point that is left out of a copy becomes a missing return, as its grid stays
-        whole, and a copy can have no more columns
+        whole; no columns can be added then
     whole : why no point can be left out of a copy; empty: any can
 
     """
@@ -102,23 +108,33 @@ class CloudFile(Protocol):
     whole: str = ''
 
     @property
+    def crs(self) -> str:
+        """The name of the coordinate system; empty where the file names none."""
+        return ''
+
+    @property
     def metres(self) -> Mapping[str, float]:
-        """Of columns with coordinates in other units, the metres that one of them is."""
+        """Metres per unit of columns with coordinates in other units."""
+        return {}
+
+    @property
+    def about(self) -> Mapping[str, str]:
+        """Properties of the format, by name, such as its version."""
         return {}
 
     def __len__(self) -> int:
         """Count the points."""
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Read columns, chunk by chunk: for each name an array (n,), in the order of the names.
+        """Read columns chunk by chunk: for each name an array (n,), in the order of the names.
 
-        Whole numbers of which some are missing are a masked array; other missing numbers are NaN.
+        Integers of which some are missing are a masked array; other missing numbers are NaN.
         """
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
-        """Write a copy to a new file; yield, now and then, how many points of this are done.
+        """Write a copy to a new file; yield, now and then, how many points are done.
 
-        All that the change does not name is kept, byte for byte.
+        Every byte that the change does not concern is kept.
         """
 
 
@@ -142,7 +158,8 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
     module, extra = FORMATS[suffix]
     with readable(path):
         if not path.is_file():
-            raise CloudError(f'the file {path}', 'a file', 'a folder' if path.is_dir() else 'none')
+            got = 'a folder' if path.is_dir() else 'a pipe or device' if path.exists() else 'none'
+            raise CloudError(f'the file {path}', 'a file', got)
         try:
             opened: CloudFile = importlib.import_module(f'{__package__}.{module}').open_file(
                 path, table
@@ -159,19 +176,19 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
 
 
 def copy_suffix(path: Path) -> str:
-    """Return how the name of a copy ends: as that of the file, where its format is written."""
+    """Return the suffix of copies: that of the file, where its format is written."""
     return _COPIES.get(path.suffix.lower(), path.suffix)
 
 
 def is_copy_format(path: Path, copy: Path) -> bool:
     """Return whether a name is that of a file in the format of a file's copies."""
     suffixes = (copy_suffix(path), copy.suffix)
-    said, got = (FORMATS.get(suffix.lower()) for suffix in suffixes)
-    return said == got
+    expected, got = (FORMATS.get(suffix.lower()) for suffix in suffixes)
+    return expected == got
 
 
 def read(file: CloudFile, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-    """Read columns of a file chunk by chunk, as :func:`read_exact`; what is missing is NaN."""
+    """Read columns of a file chunk by chunk, as :func:`read_exact`; missing numbers are NaN."""
     for chunk in read_exact(file, names):
         yield tuple(filled(values) for values in chunk)
 
@@ -185,9 +202,9 @@ def filled(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def read_exact(file: CloudFile, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
-    """Read columns of a file chunk by chunk, whatever is wrong with it said in one sentence.
+    """Read columns of a file chunk by chunk; whatever is wrong with it is said in one sentence.
 
-    Whole numbers of which some are missing are a masked array: a float would round large ones.
+    Integers of which some are missing are a masked array: a float would round large ones.
     """
     for name in names:
         if name not in file.columns:
@@ -216,19 +233,88 @@ def copy(file: CloudFile, path: Path, change: Change) -> Iterator[int]:
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Refuse, in one sentence, whatever a file that is none makes its reader raise."""
+    """Refuse, in one sentence, whatever a damaged file makes its reader raise."""
     try:
         yield
     except FilterError:
         raise
-    except Exception as err:  # on damaged files, the readers raise whatever they come upon
-        raise CloudError(f'the file {path}', 'readable', said_by(err)) from err
-    except BaseException as err:
-        # The library for LAZ, which is in Rust, ends so where it comes upon what cannot be.
-        if type(err).__name__ != 'PanicException':
-            raise
+    except Exception as err:  # readers raise anything on damaged files
         raise CloudError(f'the file {path}', 'readable', said_by(err)) from err
 
 
 def _names(file: CloudFile) -> str:
     return ', '.join(file.columns) or 'none'
+
+
+def check_names(path: Path, names: Iterable[str]) -> None:
+    """Refuse columns of which two have one name: neither could be meant."""
+    double = sorted(name for name, count in Counter(names).items() if count > 1)
+    if double:
+        raise CloudError(f'the columns of {path}', 'of different names', ', '.join(double))
+
+
+def parse_number(text: str) -> float:
+    """Read a number as other programs do, which know no ``1_000`` and no digits but ASCII's.
+
+    Raises
+    ------
+    ValueError
+        If it is not a number.
+
+    """
+    if '_' in text or not text.isascii():
+        raise ValueError(text)
+    return float(text)
+
+
+def parse_count(path: Path, what: str, text: str) -> int:
+    """Read a whole number of a header, or refuse it."""
+    digits = text.removeprefix('-')
+    if not (digits.isascii() and digits.isdigit() and len(digits) <= _MOST_DIGITS):
+        raise CloudError(f'{what} of {path}', 'a whole number', repr(text[:40]))
+    return int(text)
+
+
+def check_fits(path: Path, what: str, count: int, each: int, size: int) -> None:
+    """Refuse a count of things, of at least ``each`` bytes, that do not fit into ``size`` bytes.
+
+    Things without a byte cannot be counted by their bytes: there may be as many as there are bytes.
+    """
+    most = max(0, size) // max(1, each)
+    if not 0 <= count <= most:
+        raise CloudError(f'{what} of {path}', f'from 0 to {most}, which it has room for', count)
+
+
+def check_offset(path: Path, what: str, offset: int, low: int, high: int) -> None:
+    """Refuse an offset (byte) that is not between two others, both of them included."""
+    if not low <= offset <= high:
+        raise CloudError(f'{what} of {path}', f'from byte {low} to byte {high}', offset)
+
+
+def check_points(path: Path, said: int, each: int, begin: int, end: int) -> None:
+    """Refuse points of ``each`` bytes that are more or fewer than lie between two offsets (bytes).
+
+    Behind the points there may be zeros, with which some programs fill pages, or a rest that is
+    shorter than a point.
+    """
+    if each <= 0:
+        raise CloudError(f'the size of a point of {path}', 'at least 1 byte', each)
+    found = max(0, end - begin) // each
+    if found < said or (found > said and _is_written(path, begin + said * each, end)):
+        check_count(path, said, found)
+
+
+def _is_written(path: Path, begin: int, end: int) -> bool:
+    """Return whether any byte between two offsets is not zero."""
+    with path.open('rb') as stream:
+        stream.seek(begin)
+        while part := stream.read(min(_BYTES_AT_ONCE, end - stream.tell())):
+            if part.count(0) < len(part):
+                return True
+    return False
+
+
+def check_count(path: Path, said: int, found: int) -> None:
+    """Refuse a file that has more or fewer points than it says."""
+    if found != said:
+        raise CloudError(f'the file {path}', f'of {said} points, as it says', f'{found}')

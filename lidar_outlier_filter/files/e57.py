@@ -17,10 +17,9 @@ import numpy as np
 from pye57 import libe57
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count, check_fits
 from lidar_outlier_filter.files.ply import header_of
 from lidar_outlier_filter.files.rows import BinaryRows
-from lidar_outlier_filter.files.size_check import check_count, check_fits
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -89,7 +88,7 @@ class E57File(CloudFile):
         placed = bool({*'xyz'} & {*names})
         with _opened(self.path) as data:
             for scan in self._scans:
-                places = _PLACES if _PLACES[0] in scan.fields else _ANGLES
+                places = _PLACES if {*_PLACES} <= {*scan.fields} else _ANGLES
                 invalid = f'{"cartesian" if places is _PLACES else "spherical"}InvalidState'
                 asked = [*places * placed, *fields]
                 asked += [invalid] * (placed and invalid in scan.fields)

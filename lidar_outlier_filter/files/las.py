@@ -2,45 +2,49 @@
 # SPDX-License-Identifier: Apache-2.0
 """LAS and LAZ files, through laspy and lazrs.
 
-laspy writes some of the header and of the records before the points (VLRs) in its own words: texts
-without what follows their first zero, legacy counts 0, keys of GeoTIFF anew. What it reads of them
-is replaced here by the bytes that they were.
+laspy rewrites parts of the header and of the records: it drops text behind the first zero, sets
+legacy counts to 0, and writes GeoTIFF keys anew. Copies get the original bytes back.
 """
 
 from __future__ import annotations
 
 import logging
+import signal
 import struct
+import subprocess
+import sys
+import tempfile
 from copy import deepcopy
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, BinaryIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 import laspy
+import lazrs
 import numpy as np
 from laspy import DecompressionSelection as Parts
 from laspy.vlrs.vlrlist import VLRList
 
-from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cleaning.units import USER, metres_per_unit
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
+from lidar_outlier_filter.errors import CloudError, said_by
+from lidar_outlier_filter.files import unpack_laz
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_count
 from lidar_outlier_filter.files.las_header import (
-    EVLR,
     LONGEST,
-    VLR,
+    USER,
     check_las_points,
-    check_laz_points,
-    check_records,
     check_scaling,
+    crs_name,
+    metres_per_unit,
+    number,
+    read_records,
 )
-from lidar_outlier_filter.files.laz import unpacked
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.files.cloud_file import Change
+    from lidar_outlier_filter.files.las_header import Record
 
 NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
@@ -64,6 +68,7 @@ _IDENTITY = slice(4, 94)  # file source, encoding, project, system, software, da
 _LEGACY = slice(107, 131)  # number of points, and by return, as LAS 1.3 knew them
 _BOUNDS = slice(179, 227)
 _LAYOUTS = {'copc', 'laszip encoded'}  # records on how the points lie in the file
+_MOST_BYTES = 2**28  # of points in memory at once
 
 # It reports what it raises anyway.
 logging.getLogger('laspy').addHandler(logging.NullHandler())
@@ -74,25 +79,6 @@ def open_file(path: Path, _table: str | None) -> LasFile:
     return LasFile(path)
 
 
-@dataclass(frozen=True)
-class _Record:
-    """A (extended) variable length record as the bytes that it is; laspy can write it."""
-
-    user_id: str
-    record_id: int
-    head: bytes
-    data: bytes
-
-    description = ''
-
-    @property
-    def describes_dimensions(self) -> bool:
-        return (self.user_id, self.record_id) == ('LASF_Spec', EXTRA_BYTES)
-
-    def record_data_bytes(self) -> bytes:
-        return self.data
-
-
 class LasFile(CloudFile):
     """A LAS or LAZ file; see :class:`CloudFile`. Columns x, y and z are in the unit of the file."""
 
@@ -101,8 +87,8 @@ class LasFile(CloudFile):
     def __init__(self, path: Path) -> None:
         """Read the header."""
         self.path = path
-        check_records(path)
-        with laspy.open(path) as reader:
+        self._records, self._evlrs = read_records(path)
+        with laspy.open(path, read_evlrs=False) as reader:
             header = reader.header
         if header.global_encoding.waveform_data_packets_internal:
             must_be = 'with its waveforms in a file of their own'
@@ -110,29 +96,41 @@ class LasFile(CloudFile):
         check_scaling(path, header.scales, header.offsets)
         self._count = int(header.point_count)
         if header.are_points_compressed:
-            laszip = [record.record_data_bytes() for record in header.vlrs.get('LasZipVlr')]
-            check_laz_points(path, self._count, laszip)
+            for _ in _unpacked(path, header, Parts.base(), 0):
+                pass
         else:
             check_las_points(path, self._count)
-        names = [
-            name for name in header.point_format.dimension_names if name not in {'X', 'Y', 'Z'}
-        ]
-        known = [*header.vlrs, *(header.evlrs or [])]
-        self._system = {
-            one.record_id: one.record_data_bytes() for one in known if one.user_id == USER
-        }
         self._wkt = bool(header.global_encoding.wkt)
-        kinds = {item.name: item.dtype for item in header.point_format.dimensions}
+        self._about = {'LAS': f'{header.version}', 'point format': f'{header.point_format.id}'}
         self.columns: Mapping[str, np.dtype[Any]] = {
             **dict.fromkeys(AXES, np.dtype(np.float64)),
             # Those of a few bits only have no dtype of their own.
-            **{name: np.dtype(kinds[name] or np.uint8) for name in names},
+            **{
+                item.name: np.dtype(item.dtype or np.uint8)
+                for item in header.point_format.dimensions
+                if item.name not in {'X', 'Y', 'Z'}
+            },
         }
 
     @property
+    def _system(self) -> dict[int, bytes]:
+        known = [*self._records, *self._evlrs]
+        return {one.record_id: one.record_data_bytes() for one in known if one.user_id == USER}
+
+    @property
+    def crs(self) -> str:
+        """The name of the coordinate system; empty where the file names none."""
+        return crs_name(self._system, self.path)
+
+    @property
     def metres(self) -> Mapping[str, float]:
-        """The metres that one of x, y and z is, where it is not one."""
+        """Metres per unit of x, y and z, where that is not 1."""
         return metres_per_unit(self._system, self.path, wkt=self._wkt)
+
+    @property
+    def about(self) -> Mapping[str, str]:
+        """The versions of LAS and of its points."""
+        return self._about
 
     def __len__(self) -> int:
         """Count the points."""
@@ -140,26 +138,30 @@ class LasFile(CloudFile):
 
     def read(self, names: Sequence[str]) -> Iterator[tuple[NDArray[Any], ...]]:
         """Read columns chunk by chunk."""
-        wanted = _selection(names)
+        wanted = Parts.XY_RETURNS_CHANNEL  # the count of points is in x
+        for name in names:
+            wanted |= _PARTS.get(name, Parts.all())
         with laspy.open(self.path, read_evlrs=False) as reader:
             for points in self._points(reader, wanted):
                 yield tuple(np.array(points[name]) for name in names)
 
     def _points(self, reader: laspy.LasReader, wanted: Parts) -> Iterator[Any]:
-        """Read points chunk by chunk; of LAZ, what is wanted of them."""
+        """Read points chunk by chunk; of LAZ, only the parts that are wanted."""
         if reader.header.are_points_compressed:
-            return unpacked(self.path, reader.header, wanted, CHUNK)
+            return _unpacked(self.path, reader.header, wanted, CHUNK)
         return iter(reader.chunk_iterator(CHUNK))
 
     def copy(self, path: Path, change: Change) -> Iterator[int]:
         """Write a copy, compressed if its name ends with .laz."""
-        with laspy.open(self.path) as reader, path.open('w+b') as stream:
+        # The copy has a layout of its own, and no octree.
+        records = [one for one in self._records if one.user_id not in _LAYOUTS]
+        evlrs = [one for one in self._evlrs if one.user_id not in _LAYOUTS]
+        with laspy.open(self.path, read_evlrs=False) as reader, path.open('w+b') as stream:
             header = deepcopy(reader.header)
-            records = self._records(VLR, slice(94, 96), slice(100, 104))
-            evlrs = self._records(EVLR, slice(235, 243), slice(243, 247)) if header.evlrs else []
             if change.added:
                 # laspy describes all extra dimensions anew.
-                records = [record for record in records if not record.describes_dimensions]
+                described = ('LASF_Spec', EXTRA_BYTES)
+                records = [one for one in records if (one.user_id, one.record_id) != described]
             header.vlrs[:] = records
             if change.added:
                 kinds = {name: values.dtype for name, values in change.added.items()}
@@ -172,37 +174,20 @@ class LasFile(CloudFile):
                 writer.write_points(_changed(points, header, change, part))
                 done = part.stop
                 yield done
-            writer.write_evlrs(VLRList(evlrs)) if evlrs else None
+            if evlrs:
+                writer.write_evlrs(VLRList(evlrs))
             writer.close()
             self._restore(stream, writer.header, records, evlrs, change)
-
-    def _records(self, layout: struct.Struct, begin: slice, count: slice) -> list[_Record]:
-        """Read the records once more, as bytes; ``begin`` and ``count`` are offsets in the header.
-
-        Those on the layout of the points are left out: the copy has its own, and is no COPC.
-        """
-        records = []
-        with self.path.open('rb') as stream:
-            header = stream.read(LONGEST)
-            stream.seek(int.from_bytes(header[begin], 'little'))
-            for _ in range(int.from_bytes(header[count], 'little')):
-                head = stream.read(layout.size)
-                _, user, number, size, _ = layout.unpack(head)
-                name = user.split(b'\0')[0].decode()
-                record = _Record(name, number, head, stream.read(size))
-                if name not in _LAYOUTS:
-                    records.append(record)
-        return records
 
     def _restore(
         self,
         stream: BinaryIO,
         header: Any,
-        records: Sequence[_Record],
-        evlrs: Sequence[_Record],
+        records: Sequence[Record],
+        evlrs: Sequence[Record],
         change: Change,
     ) -> None:
-        """Put back the bytes that laspy wrote in its own words."""
+        """Put back the bytes that laspy rewrote."""
         with self.path.open('rb') as source:
             before = source.read(LONGEST)
         parts = {_IDENTITY.start: before[_IDENTITY]}
@@ -212,22 +197,76 @@ class LasFile(CloudFile):
         elif any(before[_LEGACY]):
             counts = (header.point_count, *header.number_of_points_by_return[:5])
             parts[_LEGACY.start] = struct.pack('<6I', *(int(count) for count in counts))
-        parts[int.from_bytes(before[94:96], 'little')] = b''.join(
-            record.head + record.data for record in records
-        )
-        parts[header.start_of_first_evlr] = b''.join(record.head + record.data for record in evlrs)
         for offset, data in parts.items():
-            if data:
-                stream.seek(offset)
-                stream.write(data)
+            stream.seek(offset)
+            stream.write(data)
+        for offset, some in (
+            (number(before, 94, 2), records),
+            (header.start_of_first_evlr, evlrs),
+        ):
+            stream.seek(offset)
+            for record in some:
+                stream.write(record.head)
+                stream.write(record.record_data_bytes())
 
 
-def _selection(names: Sequence[str]) -> Parts:
-    """Return the least that must be unpacked for some columns; the count of points is in x."""
-    wanted = Parts.XY_RETURNS_CHANNEL
-    for name in names:
-        wanted |= _PARTS.get(name, Parts.all())
-    return wanted
+def _unpacked(path: Path, header: laspy.LasHeader, parts: Parts, rows: int) -> Iterator[Any]:
+    """Yield the points of a LAZ file as laspy does, ``rows`` at once, by a process of its own.
+
+    With no rows, only the count of points is checked.
+    """
+    count, each = int(header.point_count), int(header.point_format.size)
+    records = [record.record_data_bytes() for record in header.vlrs.get('LasZipVlr')]
+    if len(records) != 1:
+        raise CloudError(f'the records of LASzip in {path}', 'one', len(records))
+    rows = min(rows, max(1, _MOST_BYTES // each))
+    selection = sum(
+        getattr(lazrs, f'SELECTIVE_DECOMPRESS_{part.name}') for part in Parts if part in parts
+    )
+    command = [
+        *(sys.executable, '-I', '-S', str(Path(unpack_laz.__file__))),
+        str(Path(lazrs.__file__).parents[1]),
+        str(path.absolute()),
+        records[0].hex(),
+        *(str(n) for n in (header.offset_to_point_data, selection, each, count, rows)),
+    ]
+    with (
+        tempfile.TemporaryFile() as said,
+        # In a session of its own: Ctrl-C is for the reader.
+        subprocess.Popen(  # noqa: S603  no shell; all but the path are numbers
+            command, stdout=subprocess.PIPE, stderr=said, start_new_session=True
+        ) as process,
+    ):
+        stream = cast('BinaryIO', process.stdout)
+        try:
+            for first in range(0, count, rows) if rows else ():
+                data = np.empty(min(rows, count - first), header.point_format.dtype())
+                if stream.readinto(data.view(np.uint8).data) != data.nbytes:  # type: ignore[attr-defined]
+                    break
+                yield laspy.ScaleAwarePointRecord(
+                    data, header.point_format, header.scales, header.offsets
+                )
+            else:
+                if rows or process.wait() == 0:
+                    return
+            said.seek(0)
+            raise _refusal(path, count, process.wait(), said.read().decode(errors='replace'))
+        finally:
+            process.kill()
+
+
+def _refusal(path: Path, count: int, status: int, said: str) -> CloudError:
+    """Say what ended the process that unpacks."""
+    if status < 0:
+        got = f'"the library for LAZ ended by {signal.Signals(-status).name}"'
+        return CloudError(f'the file {path}', 'readable', got)
+    text = said.rpartition(unpack_laz.ERROR)[2]
+    if text.startswith(unpack_laz.COUNT):
+        try:
+            check_count(path, count, int(text.removeprefix(unpack_laz.COUNT)))
+        except CloudError as err:
+            return err
+    return CloudError(f'the file {path}', 'readable', said_by(RuntimeError(text)))
 
 
 def _changed(points: Any, header: Any, change: Change, part: slice) -> Any:

@@ -1,85 +1,114 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the header of a LAS or LAZ file says, held against the size of the file.
+"""Header and records of LAS and LAZ, checked before laspy reads them, and the coordinate system.
 
-laspy believes a header: it reads as many records as that counts, also behind the end of the file,
-and of the points no more than that counts.
+laspy believes a header: it reads as many records as that counts, also behind the end of the file.
+PROJ reads the coordinate system from GeoTIFF keys or from WKT. A file that names no unit is in
+metres.
 """
 
 from __future__ import annotations
 
 import math
 import struct
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, BinaryIO
 
-import lazrs
+from pyproj import CRS
+from pyproj.database import get_units_map
+from pyproj.exceptions import CRSError
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.size_check import (
-    check_count,
-    check_fits,
-    check_offset,
-    check_points,
-)
+from lidar_outlier_filter.files.cloud_file import check_fits, check_offset, check_points
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-LONGEST = 375  # bytes of a header that are looked at
+LONGEST = 375  # bytes of a header that are read
 SHORTEST = 227  # bytes of a header of LAS 1.0 to 1.2
-_WITH_EVLRS = 4  # the minor version that brought extended records
-VLR = struct.Struct('<H16sHH32s')
-EVLR = struct.Struct('<H16sHQ32s')
-_TABLE = struct.Struct('<II')  # version, chunks
-_POINTERS = 8  # bytes of the offset of the chunk table, in front of the first chunk
-_CHUNKED, _LAYERED = 2, 3  # compressors of LASzip
-# Layers of the items of a point, by their kind; of bytes as many as there are.
-_LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
-_BYTES = 14
-_SHORTEST_LASZIP = 34  # bytes, without any item
+_VLR = struct.Struct('<H16sHH32s')
+_EVLR = struct.Struct('<H16sHQ32s')
 _MOST = 2**31  # units that a coordinate may have
-_OF_ANY_SIZE = 2**32 - 1
-LARGEST_CHUNK = 256_000_000  # bytes of the points of a chunk; lazrs takes memory for all of them
+
+USER = 'LASF_Projection'
+KEYS, DOUBLES, WKT = 34735, 34736, 2112  # numbers of records
+MODEL, ANGLES = 1024, 2  # key: the kind of the coordinates, and its value for degrees
+PLANE, UP = 3072, 4096  # keys: EPSG numbers of the system of x and y, and of that of z
+HORIZONTAL, SIZE, VERTICAL = 3076, 3077, 4099  # keys: unit of x and y, its own size, unit of z
+OWN = 32767  # not a number of EPSG: other keys say what it is
+
+Units = tuple[float | None, float | None]  # metres per unit of the plane, and of heights
 
 
-def check_records(path: Path) -> None:
-    """Refuse records, before and behind the points, that do not fit into the file."""
+@dataclass(frozen=True)
+class Record:
+    """A (extended) variable length record, byte for byte; laspy can write it."""
+
+    path: Path
+    user_id: str
+    record_id: int
+    head: bytes
+    offset: int
+    size: int
+
+    description = ''
+
+    def record_data_bytes(self) -> bytes:
+        """Read the content."""
+        with self.path.open('rb') as stream:
+            stream.seek(self.offset)
+            return stream.read(self.size)
+
+
+def read_records(path: Path) -> tuple[list[Record], list[Record]]:
+    """List the records before and behind the points; refuse those that do not fit into the file."""
     size = path.stat().st_size
     with path.open('rb') as stream:
         header = stream.read(LONGEST)
         if header[:4] != b'LASF':
-            return  # laspy says so
-        what = 'the header of'
+            return [], []  # laspy refuses it
         if len(header) < SHORTEST:
-            raise CloudError(f'{what} {path}', f'of at least {SHORTEST} bytes', len(header))
-        begin, points = _number(header, 94, 2), _number(header, 96, 4)
+            raise CloudError(f'the header of {path}', f'of at least {SHORTEST} bytes', len(header))
+        begin, points = number(header, 94, 2), number(header, 96, 4)
         check_offset(path, 'the end of the header', begin, SHORTEST, size)
         check_offset(path, 'the first point', points, begin, size)
-        _check_chain(stream, path, VLR, (begin, points), _number(header, 100, 4))
-        if header[25] >= _WITH_EVLRS and (count := _number(header, 243, 4)):
-            begin = _number(header, 235, 8)
-            check_offset(path, 'the first extended record', begin, points, size)
-            _check_chain(stream, path, EVLR, (begin, size), count)
+        records = _chain(stream, path, _VLR, (begin, points), number(header, 100, 4))
+        if not (count := _evlr_count(header)):
+            return records, []
+        begin = number(header, 235, 8)
+        check_offset(path, 'the first extended record', begin, points, size)
+        return records, _chain(stream, path, _EVLR, (begin, size), count)
 
 
-def _check_chain(
+def _chain(
     stream: BinaryIO, path: Path, layout: struct.Struct, offsets: tuple[int, int], count: int
-) -> None:
-    """Refuse records that do not all lie between two offsets (bytes) of the file."""
+) -> list[Record]:
+    """List records; refuse them if they do not all lie between two offsets (bytes)."""
     offset, end = offsets
     check_fits(path, 'the number of records', count, layout.size, end - offset)
+    records = []
     for _ in range(count):
         check_offset(path, 'a record', offset, 0, end - layout.size)
         stream.seek(offset)
-        length = layout.unpack(stream.read(layout.size))[3]
+        head = stream.read(layout.size)
+        _, user, name, length, _ = layout.unpack(head)
         offset += layout.size
         check_fits(path, 'the bytes in a record', length, 1, end - offset)
+        text = user.split(b'\0')[0].decode('latin-1')
+        records.append(Record(path, text, name, head, offset, length))
         offset += length
+    return records
+
+
+def _evlr_count(header: bytes) -> int:
+    """Return the number of extended records, which LAS has from 1.4 on."""
+    return number(header, 243, 4) if header[25] >= 4 else 0  # noqa: PLR2004  minor version
 
 
 def check_scaling(path: Path, scales: Iterable[float], offsets: Iterable[float]) -> None:
-    """Refuse scales and offsets that give coordinates which are no numbers, or all one.
+    """Refuse scales and offsets whose coordinates are not finite, or all the same.
 
     laspy takes NaN for another scaling than NaN, and would write other integers.
     """
@@ -93,118 +122,127 @@ def check_scaling(path: Path, scales: Iterable[float], offsets: Iterable[float])
 
 
 def check_las_points(path: Path, count: int) -> None:
-    """Refuse a count of points that are not compressed, if they are more or fewer."""
+    """Refuse a count of uncompressed points that is not that of the points in the file."""
     with path.open('rb') as stream:
         header = stream.read(LONGEST)
-    end = path.stat().st_size
-    if header[25] >= _WITH_EVLRS and _number(header, 243, 4):
-        end = _number(header, 235, 8)
-    check_points(path, count, _number(header, 105, 2), _number(header, 96, 4), end)
+    end = number(header, 235, 8) if _evlr_count(header) else path.stat().st_size
+    check_points(path, count, number(header, 105, 2), number(header, 96, 4), end)
 
 
-def check_laz_points(path: Path, count: int, records: Sequence[bytes]) -> None:
-    """Refuse a count of compressed points that is not that of their chunks.
+def number(data: bytes, offset: int, size: int) -> int:
+    """Read an unsigned number of a header."""
+    return int.from_bytes(data[offset : offset + size], 'little')
 
-    Chunks of the point formats 6 to 10 count their points. Of the others it is known how many are
-    in each but the last: there may be more of them than the header counts.
+
+def metres_per_unit(records: Mapping[int, bytes], path: Path, *, wkt: bool) -> dict[str, float]:
+    """Return metres per unit of x, y and z, where that is not 1.
 
     Parameters
     ----------
-    path : the file
-    count : what the header says
-    records : those of LASzip, of which there must be one
+    records : content of the records of ``USER``, by their numbers
+    path : of the file, for a refusal
+    wkt : whether the header says that WKT counts, and not the keys; where the one that counts is
+        missing or names no unit, the other counts
+
+    Raises
+    ------
+    CloudError
+        If the coordinates are degrees, or of an unknown system or unit.
 
     """
-    if [len(record) >= _SHORTEST_LASZIP for record in records] != [True]:
-        got = f'{[len(record) for record in records]}'
-        must_be = f'one, of at least {_SHORTEST_LASZIP} bytes'
-        raise CloudError(f'the records of LASzip in {path}', must_be, got)
-    laszip = records[0]
-    compressor, chunk_size = _number(laszip, 0, 2), _number(laszip, 12, 4)
-    size = path.stat().st_size
-    with path.open('rb') as stream:
-        header = stream.read(LONGEST)
-        begin, each = _number(header, 96, 4), _number(header, 105, 2)
-        items = _items(laszip)
-        if not items or sum(n for _, n in items) != each:
-            must_be = f'of {each} bytes, as it says'
-            raise CloudError(f'a point in {path}', must_be, sum(n for _, n in items))
-        if {kind in _LAYERS or kind == _BYTES for kind, _ in items} != {compressor == _LAYERED}:
-            must_be = (
-                f'{_LAYERED}, in layers, for the point formats 6 to 10, and another for others'
-            )
-            raise CloudError(f'the compressor of {path}', must_be, compressor)
-        if compressor not in {_CHUNKED, _LAYERED}:
-            return
-        stream.seek(begin)
-        table = int.from_bytes(stream.read(_POINTERS), 'little', signed=True)
-        if table == -1:  # written behind all, by who could not go back
-            stream.seek(max(0, size - _POINTERS))
-            table = int.from_bytes(stream.read(_POINTERS), 'little', signed=True)
-        begin += _POINTERS
-        check_offset(path, 'the table of chunks', table, begin, size - _TABLE.size)
-        stream.seek(table)
-        chunks = _TABLE.unpack(stream.read(_TABLE.size))[1]
-        check_fits(path, 'the number of chunks', chunks, each, table - begin)
-        stream.seek(begin - _POINTERS)
-        found = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip)) if chunks else []
-        check_fits(path, 'the bytes in all chunks', sum(n for _, n in found), 1, table - begin)
-        if (largest := each * max((n for n, _ in found), default=0)) > LARGEST_CHUNK:
-            must_be = f'at most {LARGEST_CHUNK} bytes'
-            raise CloudError(f'the points of a chunk in {path}', must_be, largest)
-        if compressor == _LAYERED:
-            layers = sum(n if kind == _BYTES else _LAYERS.get(kind, 0) for kind, n in items)
-            counts = _count_layered(path, stream, begin, each, layers, [n for _, n in found])
-            check_count(path, count, sum(counts))
-            _check_chunks(path, counts, [n for n, _ in found], fixed=chunk_size != _OF_ANY_SIZE)
-            return
-    most = sum(n for n, _ in found)
-    last = found[-1][0] - 1 if found and chunk_size != _OF_ANY_SIZE else 0
-    if not most - last <= count <= most:
-        check_count(path, count, most)
+    readers = (_of_wkt, _of_keys) if wkt else (_of_keys, _of_wkt)
+    found = (reader(records, path) for reader in readers)
+    plane, up = next((units for units in found if units != (None, None)), (None, None))
+    # Heights without a unit of their own have that of the plane.
+    sizes = {'x': plane, 'y': plane, 'z': plane if up is None else up}
+    return {axis: size for axis, size in sizes.items() if size is not None and size != 1.0}
 
 
-def _items(laszip: bytes) -> list[tuple[int, int]]:
-    """List what a point is made of: kind and size of each item."""
-    found = struct.iter_unpack('<HHH', laszip[_SHORTEST_LASZIP:][: 6 * _number(laszip, 32, 2)])
-    return [(kind, size) for kind, size, _ in found]
+def crs_name(records: Mapping[int, bytes], path: Path) -> str:
+    """Name the coordinate system; empty where the records name none that PROJ knows."""
+    _, codes, _ = _keys(records)
+    try:
+        if text := _wkt_text(records):
+            return _system(text, path).name
+        if codes.get(PLANE, OWN) != OWN:
+            return f'EPSG:{codes[PLANE]} {_system(f"EPSG:{codes[PLANE]}", path).name}'
+    except CloudError:
+        pass
+    return ''
 
 
-def _count_layered(  # noqa: PLR0913  where the chunks are, and how large
-    path: Path, stream: BinaryIO, begin: int, each: int, layers: int, sizes: list[int]
-) -> list[int]:
-    """Read how many points are in each chunk, which counts them behind the bytes of its first.
-
-    Behind the count are the sizes of its layers. Refuse a chunk that they do not fit into. Writers
-    of chunks of any size may leave one without points, and without bytes, at the end.
-    """
-    counts = []
-    for size in sizes:
-        if not size:
-            counts.append(0)
-            continue
-        stream.seek(begin + each)
-        head = stream.read(4 + 4 * layers)
-        inside = sum(number for (number,) in struct.iter_unpack('<I', head[4 : len(head) & ~3]))
-        left = size - each - 4 - 4 * layers
-        check_fits(path, 'the bytes in the layers of a chunk', inside, 1, left)
-        counts.append(int.from_bytes(head[:4], 'little'))
-        begin += size
-    return counts
+def _keys(
+    records: Mapping[int, bytes],
+) -> tuple[dict[int, tuple[int, ...]], dict[int, int], tuple[float, ...]]:
+    """Read the GeoTIFF keys: rows, values of those that hold theirs, and the doubles of others."""
+    data, doubles = records.get(KEYS, b''), records.get(DOUBLES, b'')
+    numbers = struct.unpack(f'<{len(data) // 2}H', data[: len(data) // 2 * 2])
+    keys = {numbers[i]: numbers[i : i + 4] for i in range(4, len(numbers) - 3, 4)}
+    codes = {key: row[3] for key, row in keys.items() if row[1] == 0}
+    return keys, codes, struct.unpack(f'<{len(doubles) // 8}d', doubles[: len(doubles) // 8 * 8])
 
 
-def _check_chunks(path: Path, counts: list[int], said: list[int], *, fixed: bool) -> None:
-    """Refuse chunks that have other numbers of points than the file says of them.
+def _of_keys(records: Mapping[int, bytes], path: Path) -> Units:
+    keys, codes, sizes = _keys(records)
 
-    Of chunks of a fixed size, which is said of the last as well, the last may have fewer.
-    """
-    if fixed and counts and counts[-1] <= said[-1]:
-        counts, said = counts[:-1], said[:-1]
-    if counts != said:
-        wrong = next(i for i, count in enumerate(counts) if count != said[i])
-        what = f'the points of chunk {wrong} of {path}'
-        raise CloudError(what, f'{said[wrong]}, as it says', counts[wrong])
+    def unit(key: int) -> float | None:
+        if key not in codes:
+            return None
+        own = keys.get(SIZE)
+        if codes[key] == OWN and own is not None and own[1] == DOUBLES and own[3] < len(sizes):
+            return float(sizes[own[3]])
+        if codes[key] not in _metres_by_code():
+            must_be = 'a length that EPSG knows, or clean --unit given'
+            raise CloudError(f'the unit of {path}, key {key}', must_be, codes[key])
+        return _metres_by_code()[codes[key]]
+
+    plane, up = unit(HORIZONTAL), unit(VERTICAL)
+    if plane is None and codes.get(PLANE, OWN) != OWN:
+        plane, _ = _of_system(_system(f'EPSG:{codes[PLANE]}', path), path)
+    if plane is None and codes.get(MODEL) == ANGLES:
+        raise _no_lengths(path)
+    if up is None and codes.get(UP, OWN) != OWN:
+        try:  # GeoTIFF has numbers of its own for heights, without units
+            system = CRS.from_epsg(codes[UP])
+        except CRSError:
+            return plane, None
+        up = _of_system(system, path)[1] if system.is_vertical else None
+    return plane, up
 
 
-def _number(data: bytes, offset: int, size: int) -> int:
-    return int.from_bytes(data[offset : offset + size], 'little')
+def _of_wkt(records: Mapping[int, bytes], path: Path) -> Units:
+    text = _wkt_text(records)
+    return _of_system(_system(text, path), path) if text else (None, None)
+
+
+def _wkt_text(records: Mapping[int, bytes]) -> str:
+    return records.get(WKT, b'').split(b'\0')[0].decode('utf-8', 'replace').strip()
+
+
+def _system(text: str, path: Path) -> CRS:
+    try:
+        return CRS.from_user_input(text)
+    except CRSError as err:
+        must_be = 'one that PROJ knows, or clean --unit given'
+        raise CloudError(f'the coordinate system of {path}', must_be, repr(text[:100])) from err
+
+
+def _of_system(system: CRS, path: Path) -> Units:
+    """Return metres per unit of the plane, and of heights; None: it has no such axis."""
+    if system.is_geographic:
+        raise _no_lengths(path)
+    upright = {'up', 'down'}
+    plane = [one.unit_conversion_factor for one in system.axis_info if one.direction not in upright]
+    up = [one.unit_conversion_factor for one in system.axis_info if one.direction in upright]
+    return (plane[0] if plane else None), (up[0] if up else None)
+
+
+def _no_lengths(path: Path) -> CloudError:
+    return CloudError(f'the coordinates of {path}', 'lengths, or clean --unit given', 'degrees')
+
+
+@lru_cache
+def _metres_by_code() -> Mapping[int, float]:
+    """Return metres per unit of length that EPSG knows, by its number."""
+    units = get_units_map(auth_name='EPSG', category='linear').values()
+    return {int(unit.code): unit.conv_factor for unit in units}

@@ -15,9 +15,13 @@ import pyarrow as pa
 from pyarrow import compute, parquet, types
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
-from lidar_outlier_filter.files.rows import check_names
-from lidar_outlier_filter.files.size_check import check_count, check_fits
+from lidar_outlier_filter.files.cloud_file import (
+    CHUNK,
+    CloudFile,
+    check_count,
+    check_fits,
+    check_names,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -17,15 +17,14 @@ import lzf
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CloudFile
-from lidar_outlier_filter.files.rows import (
-    BinaryRows,
-    Rows,
-    TextRows,
+from lidar_outlier_filter.files.cloud_file import (
+    CloudFile,
+    check_count,
+    check_fits,
     check_names,
-    single_numbers,
+    parse_count,
 )
-from lidar_outlier_filter.files.size_check import check_count, check_fits, whole
+from lidar_outlier_filter.files.rows import BinaryRows, Rows, TextRows, single_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -82,7 +81,7 @@ class PcdFile(CloudFile):
 
     def _numbers(self, said: Mapping[bytes, Sequence[bytes]], key: bytes) -> list[int]:
         return [
-            whole(self.path, key.decode(), text.decode('latin-1'))
+            parse_count(self.path, key.decode(), text.decode('latin-1'))
             for text in self._words(said, key)
         ]
 

@@ -16,15 +16,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CloudFile
-from lidar_outlier_filter.files.rows import (
-    BinaryRows,
-    Rows,
-    TextRows,
+from lidar_outlier_filter.files.cloud_file import (
+    CloudFile,
+    check_fits,
     check_names,
-    single_numbers,
+    parse_count,
 )
-from lidar_outlier_filter.files.size_check import check_fits, whole
+from lidar_outlier_filter.files.rows import BinaryRows, Rows, TextRows, single_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -195,7 +193,7 @@ def _parse(path: Path, header: Sequence[bytes]) -> tuple[str, list[_Element]]:
             case ['format', word, _]:
                 form = word
             case ['element', name, count]:
-                elements.append(_Element(name, whole(path, f'the number of {name}', count)))
+                elements.append(_Element(name, parse_count(path, f'the number of {name}', count)))
                 check_fits(path, f'the number of {name}', elements[-1].count, 1, size)
             case ['property', 'list', length, kind, name] if elements:
                 _add(path, elements[-1], name, [kind, length])

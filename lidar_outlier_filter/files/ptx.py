@@ -14,9 +14,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import Change, CloudFile
+from lidar_outlier_filter.files.cloud_file import (
+    Change,
+    CloudFile,
+    check_fits,
+    parse_count,
+    parse_number,
+)
 from lidar_outlier_filter.files.rows import TextRows
-from lidar_outlier_filter.files.size_check import check_fits, whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -83,7 +88,7 @@ class PtxFile(CloudFile):
         what = f'scan {len(self._scans) + 1}'
         begin = stream.tell()
         columns, rows = (
-            whole(self.path, f'the {name} of {what}', _line(stream).strip().decode('latin-1'))
+            parse_count(self.path, f'the {name} of {what}', _line(stream).strip().decode('latin-1'))
             for name in _SHAPE
         )
         pose = [self._numbers(_line(stream), width, what) for width in _POSE]
@@ -96,6 +101,8 @@ class PtxFile(CloudFile):
         for name, count in zip(_SHAPE, (columns, rows), strict=True):
             check_fits(self.path, f'the {name} of {what}', count, _SHORTEST, room)
         check_fits(self.path, f'the points of {what}', columns * rows, _SHORTEST, room)
+        first = _next_line(stream)
+        stream.seek(max(first, offset))
         width = len(_line(stream).split())
         if width not in _MISSING:
             must_be = 'of 4 or 7 numbers: x y z intensity [red green blue]'
@@ -118,7 +125,7 @@ class PtxFile(CloudFile):
     def _numbers(self, line: bytes, width: int, what: str) -> list[float]:
         """Read a line of a pose."""
         try:
-            numbers = [float(word) for word in line.split()]
+            numbers = [parse_number(word.decode('latin-1')) for word in line.split()]
         except ValueError:
             numbers = []
         if len(numbers) != width or not np.isfinite(numbers).all():

@@ -1,21 +1,19 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Points that lie in a file row by row, behind a header: what PCD and PLY have in common.
+"""Rows of points behind a header, as in PCD, PLY and PTX.
 
-Rows are copied as the bytes that they are; only the columns asked for are ever read as numbers.
+Rows are copied byte for byte; only requested columns are parsed.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from itertools import islice
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol
 
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK
-from lidar_outlier_filter.files.size_check import check_count, check_points
+from lidar_outlier_filter.files.cloud_file import CHUNK, check_count, check_points
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -92,7 +90,7 @@ def _is_big_endian(dtype: np.dtype[np.void]) -> bool:
 
 
 class TextRows:
-    """Rows that are lines, with columns between blanks."""
+    """Rows that are lines, with numbers between blanks."""
 
     def __init__(  # noqa: PLR0913  where the lines are, and what is in them
         self,
@@ -107,8 +105,8 @@ class TextRows:
     ) -> None:
         """Note where the lines begin, how many there are, and index and type of the columns.
 
-        Each line has as many numbers as the ``width``. Behind the last lines of a file no other may
-        stand. What is ``instead`` takes the place of a line that is left out.
+        Each line has ``width`` numbers. Only blank lines may follow the last lines of a file.
+        ``instead`` replaces a line that is left out.
         """
         self._path, self._offset, self._count, self._columns = path, offset, count, columns
         self._width, self._is_last, self._instead = width, is_last, instead
@@ -120,66 +118,67 @@ class TextRows:
         # numpy reads columns in the order in which they are asked for.
         use = [index for index, _ in columns]
         done = 0
-        with self._path.open('rb') as stream:
-            stream.seek(self._offset)
-            for lines in self._chunks(stream):
-                self._check_width(lines, done)
-                done += len(lines)
-                text = [line.decode('latin-1') for line in lines]
-                table = np.loadtxt(text, dtype, comments=None, usecols=use, ndmin=1)
-                yield tuple(np.ascontiguousarray(table[name]) for name in dtype.names or ())
-
-    def _check_width(self, lines: Sequence[bytes], before: int) -> None:
-        """Refuse a line with more or fewer numbers: what is put behind them had another column."""
-        for number, line in enumerate(lines, before + 1):
-            if (found := len(line.split())) != self._width:
-                what = f'point {number} of {self._path}'
-                raise CloudError(what, f'of {self._width} numbers, as it says', found)
+        for lines in self._chunks():
+            text = [line.strip().decode('latin-1') for line in lines]
+            for number, line in enumerate(text, done + 1):
+                # With more or fewer numbers, added columns would be in the wrong place.
+                if (found := len(line.split())) != self._width:
+                    what = f'point {number} of {self._path}'
+                    raise CloudError(what, f'of {self._width} numbers, as it says', found)
+            done += len(lines)
+            table = np.loadtxt(text, dtype, comments=None, usecols=use, ndmin=1)
+            yield tuple(np.ascontiguousarray(table[name]) for name in dtype.names or ())
 
     def write(self, stream: BinaryIO, change: Change) -> Iterator[int]:
         """Write the lines, changed; yield how many are done."""
         done = 0
-        with self._path.open('rb') as source:
-            source.seek(self._offset)
-            for lines in self._chunks(source):
-                part = slice(done, done + len(lines))
-                if change.added:
-                    added = [values[part].tolist() for values in change.added.values()]
-                    lines = [  # noqa: PLW2901
-                        append(line, b' ', values)
-                        for line, *values in zip(lines, *added, strict=True)
-                    ]
-                if change.keep is not None:
-                    lines = [  # noqa: PLW2901
-                        line if keep else self._left_out(line)
-                        for line, keep in zip(lines, change.keep[part], strict=True)
-                    ]
-                stream.write(b''.join(lines))
-                done = part.stop
-                yield done
+        for lines in self._chunks():
+            part = change.part(slice(done, done + len(lines)))
+            if part.added:
+                added = [values.tolist() for values in part.added.values()]
+                rows = zip(lines, *added, strict=True)
+                lines = [append(line, b' ', values) for line, *values in rows]  # noqa: PLW2901
+            if part.keep is not None:
+                kept = zip(lines, part.keep, strict=True)
+                lines = [line if keep else self._left_out(line) for line, keep in kept]  # noqa: PLW2901
+            stream.write(b''.join(lines))
+            done += len(lines)
+            yield done
 
     def _left_out(self, line: bytes) -> bytes:
-        """Return what takes the place of a line; its end stays, if anything does."""
-        return self._instead and self._instead + line[len(line.rstrip(b'\r\n')) :]
+        """Return the replacement of a line; its end and blank lines before it stay, if any does."""
+        if not self._instead:
+            return b''
+        held = line.rstrip(b'\r\n')
+        return held[: held.rfind(b'\n') + 1] + self._instead + line[len(held) :]
 
     def end(self) -> int:
         """Find where the lines end: the offset in the file."""
+        return self._offset + sum(len(line) for lines in self._chunks() for line in lines)
+
+    def _chunks(self) -> Iterator[list[bytes]]:
+        """Yield the lines chunk by chunk; blank lines belong to the line that follows."""
         with self._path.open('rb') as stream:
             stream.seek(self._offset)
-            return self._offset + sum(len(line) for lines in self._chunks(stream) for line in lines)
+            lines, found = _joined(stream), 0
+            while found < self._count:
+                chunk = list(islice(lines, min(CHUNK, self._count - found)))
+                if not chunk:
+                    check_count(self._path, self._count, found)
+                found += len(chunk)
+                if self._is_last and found == self._count:
+                    check_count(self._path, self._count, found + sum(1 for _ in lines))
+                yield chunk
 
-    def _chunks(self, stream: BinaryIO) -> Iterator[list[bytes]]:
-        """Yield the lines chunk by chunk, empty ones left out."""
-        found = 0
-        lines = (line for line in stream if not line.isspace())
-        while found < self._count:
-            chunk = list(islice(lines, min(CHUNK, self._count - found)))
-            if not chunk:
-                check_count(self._path, self._count, found)
-            found += len(chunk)
-            if self._is_last and found == self._count:
-                check_count(self._path, self._count, found + sum(1 for _ in lines))
-            yield chunk
+
+def _joined(stream: BinaryIO) -> Iterator[bytes]:
+    """Yield lines, each with the blank lines before it; blank lines at the end are left out."""
+    blank: list[bytes] = []
+    for line in stream:
+        blank.append(line)
+        if not line.isspace():
+            yield b''.join(blank)
+            blank.clear()
 
 
 def append(line: bytes, separator: bytes, values: Sequence[float]) -> bytes:
@@ -193,10 +192,3 @@ def append(line: bytes, separator: bytes, values: Sequence[float]) -> bytes:
 def single_numbers(dtype: np.dtype[np.void]) -> dict[str, np.dtype[Any]]:
     """List the fields that are one number a row, with their types."""
     return {name: dtype[name] for name in dtype.names or () if dtype[name].subdtype is None}
-
-
-def check_names(path: Path, names: Sequence[str]) -> None:
-    """Refuse columns of which two have one name: none of them could be meant."""
-    double = sorted(name for name, count in Counter(names).items() if count > 1)
-    if double:
-        raise CloudError(f'the columns of {path}', 'of different names', ', '.join(double))

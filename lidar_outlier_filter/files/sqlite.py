@@ -14,7 +14,7 @@ import numpy as np
 
 from lidar_outlier_filter.disk.sqlite_pages import check_pages, connect
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, parse_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -182,21 +182,18 @@ def _column(values: Sequence[float | None]) -> NDArray[Any]:
 
 
 def _number(value: Any) -> float | None:
-    """Return a number, even if it was stored as a text; None for what is none."""
+    """Return a number, even if it was stored as text; None for anything else."""
     if isinstance(value, int | float):
         return value
-    for kind in (_whole, float):
-        with suppress(TypeError, ValueError):
-            return kind(value)
+    if not isinstance(value, str):
+        return None
+    with suppress(ValueError):
+        number = parse_number(value)
+        with suppress(ValueError):
+            if -(2**63) <= (whole := int(value)) < 2**63:
+                return whole
+        return number
     return None
-
-
-def _whole(value: Any) -> int:
-    """Return a whole number that a text holds, as SQLite itself would hold it."""
-    number = int(value)
-    if not -(2**63) <= number < 2**63:
-        raise ValueError
-    return number
 
 
 def _quoted(name: str) -> str:

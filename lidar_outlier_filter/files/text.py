@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile
-from lidar_outlier_filter.files.rows import append, check_names
+from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_names, parse_number
+from lidar_outlier_filter.files.rows import append
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -145,7 +145,7 @@ class TextFile(CloudFile):
     def _number(self, row: _Row, index: int) -> float:
         text = row.fields[index]
         try:
-            return float(text) if text and not text.isspace() else np.nan
+            return parse_number(text) if text and not text.isspace() else np.nan
         except ValueError:
             what = f'line {row.line} of {self.path}'
             raise CloudError(what, 'of numbers', repr(text)) from None
@@ -189,7 +189,7 @@ def _exact(column: NDArray[np.float64], texts: Sequence[str]) -> NDArray[Any]:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        parse_number(text)
     except ValueError:
         return False
     return True

@@ -1,31 +1,54 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A program that unpacks the points of a LAZ file: see :mod:`.laz`, which starts it.
+"""A program that unpacks the points of a LAZ file to stdout; :mod:`.las` starts it.
 
-It imports nothing but the library for LAZ, so that it starts in some hundredths of a second.
+On damaged bytes the library for LAZ may end its process, print its stack, or ask for any amount of
+memory. So it runs apart, with a limit. Nothing else is imported: it starts in some hundredths of a
+second.
 """
 
 from __future__ import annotations
 
+import struct
 import sys
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-ERROR = 'error: '  # in front of what was wrong, which comes last on stderr
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+ERROR = 'error: '  # before the sentence, which is the last thing on stderr
+COUNT = 'points: '  # in the place of a sentence: how many there are
+MEMORY = 2**31  # bytes
+VARIABLE = 2**32 - 1  # the size of chunks that differ
+LAYERED = 3  # compressor
 
 
-def main() -> int:
-    """Write points as they are in a LAS file to stdout."""
-    library, path, record = sys.argv[1:4]
-    begin, selection, size, count, rows = (int(word) for word in sys.argv[4:])
+def main(arguments: Sequence[str]) -> int:
+    """Compare the count with the chunks, then write the points as in a LAS file.
+
+    The arguments are the folder of the library, the file, the record of LASzip in hexadecimals; the
+    offset of the points, what to unpack, the size and the count of points, and how many to unpack
+    at once; 0: none.
+    """
+    library, path, record = arguments[:3]
+    begin, selection, size, count, rows = (int(word) for word in arguments[3:])
+    _limit_memory()
     sys.path.insert(0, library)
-    import lazrs  # noqa: PLC0415  where it lies is known now
+    import lazrs  # noqa: PLC0415  its folder is known now
 
-    laszip, parts = bytes.fromhex(record), lazrs.DecompressionSelection(selection)
     try:
+        laszip, parts = bytes.fromhex(record), lazrs.DecompressionSelection(selection)
         with open(path, 'rb') as source:  # noqa: PTH123  pathlib takes longer to import
+            found = _count(source, lazrs, laszip, begin, size, count)
+            if found != count:
+                sys.stderr.write(f'\n{ERROR}{COUNT}{found}')
+                return 1
+            if not rows:
+                return 0
             source.seek(begin)
             try:
                 unpacker = lazrs.ParLasZipDecompressor(source, laszip, parts)
-            except lazrs.LazrsError:  # of points that are in no chunks
+            except lazrs.LazrsError:  # points without chunks
                 source.seek(begin)
                 unpacker = lazrs.LasZipDecompressor(source, laszip, parts)
             for first in range(0, count, rows):
@@ -33,13 +56,49 @@ def main() -> int:
                 unpacker.decompress_many(data)
                 sys.stdout.buffer.write(data)
             sys.stdout.buffer.flush()
-    except BrokenPipeError:  # nobody reads on
+    except BrokenPipeError:  # the reader has stopped
         return 1
-    except BaseException as err:  # noqa: BLE001  so the library ends where it comes upon what cannot be
+    except BaseException as err:  # noqa: BLE001  a panic of the library is no Exception
         sys.stderr.write(f'\n{ERROR}{err}')
         return 1
     return 0
 
 
+def _limit_memory() -> None:
+    try:
+        import resource  # noqa: PLC0415  Unix only
+    except ModuleNotFoundError:
+        return
+    most = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    limit = MEMORY if most == resource.RLIM_INFINITY else min(most, MEMORY)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
+
+
+def _count(  # noqa: PLR0913  where the points are
+    source: BinaryIO, lazrs: Any, laszip: bytes, begin: int, size: int, said: int
+) -> int:
+    """Count the points in the table of chunks.
+
+    Chunks of point formats 6 to 10 count their points. Of the others it is unknown how many the
+    last chunk has: then what the header says is believed, up to a whole chunk.
+    """
+    vlr = lazrs.LazVlr(laszip)
+    if vlr.item_size() != size:
+        raise ValueError(f'points of {vlr.item_size()} bytes instead of {size}')
+    compressor, chunk_size = struct.unpack_from('<H10xI', laszip)
+    if compressor < 2:  # noqa: PLR2004  LASzip's number for chunks
+        return said
+    source.seek(begin)
+    chunks = lazrs.read_chunk_table(source, vlr)
+    if not chunks:
+        return 0
+    most, last = sum(int(points) for points, _ in chunks), int(chunks[-1][0])
+    if compressor == LAYERED and chunks[-1][1]:
+        source.seek(begin + 8 + sum(length for _, length in chunks[:-1]) + size)
+        return most - last + int.from_bytes(source.read(4), 'little')
+    fewest = most if chunk_size == VARIABLE else most - last + 1
+    return min(max(said, fewest), most)
+
+
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

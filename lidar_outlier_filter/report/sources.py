@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whol
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_codes
-from lidar_outlier_filter.files.cleaning import points as columns
+from lidar_outlier_filter.files import points as columns
 from lidar_outlier_filter.files.cloud_file import open_cloud, read
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.recordings.message_times import count_times

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
+    from lidar_outlier_filter.files.judged_file import JudgedFile
 
 MANY = 10  # points of a large group
 TOUCHING = 1.8  # cells apart, of the middles: √3 and a little

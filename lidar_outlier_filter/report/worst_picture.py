@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
+    from lidar_outlier_filter.files.judged_file import JudgedFile
     from lidar_outlier_filter.report.worst import RejectedGroup, Worst
 
 BELOW, ABOVE, INK = '#0072b2', '#c8500a', '#30343a'

@@ -17,7 +17,7 @@ from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.labels import read_codes
-from lidar_outlier_filter.files.cleaning import points as file_points
+from lidar_outlier_filter.files import points as file_points
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.messages.cloud import is_empty, structured
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds

@@ -20,7 +20,7 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk import new_files
 from lidar_outlier_filter.disk.new_files import LOCK, hidden_folder
 from lidar_outlier_filter.errors import CloudError, RecordingError
-from lidar_outlier_filter.files.cleaning.clean import scratch
+from lidar_outlier_filter.files.clean import _scratch
 from lidar_outlier_filter.recordings.packed import unpack_file
 from lidar_outlier_filter.recordings.replay import replay
 
@@ -28,7 +28,7 @@ KILLING = HELPERS / 'killing.py'
 FULL = """
 import resource, sys
 from lidar_outlier_filter.cli.main import main
-import lidar_outlier_filter.files.cleaning.clean
+import lidar_outlier_filter.files.clean
 resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))
 print([main(['clean', '--chain', 'sor', path]) for path in sys.argv[1:]])
 """
@@ -128,7 +128,7 @@ def test_full_disk_of_tiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     sentence = (
         'must be able to hold 2400 bytes beside the output, for the tiles, got "No space left'
     )
-    with pytest.raises(CloudError, match=sentence), scratch(tmp_path / 'out.las', 1.0) as allocate:
+    with pytest.raises(CloudError, match=sentence), _scratch(tmp_path / 'out.las', 1.0) as allocate:
         allocate((100, 3))
     assert list(tmp_path.iterdir()) == []
 

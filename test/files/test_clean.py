@@ -25,8 +25,7 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cleaning.clean import clean
-from lidar_outlier_filter.files.cleaning.clean_log import CleanReport, Wanted
+from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 
 if TYPE_CHECKING:
@@ -34,7 +33,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
+    from lidar_outlier_filter.files.clean import CleanReport
+    from lidar_outlier_filter.files.judged_file import JudgedFile
 
     Capture = pytest.CaptureFixture[str]
 
@@ -143,7 +143,7 @@ def test_separate_names_its_own_files(folder: Path) -> None:
     """Without names, they are those of the file, and one log is for both."""
     before = names(folder)
     assert main(['clean', str(folder / 'bun0.pcd'), '--rejected', 'separate']) == 0
-    new = {'bun0_cleaned.pcd', 'bun0_outliers.pcd', 'bun0_cleaned.pcd.log', 'bun0_cleaned.pcd.json'}
+    new = {'bun0_cleaned.pcd', 'bun0_outliers.pcd', 'bun0_cleaned.pcd.json'}
     assert names(folder) - before == new
 
 
@@ -290,7 +290,6 @@ def test_a_database_is_marked_only(tmp_path: Path, capsys: Capture) -> None:
     assert names(tmp_path) == {
         'two.db',
         'two_cleaned.db',
-        'two_cleaned.db.log',
         'two_cleaned.db.json',
     }
 
@@ -359,7 +358,7 @@ def test_tiles_by_the_default(folder: Path) -> None:
 
 
 def test_log(folder: Path) -> None:
-    """The log says what was done, with what, by what, and how long it took, as JSON and text."""
+    """The log says what was done, with what, by what, and how long it took, as JSON."""
     path = folder / f'{SWEEP}.pcd'
     settings = folder / 'my.yaml'
     settings.write_text('/**:\n  ros__parameters:\n    sor:\n      k: 7\n')
@@ -385,9 +384,6 @@ def test_log(folder: Path) -> None:
     assert set(log['seconds']) == {'read', 'judge', 'write'}
     assert log['versions']['lidar_outlier_filter'] == __version__
     assert {'python', 'numpy', 'numba', 'python-neo-lzf'} <= set(log['versions'])
-    text = (folder / f'{SWEEP}_cleaned.pcd.log').read_text()
-    for line in ('chain: lof, sor', 'points: 24224', f'  sor: {by["sor"]}', '  sor.k: 7'):
-        assert f'\n{line}\n' in text
 
 
 def test_table(folder: Path, capsys: Capture) -> None:
@@ -540,15 +536,15 @@ def test_help_imports_nothing_heavy() -> None:
 def test_a_name_that_is_taken_meanwhile(folder: Path) -> None:
     """Of two runs for one output the one that ends later is refused; the other's files stay."""
     path, output = folder / 'plane.laz', folder / 'out.laz'
-    wanted = Wanted(parameters={'chain': ('sor',)})
+    parameters = FilterParameters().changed({'chain': ('sor',)})
     reports: list[CleanReport] = []
 
     def other_run(_judged: JudgedFile) -> None:
-        reports.append(clean(path, output, wanted))
+        reports.append(clean_file(path, output, parameters))
 
     with pytest.raises(CloudError, match=f'the output must be a new file, got {output}, which'):
-        clean(path, output, wanted, look=other_run)
-    made = {'out.laz', 'out.laz.log', 'out.laz.json'}
+        clean_file(path, output, parameters, inspect=other_run)
+    made = {'out.laz', 'out.laz.json'}
     assert {name for name in names(folder) if 'out.laz' in name} == made
     log = json.loads((folder / 'out.laz.json').read_text())
     assert log['started'] == reports[0].started

@@ -14,8 +14,11 @@ import pytest
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.heights import is_high
+from lidar_outlier_filter.core.points.mask import HEAD, NAMES
 from lidar_outlier_filter.core.verdict import Verdict
-from lidar_outlier_filter.files.cleaning.judged_file import spare
+from lidar_outlier_filter.files.clean import clean_file
+from lidar_outlier_filter.files.judged_file import CleanOptions, spare
+from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -83,7 +86,39 @@ def test_low_points_that_are_left(cloud: Path, capsys: Capture) -> None:
     said += 'to find more, try --chain boosted_trees,elevation'
     assert said in capsys.readouterr().err
     assert json.loads(output.with_name('kept.las.json').read_text())['left_low'] == 1
-    assert 'left_low: 1' in output.with_name('kept.las.log').read_text()
+
+
+def test_classes_and_the_own_vehicle(tmp_path: Path) -> None:
+    """A mask rejects no point of a class that stays as it is, and each point is counted once."""
+    header = laspy.LasHeader(point_format=6, version='1.4')
+    header.scales, header.offsets = [0.001] * 3, [0.0] * 3
+    data = laspy.LasData(header)
+    xyz = np.random.default_rng(1).uniform((5.0, -1.0, 0.0), (9.0, 1.0, 0.1), (200, 3))
+    xyz[:3] = [2.0, 0.1, 0.0]
+    data.x, data.y, data.z = xyz.T
+    data.scanner_channel = np.zeros(200, np.uint8)
+    data.classification = np.full(200, 2, np.uint8)
+    data.classification[:2] = [5, 6]
+    path, mask = tmp_path / 'a.las', tmp_path / 'car.csv'
+    data.write(path)
+    mask.write_text(f'{HEAD}\n{NAMES}\n' + ''.join(f'0,{i},1.8,2.2\n' for i in range(20)))
+    settings = {'chain': ['sor'], 'mask': str(mask), 'line_field': 'scanner_channel'}
+    parameters = FilterParameters().changed(settings)
+    output = tmp_path / 'out.las'
+    report = clean_file(path, output, parameters, CleanOptions(ignore=(5,), keep=(6,)))
+    assert laspy.read(output).classification[:3].tolist() == [5, 6, 7]
+    assert report.rejected_by['mask'] == 1
+    assert (report.ignored, report.spared, report.invalid) == (1, 1, 0)
+
+
+def test_scores(cloud: Path) -> None:
+    """Scores are extra bytes of LAS, from which curves can be drawn."""
+    assert main(['clean', str(cloud), '--scores', '--chain', 'sor']) == 0
+    output = cloud.with_name('a_cleaned.las')
+    after = laspy.read(output)
+    assert (after.outlier_score[[BIRD, LOW]] > 1).all()
+    assert after.outlier_score.dtype == np.float32
+    assert main(['evaluate', str(output), '--labels', str(cloud), '--codes', '1']) == 0
 
 
 def test_known_noise_is_not_seen(cloud: Path, capsys: Capture) -> None:

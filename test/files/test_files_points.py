@@ -15,9 +15,9 @@ import pytest
 from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError, FilterError
-from lidar_outlier_filter.files.cleaning import scan
-from lidar_outlier_filter.files.cleaning.points import Loaded, choose_coordinates, load
+from lidar_outlier_filter.files import points as scan
 from lidar_outlier_filter.files.cloud_file import open_cloud
+from lidar_outlier_filter.files.points import Loaded, choose_coordinates, load
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -364,7 +364,7 @@ def test_no_scan_lines(tmp_path: Path) -> None:
     assert found.lines == ''
     assert found.lack == 'no column that says its scan lines'
     assert found.points.line.tolist() == [0] * 8
-    assert scan.find(np.empty(0, np.int64), {scan.EDGE: np.empty(0)}) is None
+    assert scan.find_lines(np.empty(0, np.int64), {scan.EDGE: np.empty(0)}) == (None, '')
 
 
 def test_real_files(recordings: Path) -> None:

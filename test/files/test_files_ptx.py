@@ -100,6 +100,17 @@ def test_clean(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.where(np.isnan(far), kept, far), whole)
 
 
+def test_blank_lines(tmp_path: Path) -> None:
+    """They are no points, wherever they stand, and stay in a copy."""
+    first, second = ['', *FIRST[:2], '', ' ', *FIRST[2:]], [SECOND[0], '', *SECOND[1:]]
+    path = make(tmp_path / 'two.ptx', first, second)
+    assert len(columns(path)[0]) == 9
+    assert copied(path, Change()).read_bytes() == path.read_bytes()
+    copy = copied(path, Change(keep=np.arange(9) != 0))
+    expected = path.read_bytes().replace(FIRST[0].encode(), b'0 0 0 0.5', 1)
+    assert copy.read_bytes() == expected
+
+
 def test_no_columns_are_added(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A line has no place for scores."""
     path = make(tmp_path / 'two.ptx')

@@ -186,6 +186,7 @@ def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (b'', 'must be of at least one point, got 0'),
         (b'x,y,z\n', 'must be of at least one point, got 0'),
         (b'x,y,x\n1,2,3\n', 'must be of different names, got x'),
+        (b'x,y,z\n1,2,3\n4,1_0,6\n', "line 3 of {} must be of numbers, got '1_0'"),
         (b'x,y,z\n1,2,3\n4,five,6\n', "line 3 of {} must be of numbers, got 'five'"),
         (b'x,y,z\n1,2,3\n4,5\n', 'line 3 of {} must be of 3 fields, as the first, got 2'),
         (b'x,y,z\n1,2,3\n\n4,5,6,7\n', 'line 4 of {} must be of 3 fields, as the first, got 4'),

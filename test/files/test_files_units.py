@@ -15,10 +15,10 @@ from pyproj import CRS
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cleaning import points
-from lidar_outlier_filter.files.cleaning.clean_log import UNITS
-from lidar_outlier_filter.files.cleaning.units import metres_per_unit
+from lidar_outlier_filter.files import points
 from lidar_outlier_filter.files.cloud_file import open_cloud
+from lidar_outlier_filter.files.judged_file import UNITS
+from lidar_outlier_filter.files.las_header import metres_per_unit
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 FOOT, SURVEY = 0.3048, 1200 / 3937

@@ -17,8 +17,8 @@ from time import perf_counter, sleep
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.files.cleaning.clean import clean
-from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+from lidar_outlier_filter.files.clean import clean_file
+from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ def kill(what: str, source: Path, folder: Path, count: int) -> None:
     if what == 'replay':
         work: Callable[[], object] = partial(replay, source, output, parameters=VALUES)
     else:
-        wanted = Wanted(parameters={'chain': ('sor',), 'threads': 1})
-        work = partial(clean, source, output, wanted)
+        parameters = FilterParameters().changed({'chain': ('sor',), 'threads': 1})
+        work = partial(clean_file, source, output, parameters)
     before = digest(source)
     begin = perf_counter()
     os.waitpid(start(work), 0)

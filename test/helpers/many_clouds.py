@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.archive.one_file import CleanOrder, FileTask
     from lidar_outlier_filter.archive.order import Made
     from lidar_outlier_filter.errors import FilterError
-    from lidar_outlier_filter.files.cleaning.judged_file import JudgedFile
+    from lidar_outlier_filter.files.judged_file import JudgedFile
 
 # Sends itself a signal when so many files are done.
 PROGRAM = """

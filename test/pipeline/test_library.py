@@ -19,8 +19,7 @@ from lidar_outlier_filter import (
     Verdict,
     detect_outliers,
 )
-from lidar_outlier_filter.files.cleaning.clean import clean
-from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -273,7 +272,7 @@ def test_as_the_command(tmp_path: Path) -> None:
     path, output = tmp_path / 'cloud.csv', tmp_path / 'out.csv'
     lines = ['x,y,z', *(','.join(map(repr, row)) for row in xyz.tolist())]
     path.write_text('\n'.join(lines) + '\n')
-    clean(path, output, Wanted())
+    clean_file(path, output, FilterParameters())
     table = np.genfromtxt(output, delimiter=',', names=True)
     verdict = detect_outliers(xyz)
     np.testing.assert_array_equal(table['outlier'] == 1, verdict.outlier)

@@ -15,8 +15,8 @@ from helpers.own_vehicle import stamp, turn
 from lidar_outlier_filter import CloudError, CloudFilter, ParameterError, detect_outliers
 from lidar_outlier_filter.core.points.mask import as_text
 from lidar_outlier_filter.core.points.mask_learner import MaskLearner
-from lidar_outlier_filter.files.cleaning.clean import clean
-from lidar_outlier_filter.files.cleaning.clean_log import Wanted
+from lidar_outlier_filter.files.clean import clean_file
+from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -198,16 +198,16 @@ def test_files_are_cleaned_of_it(mask: str, tmp_path: Path) -> None:
         header=','.join(columns),
         comments='',
     )
+    parameters = FilterParameters().changed({'chain': ['sor'], 'mask': mask})
     for tile in (0.0, 30.0):
-        wanted = Wanted(tile=tile, parameters={'chain': ['sor'], 'mask': mask})
-        report = clean(path, tmp_path / f'out{tile}.csv', wanted)
+        report = clean_file(path, tmp_path / f'out{tile}.csv', parameters, CleanOptions(tile=tile))
         assert report.rejected_by['mask'] == np.count_nonzero(rows['own'])
         assert report.rejected == sum(report.rejected_by.values())
         assert (report.invalid, report.untested) == (0, 0)
     short = tmp_path / 'short.csv'
     short.write_text('x,y,z\n1,2,3\n')
     with pytest.raises(CloudError, match='the line column must be one of ring'):
-        clean(short, tmp_path / 'no.csv', Wanted(parameters={'chain': ['sor'], 'mask': mask}))
+        clean_file(short, tmp_path / 'no.csv', parameters)
 
 
 def test_what_is_refused(mask: str, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.files.info import look_at_file
+from lidar_outlier_filter.files.judged_file import describe_file
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.info import look
 from lidar_outlier_filter.recordings.message_times import MessageTimes
@@ -187,7 +187,7 @@ def test_command_on_a_file(recordings: Path, capsys: Capture) -> None:
     assert '106 points' in text
     assert 'gps_time' in text
     assert 'judged by trees on the neighbours of each point' in text
-    info = look_at_file(path)
+    info = describe_file(path)
     assert set(info.extent) <= set(info.columns)
     low, high = info.extent['z']
     assert low < high
@@ -197,7 +197,7 @@ def test_extent_of_a_file(tmp_path: Path) -> None:
     """Missing numbers have no extent; those of a column come from all chunks."""
     path = tmp_path / 'a.csv'
     path.write_text('x,y,note\n1,nan,a\n-2.5,7,b\n')
-    info = look_at_file(path)
+    info = describe_file(path)
     assert info.points == 2
     assert info.extent['x'] == (-2.5, 1.0)
     assert info.extent['y'] == (7.0, 7.0)

@@ -16,8 +16,8 @@ from lidar_outlier_filter.core.engine.tiles import Tiles
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError, ParameterError
-from lidar_outlier_filter.files.cleaning.points import choose_coordinates, load
 from lidar_outlier_filter.files.cloud_file import open_cloud
+from lidar_outlier_filter.files.points import choose_coordinates, load
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

@@ -17,10 +17,9 @@ from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.core.scan_pattern import ring_origin
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import find_peaks, recover_rings
 from lidar_outlier_filter.core.scan_pattern.ring_origin import find_origin
-from lidar_outlier_filter.files.cleaning.clean import clean
-from lidar_outlier_filter.files.cleaning.clean_log import SEPARATE, Wanted
+from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.cloud_file import filled, open_cloud, read_exact
-from lidar_outlier_filter.files.info import look_at_file
+from lidar_outlier_filter.files.judged_file import SEPARATE, CleanOptions, describe_file
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import Recording
@@ -230,16 +229,22 @@ def test_intensity_of_arrays() -> None:
 def test_files(recordings: Path, tmp_path: Path) -> None:
     """``clean`` says how many rings it recovered, ``info`` too; tiles change nothing."""
     path = recordings / 'clouds' / 'source.ply'
-    assert look_at_file(path).rings == 32
-    wanted = Wanted(SEPARATE)
+    assert describe_file(path).rings == 32
+    wanted = CleanOptions(SEPARATE)
     reports = [
-        clean(path, tmp_path / f'{side}.ply', wanted, tmp_path / f'{side}_outliers.ply')
-        for side, wanted in ((0, wanted), (5, Wanted(SEPARATE, tile=5.0)))
+        clean_file(
+            path,
+            tmp_path / f'{side}.ply',
+            FilterParameters(),
+            wanted,
+            outliers=tmp_path / f'{side}_outliers.ply',
+        )
+        for side, wanted in ((0, wanted), (5, CleanOptions(SEPARATE, tile=5.0)))
     ]
     assert [report.rings for report in reports] == [32, 32]
     assert json.loads((tmp_path / '0.ply.json').read_text())['rings'] == 32
     assert (tmp_path / '0.ply').read_bytes() == (tmp_path / '5.ply').read_bytes()
-    plain = look_at_file(recordings / 'clouds' / 'plane.laz')
+    plain = describe_file(recordings / 'clouds' / 'plane.laz')
     assert plain.rings == 0
 
 
@@ -251,7 +256,9 @@ def test_intensities_of_files(tmp_path: Path) -> None:
         rows = np.column_stack([xyz, bright])[:, : len(header.split(','))]
         np.savetxt(tmp_path / f'{name}.csv', rows, '%.6f', ',', header=header, comments='')
     count = [
-        clean(tmp_path / f'{name}.csv', tmp_path / f'{name}_out.csv', Wanted()).rejected
+        clean_file(
+            tmp_path / f'{name}.csv', tmp_path / f'{name}_out.csv', FilterParameters()
+        ).rejected
         for name in ('dark', 'lit')
     ]
     rounded = np.round(xyz, 6)

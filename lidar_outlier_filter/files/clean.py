@@ -1,0 +1,376 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Clean one file: read, judge, copy with the verdict, and log what was done."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import sys
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter import __version__
+from lidar_outlier_filter.core.detectors import registry
+from lidar_outlier_filter.disk.new_files import hidden_folder, new_files
+from lidar_outlier_filter.errors import CloudError, ParameterError, said_by
+from lidar_outlier_filter.files import cloud_file
+from lidar_outlier_filter.files.cloud_file import Change, open_cloud
+from lidar_outlier_filter.files.judged_file import (
+    CLASS,
+    MARK,
+    SEPARATE,
+    WITHHELD,
+    CleanOptions,
+    judge_file,
+    timed,
+)
+from lidar_outlier_filter.files.points import say_coarse
+from lidar_outlier_filter.messages.cloud import DETECTORS, REASON, SCORE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Allocate, Progress
+    from lidar_outlier_filter.core.engine.slow import SaySlow
+    from lidar_outlier_filter.files.cloud_file import CloudFile
+    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+    MakeFiles = Callable[[Sequence[Path]], AbstractContextManager[list[Path]]]
+
+OUTLIER = 'outlier'
+_LIBRARIES = {
+    **{name: name for name in ('numpy', 'scipy', 'numba', 'laspy', 'lazrs', 'pyarrow')},
+    'python-neo-lzf': 'lzf',
+}
+
+
+@dataclass(frozen=True)
+class CleanReport:
+    """The result of cleaning a file; its log has the same fields.
+
+    Attributes
+    ----------
+    settings : what the outputs depend on: state of the input, options and parameters
+    crs, metres : the coordinate system, if the file names one, and metres per unit of coordinates
+        in other units
+    lines, lack : how scan lines were found, or what the file lacks to have some
+    rings : number of rings recovered from elevations
+    coarse : a warning that float32 coordinates are too far from the origin
+    invalid : points that are no returns (NaN, Inf, all 0)
+    ignored : points of ignored classes
+    untested : points that no detector could test
+    extra : rejected points that detectors say more of, by what they say
+    spared : points that would be rejected, but are of classes that stay as they are
+    by_class : points and rejected points of each class
+    low, high : rejected points below and above the kept points around them
+    left_low : kept points that look like low points
+
+    """
+
+    input: str
+    outputs: tuple[str, ...]
+    started: str
+    settings: Mapping[str, Any]
+    rejected_points: str
+    coordinates: tuple[str, ...]
+    tile: float
+    crs: str
+    metres: Mapping[str, float]
+    lines: str
+    lack: str
+    rings: int
+    coarse: str
+    chain: tuple[str, ...]
+    points: int
+    invalid: int
+    ignored: int
+    untested: int
+    rejected: int
+    rejected_by: Mapping[str, int]
+    extra: Mapping[str, int]
+    spared: int
+    by_class: Mapping[int, tuple[int, int]]
+    low: int
+    high: int
+    left_low: int
+    undecided_by: Mapping[str, int]
+    seconds: Mapping[str, float]
+    versions: Mapping[str, str]
+    parameters: Mapping[str, Any]
+
+    @property
+    def is_untested(self) -> bool:
+        """Whether no point could be tested."""
+        return self.points == self.untested + self.invalid + self.ignored
+
+    def as_json(self) -> str:
+        """Write the log; what detectors say more stands among the other fields."""
+        values = asdict(self)
+        return json.dumps({**values, **values.pop('extra')}, indent=2) + '\n'
+
+
+def clean_file(  # noqa: PLR0913  three callbacks, and who makes the files
+    path: Path,
+    output: Path,
+    parameters: FilterParameters,
+    options: CleanOptions = CleanOptions(),  # noqa: B008  frozen
+    *,
+    outliers: Path | None = None,
+    progress: Progress = lambda _done, _total, _what: None,
+    slow: SaySlow | None = None,
+    inspect: Callable[[JudgedFile], object] = bool,
+    make: MakeFiles = new_files,
+) -> CleanReport:
+    """Judge the points of a file, and write a copy that marks or leaves out rejected points.
+
+    Files are written under hidden names, and get their own at the end, all or none.
+
+    Parameters
+    ----------
+    path : LAS, LAZ, PCD, PLY, PTX, E57, text table, Parquet, or an SQLite database
+    output : new file of the same format (LAS and LAZ are one; PLY for E57); the log is written
+        beside it, see :func:`log_of`
+    parameters : of the filter
+    options : what to do
+    outliers : new file for the rejected points, where they are separated
+    progress : called with how many of how many points are done, and the step
+    slow : called while a detector takes more than 10 × ``max_delay``
+    inspect : called with the judged file before anything is written
+    make : gives the paths that new files are written to
+
+    Returns
+    -------
+    CleanReport
+
+    Raises
+    ------
+    CloudError
+        If the file cannot be read or written, or the options do not fit it.
+    ParameterError
+        If a parameter does not fit it.
+
+    """
+    started = datetime.now(UTC)
+    file = open_cloud(path, options.table)
+    clouds = list_clouds(file, output, outliers, options)
+    outputs = [] if options.dry else [*clouds, log_of(output)]
+    with (
+        _enough_memory(file),
+        make(outputs) as built,
+        _scratch(built[0] if built else output, options.tile) as allocate,
+    ):
+        judged = judge_file(file, options, parameters, allocate, progress, slow)
+        inspect(judged)
+        seconds = dict(judged.seconds)
+        with timed(seconds, 'write'):
+            for change, target in zip(_changes(judged), built[:-1], strict=not options.dry):
+                for done in cloud_file.copy(file, target, change):
+                    progress(min(done, len(file)), len(file), 'writing')
+        report = _report(judged, outputs[:-1], started, seconds)
+        if built:
+            try:
+                built[-1].write_text(report.as_json(), encoding='utf-8')
+            except OSError as err:
+                must_be = 'written in full'
+                raise CloudError(f'the output {outputs[-1]}', must_be, said_by(err)) from err
+    return report
+
+
+def log_of(output: Path) -> Path:
+    """Name the log that is written beside an output."""
+    return output.with_name(f'{output.name}.json')
+
+
+@contextmanager
+def _enough_memory(file: CloudFile) -> Iterator[None]:
+    try:
+        yield
+    except MemoryError as err:
+        must_be = 'small enough for the memory, or judged in tiles (--tile)'
+        raise CloudError(f'the cloud {file.path}', must_be, f'{len(file)} points') from err
+
+
+def list_clouds(
+    file: CloudFile, output: Path, outliers: Path | None, options: CleanOptions
+) -> list[Path]:
+    """List the clouds to be written.
+
+    Raises
+    ------
+    CloudError
+        If one cannot be written, or the options do not fit the file.
+
+    """
+    if options.rejected != MARK and file.whole:
+        must_be = f'{MARK!r} for {file.path}: {file.whole}'
+        raise CloudError('what becomes of rejected points', must_be, repr(options.rejected))
+    if options.mark != CLASS and not (file.classes and options.rejected == MARK):
+        must_be = f'{CLASS!r}, unless points of LAS and LAZ are marked'
+        raise CloudError('how rejected points are marked', must_be, repr(options.mark))
+    if options.rejected == SEPARATE and outliers is None:
+        raise CloudError('the file for the outliers', 'given, to separate them', 'none')
+    if options.rejected != SEPARATE and outliers is not None:
+        must_be = f'{SEPARATE!r} where they have a file'
+        raise CloudError('what becomes of rejected points', must_be, repr(options.rejected))
+    clouds = [output] if outliers is None else [output, outliers]
+    for cloud in clouds:
+        if cloud.name.lower().endswith('.copc.laz'):
+            must_be = 'LAZ without an octree, of which untwine or PDAL makes COPC'
+            raise CloudError('the output', must_be, cloud)
+        if not cloud_file.is_copy_format(file.path, cloud):
+            name = file.path.with_suffix(cloud_file.copy_suffix(file.path)).name
+            raise CloudError('the output', f'in the format of {name}', cloud)
+    return clouds
+
+
+def _changes(judged: JudgedFile) -> list[Change]:
+    """Say in what each output cloud differs from the file."""
+    verdict, options, file = judged.verdict, judged.options, judged.file
+    scores: dict[str, NDArray[Any]] = {SCORE: verdict.score, DETECTORS: verdict.detectors}
+    if judged.parameters.scores:
+        scores[REASON] = verdict.reason
+    added = scores if judged.parameters.scores else {}
+    if options.rejected == MARK and file.classes:
+        return [_marked(judged, added)]
+    if options.rejected == MARK and not file.gaps:
+        return [Change(added={OUTLIER: verdict.rejected.astype(np.uint8), **scores})]
+    cleaned = Change(keep=~verdict.rejected, added=added)
+    outliers = Change(keep=verdict.rejected, added=added)
+    return [cleaned, outliers] if options.rejected == SEPARATE else [cleaned]
+
+
+def _marked(judged: JudgedFile, added: Mapping[str, NDArray[Any]]) -> Change:
+    """Say how the rejected points of a LAS file are marked."""
+    rejected = judged.verdict.rejected
+    if judged.options.mark == WITHHELD:
+        return Change(withheld=rejected, added=added)
+    if judged.options.mark == CLASS:
+        return Change(noise=rejected, added=added)
+    high = np.zeros(len(rejected), np.bool_)
+    high[rejected] = judged.high
+    return Change(noise=rejected & ~high, high=high, added=added)
+
+
+def _report(
+    judged: JudgedFile, clouds: Sequence[Path], started: datetime, seconds: Mapping[str, float]
+) -> CleanReport:
+    """Describe a judged file, of which these clouds were written."""
+    file, options, loaded = judged.file, judged.options, judged.loaded
+    spared = judged.everything.rejected & ~judged.verdict.rejected
+    return CleanReport(
+        input=str(file.path),
+        outputs=tuple(str(cloud) for cloud in clouds),
+        started=started.isoformat(timespec='seconds'),
+        settings=settings(file.path, judged.parameters, options),
+        rejected_points=options.rejected,
+        coordinates=judged.coordinates,
+        tile=options.tile,
+        crs=file.crs,
+        metres=judged.metres,
+        lines=loaded.lines,
+        lack=loaded.lack,
+        rings=loaded.rings,
+        coarse=say_coarse(file, judged.coordinates, loaded.points, judged.metres),
+        chain=judged.parameters.chain,
+        **_counts(judged),
+        spared=int(np.count_nonzero(spared)),
+        by_class=judged.by_class,
+        low=int(np.count_nonzero(~judged.high)),
+        high=int(np.count_nonzero(judged.high)),
+        left_low=judged.left_low,
+        seconds=seconds,
+        versions=_versions(),
+        parameters=judged.parameters.flat(),
+    )
+
+
+def _counts(judged: JudgedFile) -> dict[str, Any]:
+    """Count the points, all and by detector."""
+    verdict, valid, parameters = judged.verdict, judged.loaded.points.valid, judged.parameters
+    absent = int(np.count_nonzero(~valid & ~judged.everything.masked))
+
+    def by_name(bits: NDArray[np.uint16], names: Sequence[str]) -> dict[str, int]:
+        return {name: int(np.count_nonzero(bits & registry.bits()[name])) for name in names}
+
+    return {
+        'points': len(valid),
+        'invalid': absent - judged.ignored,
+        'ignored': judged.ignored,
+        'untested': int(np.count_nonzero(np.isnan(verdict.score[valid]))),
+        'rejected': int(np.count_nonzero(verdict.rejected)),
+        'rejected_by': by_name(verdict.detectors, registry.rejecting(parameters)),
+        'extra': {
+            name: int(np.count_nonzero(verdict.detectors & bit))
+            for one in registry.DETECTORS.values()
+            for bit, name in one.extra.items()
+        },
+        'undecided_by': by_name(verdict.undecided, parameters.chain),
+    }
+
+
+def settings(path: Path, parameters: FilterParameters, options: CleanOptions) -> dict[str, Any]:
+    """Say what outputs depend on: state of the input, options and parameters, as JSON has it."""
+    state = path.stat()
+    values = {
+        **asdict(options),
+        'parameters': parameters.flat(),
+        'bytes': state.st_size,
+        'changed': state.st_mtime_ns,
+    }
+    plain: dict[str, Any] = json.loads(json.dumps(values))
+    return plain
+
+
+def _versions() -> dict[str, str]:
+    """List the versions of this package and of the libraries in use."""
+    names = [name for name, module in _LIBRARIES.items() if module in sys.modules]
+    return {
+        'lidar_outlier_filter': __version__,
+        'python': platform.python_version(),
+        **{name: version(name) for name in names},
+    }
+
+
+@contextmanager
+def _scratch(output: Path, tile: float) -> Iterator[Allocate]:
+    """Give what makes arrays: in memory or, for tiles, in files beside the output."""
+    if not 0 <= tile < np.inf:
+        raise ParameterError('--tile', 'at least 0 and finite', tile)
+    if tile == 0:
+        yield np.empty
+        return
+    with hidden_folder(output, 'points') as folder:
+        numbers = count()
+
+        def allocate(shape: tuple[int, ...]) -> NDArray[np.float64]:
+            path = folder / str(next(numbers))
+            _reserve(path, 8 * math.prod(shape))
+            return np.asarray(np.memmap(path, np.float64, 'r+', shape=shape))
+
+        yield allocate
+
+
+def _reserve(path: Path, size: int) -> None:
+    """Make a file of so many bytes; a full disk is reported here."""
+    try:
+        with path.open('wb') as stream:
+            if size and hasattr(os, 'posix_fallocate'):
+                os.posix_fallocate(stream.fileno(), 0, size)
+            stream.truncate(max(1, size))
+    except OSError as err:
+        must_be = f'able to hold {size} bytes beside the output, for the tiles'
+        raise CloudError('the disk', must_be, f'"{err.strerror}"') from err

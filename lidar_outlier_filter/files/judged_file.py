@@ -1,0 +1,396 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The points of a file, judged as a whole, in tiles or strip by strip, but for chosen classes."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.registry import explanations
+from lidar_outlier_filter.core.detectors.seen import Seen
+from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
+from lidar_outlier_filter.core.engine.tiled_chain import TiledChain
+from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
+from lidar_outlier_filter.core.neighbours.floor import count_low
+from lidar_outlier_filter.core.points.heights import is_high
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import MOST_POINTS
+from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.errors import CloudError
+from lidar_outlier_filter.files import cloud_file, points
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.annotations import Allocate, Bools, Bytes, Progress
+    from lidar_outlier_filter.core.engine.slow import SaySlow
+    from lidar_outlier_filter.core.points.points import Points
+    from lidar_outlier_filter.files.cloud_file import CloudFile
+    from lidar_outlier_filter.files.points import Loaded
+
+MARK, REMOVE, SEPARATE = 'mark', 'remove', 'separate'
+CLASS, NOISE, WITHHELD = 'class', 'noise', 'withheld'  # how LAS points are marked
+UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'ft': 0.3048, 'us-ft': 1200 / 3937}  # metres
+STRIP = 'point_source_id'
+CLASSIFICATION = 'classification'
+LARGEST_CLASS = 255
+
+
+@dataclass(frozen=True)
+class CleanOptions:
+    """What to do with a file, beside the parameters of the filter.
+
+    Attributes
+    ----------
+    rejected : 'mark': a copy that says which points are rejected; 'remove': a copy without them;
+        'separate': the same, and a file with the rejected ones
+    coordinates : two or three columns; empty: x, y and z
+    table : the table of a database; None: the only one
+    tile : side of the square tiles that the cloud is judged in, metres; 0: in one piece
+    mark : 'class': rejected LAS points become class 7; 'noise': 7 or 18, as they are lower or
+        higher than the kept points around; 'withheld': they get this flag
+    strips : whether the points of each ``point_source_id`` are judged separately
+    only, keep : LAS classes; points of classes other than ``only``, and of ``keep``, stay as they
+        are
+    ignore : LAS classes; their points stay as they are, and are not neighbours of others
+    dry : whether nothing is written
+    unit : of the coordinates, one of ``UNITS``; None: as the file says
+
+    """
+
+    rejected: str = MARK
+    coordinates: Sequence[str] = ()
+    table: str | None = None
+    tile: float = 0.0
+    mark: str = CLASS
+    strips: bool = False
+    only: Sequence[int] = ()
+    keep: Sequence[int] = ()
+    ignore: Sequence[int] = ()
+    dry: bool = False
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class JudgedFile:
+    """A file, the points read from it, and their verdict.
+
+    Attributes
+    ----------
+    file, options, parameters : what was judged, and how
+    coordinates : the columns that were judged
+    metres : metres per unit of those in other units
+    loaded : the points; those of ignored classes are not valid
+    ignored : how many these are
+    everything : the verdict on all points
+    verdict : the same, without points of classes that stay as they are
+    by_class : points and rejected points of each class
+    high : of each rejected point, whether it is above the kept points around it
+    left_low : how many kept points look like low points; 0 unless it is a survey
+    seconds : duration of reading and judging
+
+    """
+
+    file: CloudFile
+    options: CleanOptions
+    parameters: FilterParameters
+    coordinates: tuple[str, ...]
+    metres: Mapping[str, float]
+    loaded: Loaded
+    ignored: int
+    everything: Verdict
+    verdict: Verdict
+    by_class: Mapping[int, tuple[int, int]]
+    high: Bools
+    left_low: int
+    seconds: Mapping[str, float]
+
+    @property
+    def units(self) -> list[float]:
+        """Metres per unit of x, y and z in the file."""
+        units = [self.metres.get(name, 1.0) for name in self.coordinates]
+        return units + [1.0] * (3 - len(units))
+
+
+def judge_file(  # noqa: PLR0913  what, where to, and two callbacks
+    file: CloudFile,
+    options: CleanOptions,
+    parameters: FilterParameters,
+    allocate: Allocate = np.empty,
+    progress: Progress = lambda _done, _total, _what: None,
+    slow: SaySlow | None = None,
+) -> JudgedFile:
+    """Read the points of a file, and judge them.
+
+    Parameters
+    ----------
+    file : CloudFile
+    options, parameters : what to judge, and how
+    allocate : returns an array of a shape, in memory or in a file
+    progress : called with how many of how many points are done, and the step
+    slow : called while a detector takes more than 10 × ``max_delay``
+
+    Raises
+    ------
+    CloudError
+        If the file cannot be read, or the options do not fit it.
+    ParameterError
+        If a detector needs scan lines, and the file has none.
+
+    """
+    seconds: dict[str, float] = {}
+    with timed(seconds, 'read'):
+        coordinates = points.choose_coordinates(file, options.coordinates)
+        metres = _metres(file, coordinates, options.unit)
+        loaded = _load(file, coordinates, metres, options, parameters, allocate, progress)
+    with timed(seconds, 'judge'):
+        codes = None
+        if file.classes:
+            codes = cloud_file.filled(loaded.more[CLASSIFICATION]).astype(np.uint8)
+        loaded, ignored = _without(loaded, codes, options.ignore)
+        loaded = points.recovered(file, loaded, parameters)
+
+        def judge(cloud: Points) -> Verdict:
+            return _judge(cloud, parameters, options.tile, allocate, progress, slow)
+
+        everything = _judge_strips(loaded, judge) if options.strips else judge(loaded.points)
+        verdict, counted = everything, {}
+        if codes is not None:
+            if options.only or options.keep:
+                verdict = spare(everything, untouched(codes, options.only, options.keep))
+            counted = _by_class(codes, verdict.rejected)
+        kept = loaded.points.valid & ~verdict.rejected
+        high = is_high(loaded.points.xyz, kept, verdict.rejected)
+        left_low = _count_low(file, loaded, kept, parameters.threads)
+    return JudgedFile(
+        file=file,
+        options=options,
+        parameters=parameters,
+        coordinates=coordinates,
+        metres=metres,
+        loaded=loaded,
+        ignored=ignored,
+        everything=everything,
+        verdict=verdict,
+        by_class=counted,
+        high=high,
+        left_low=left_low,
+        seconds=seconds,
+    )
+
+
+def _judge(  # noqa: PLR0913  where to, and two callbacks
+    cloud: Points,
+    parameters: FilterParameters,
+    tile: float,
+    allocate: Allocate,
+    progress: Progress,
+    slow: SaySlow | None,
+) -> Verdict:
+    """Judge the valid points in one piece or in tiles; a turn of a spinning sensor in one piece."""
+    if tile > 0 and cloud.ring is None:
+
+        def show(done: int, total: int) -> None:
+            progress(done, total, 'judging')
+
+        return TiledChain(cloud, parameters, tile, allocate, show, slow).judge()
+    progress(0, 0, 'judging')
+    return judge_whole(cloud, parameters, slow=slow)
+
+
+def _judge_strips(loaded: Loaded, judge: Callable[[Points], Verdict]) -> Verdict:
+    """Judge each strip separately: flights over the same ground."""
+    cloud, strip = loaded.points, cloud_file.filled(loaded.more[STRIP])
+    verdict = Verdict.untested(len(cloud))
+    for number in np.unique(strip):
+        where = np.flatnonzero(strip == number)
+        verdict.put(where, judge(cloud.take(where)))
+    return verdict
+
+
+def _count_low(file: CloudFile, loaded: Loaded, kept: Bools, threads: int) -> int:
+    """Count the kept points that look like low ones, in what may be a survey.
+
+    A scan from the ground, with lines and without classes, has its lowest points where it sees far.
+    """
+    cloud = loaded.points
+    if cloud.ring is not None or (loaded.lines and not file.classes):
+        return 0
+    return count_low(cloud.xyz, np.flatnonzero(kept), threads)
+
+
+def _metres(file: CloudFile, coordinates: Sequence[str], unit: str | None) -> dict[str, float]:
+    """Return metres per unit of each coordinate that is not in metres."""
+    known = file.metres if unit is None else dict.fromkeys(coordinates, UNITS[unit])
+    return {name: known[name] for name in coordinates if known.get(name, 1.0) != 1.0}
+
+
+def _load(  # noqa: PLR0913  which points, and where to
+    file: CloudFile,
+    coordinates: tuple[str, ...],
+    metres: Mapping[str, float],
+    options: CleanOptions,
+    parameters: FilterParameters,
+    allocate: Allocate,
+    progress: Progress,
+) -> Loaded:
+    """Read the points; refuse a chain that needs scan lines where there are none."""
+    _check_classes(file, (*options.only, *options.keep, *options.ignore))
+    # In tiles, detectors that can do without scan lines do.
+    chain = parameters.chain
+    loaded = points.load(
+        file,
+        coordinates,
+        parameters,
+        timed=bool(along_lines(chain)) if options.tile else uses_lines(chain),
+        metres=metres,
+        more=[CLASSIFICATION] * file.classes + [STRIP] * options.strips,
+        allocate=allocate,
+        progress=lambda done: progress(done, len(file), 'reading'),
+    )
+    if loaded.lack:
+        check_chain(chain, str(file.path), loaded.lack)
+    return loaded
+
+
+def _without(loaded: Loaded, codes: Bytes | None, ignore: Sequence[int]) -> tuple[Loaded, int]:
+    """Hide points of some classes from detectors and from the mask; count them."""
+    if codes is None or not ignore:
+        return loaded, 0
+    cloud, hidden = loaded.points, np.isin(codes, ignore)
+    present = cloud.valid if cloud.masked is None else cloud.valid | cloud.masked
+    masked = None if cloud.masked is None else cloud.masked & ~hidden
+    rest = replace(cloud, valid=cloud.valid & ~hidden, masked=masked)
+    return replace(loaded, points=rest), int(np.count_nonzero(present & hidden))
+
+
+@contextmanager
+def timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+    """Note the duration, in seconds."""
+    begin = perf_counter()
+    yield
+    seconds[name] = round(perf_counter() - begin, 3)
+
+
+def _check_classes(file: CloudFile, named: Sequence[int]) -> None:
+    """Refuse classes that no file, or this one, can have."""
+    if named and not file.classes:
+        raise CloudError(f'the classes of {file.path}', 'in the file (LAS, LAZ)', 'none')
+    for one in named:
+        if not 0 <= one <= LARGEST_CLASS:
+            raise CloudError('a class', f'from 0 to {LARGEST_CLASS}', one)
+
+
+def untouched(classes: Bytes, only: Sequence[int], keep: Sequence[int]) -> Bools:
+    """Return which points stay as they are: of classes other than ``only``, or of ``keep``."""
+    kept = np.isin(classes, keep)
+    if only:
+        kept |= ~np.isin(classes, only)
+    return kept
+
+
+def spare(verdict: Verdict, kept: Bools) -> Verdict:
+    """Return a verdict that rejects none of some points: they count as never tested."""
+    spared = Verdict(*(getattr(verdict, field.name).copy() for field in fields(Verdict)))
+    where = np.flatnonzero(kept & verdict.rejected)
+    spared.put(where, Verdict.untested(len(where)))
+    return spared
+
+
+def _by_class(classes: Bytes, rejected: NDArray[np.bool_]) -> dict[int, tuple[int, int]]:
+    """Count the points of each class, and those of them that are rejected."""
+    every = np.bincount(classes, minlength=LARGEST_CLASS + 1)
+    gone = np.bincount(classes[rejected], minlength=LARGEST_CLASS + 1)
+    return {int(one): (int(every[one]), int(gone[one])) for one in np.flatnonzero(every)}
+
+
+@dataclass(frozen=True)
+class FileInfo:
+    """A summary of a file of points.
+
+    Attributes
+    ----------
+    points : number of points
+    columns : types by name
+    extent : least and largest number of each column, in the units of the file
+    about : properties of the format, the coordinate system, and the unit
+    rings : number of rings that ``clean`` would recover
+    method : how the default judges the file; empty: unknown
+
+    """
+
+    points: int
+    columns: Mapping[str, str]
+    extent: Mapping[str, tuple[float, float]]
+    about: Mapping[str, str]
+    rings: int = 0
+    method: str = ''
+
+
+def describe_file(path: Path) -> FileInfo:
+    """Read a file once, chunk by chunk, and summarise it.
+
+    Raises
+    ------
+    CloudError
+        If it cannot be read.
+
+    """
+    file = cloud_file.open_cloud(path)
+    names = [name for name, kind in file.columns.items() if kind.kind in 'iuf']
+    extent: dict[str, tuple[float, float]] = {}
+    for chunk in cloud_file.read_exact(file, names):
+        for name, values in zip(names, chunk, strict=True):
+            known = np.ma.compressed(values)
+            known = known[np.isfinite(known)]
+            if len(known):
+                low, high = extent.get(name, (np.inf, -np.inf))
+                extent[name] = min(low, float(known.min())), max(high, float(known.max()))
+    types = {name: str(kind) for name, kind in file.columns.items()}
+    about = dict(file.about)
+    if file.classes:
+        about |= {'CRS': file.crs or 'none', 'unit': _unit(file)}
+    return FileInfo(len(file), types, extent, about, *_method(file))
+
+
+def _unit(file: CloudFile) -> str:
+    """Name the unit of the coordinates of a file that may have one."""
+    try:
+        metres = file.metres
+    except CloudError as err:
+        return str(err)
+    return say_units(metres) or 'm'
+
+
+def say_units(metres: Mapping[str, float]) -> str:
+    """Say which coordinates are in which units other than metres."""
+    said = []
+    for axis, size in metres.items():
+        name = next((name for name, known in UNITS.items() if np.isclose(size, known, 1e-9)), '')
+        said.append(f'{axis} in {name or "units"} ({size:.10g} m)')
+    return ', '.join(said)
+
+
+def _method(file: CloudFile) -> tuple[int, str]:
+    """Count the rings that ``clean`` would recover from a file, and say how it would judge."""
+    if len(file) > MOST_POINTS:
+        return 0, ''
+    parameters = FilterParameters()
+    try:
+        coordinates = points.choose_coordinates(file, ())
+        loaded = points.load(file, coordinates, parameters, timed=True)
+    except CloudError:  # `clean` says it
+        return 0, ''
+    if loaded.lack:
+        loaded = points.recovered(file, loaded, parameters)
+    seen = Seen(loaded.points.take(loaded.points.valid), parameters, whole=True)
+    known = (explanations()[name] for name in parameters.chain if name in explanations())
+    return loaded.rings, '; '.join(one.choose(seen, parameters) for one in known)
