@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.files.cloud_file import Change
-    from lidar_outlier_filter.files.las_header import Record
+    from lidar_outlier_filter.files.las_header import LasRecord
 
 NOISE, HIGH_NOISE = 7, 18  # ASPRS: low and high point, noise
 EXTRA_BYTES = 4  # number of the record that describes extra dimensions
@@ -183,8 +183,8 @@ class LasFile(CloudFile):
         self,
         stream: BinaryIO,
         header: Any,
-        records: Sequence[Record],
-        evlrs: Sequence[Record],
+        records: Sequence[LasRecord],
+        evlrs: Sequence[LasRecord],
         change: Change,
     ) -> None:
         """Put back the bytes that laspy rewrote."""

@@ -43,7 +43,7 @@ Units = tuple[float | None, float | None]  # metres per unit of the plane, and o
 
 
 @dataclass(frozen=True)
-class Record:
+class LasRecord:
     """A (extended) variable length record, byte for byte; laspy can write it."""
 
     path: Path
@@ -62,7 +62,7 @@ class Record:
             return stream.read(self.size)
 
 
-def read_records(path: Path) -> tuple[list[Record], list[Record]]:
+def read_records(path: Path) -> tuple[list[LasRecord], list[LasRecord]]:
     """List the records before and behind the points; refuse those that do not fit into the file."""
     size = path.stat().st_size
     with path.open('rb') as stream:
@@ -84,7 +84,7 @@ def read_records(path: Path) -> tuple[list[Record], list[Record]]:
 
 def _chain(
     stream: BinaryIO, path: Path, layout: struct.Struct, offsets: tuple[int, int], count: int
-) -> list[Record]:
+) -> list[LasRecord]:
     """List records; refuse them if they do not all lie between two offsets (bytes)."""
     offset, end = offsets
     check_fits(path, 'the number of records', count, layout.size, end - offset)
@@ -97,7 +97,7 @@ def _chain(
         offset += layout.size
         check_fits(path, 'the bytes in a record', length, 1, end - offset)
         text = user.split(b'\0')[0].decode('latin-1')
-        records.append(Record(path, text, name, head, offset, length))
+        records.append(LasRecord(path, text, name, head, offset, length))
         offset += length
     return records
 
