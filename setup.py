@@ -175,17 +175,5 @@ setup(
             f'{verb} = {LAB}.cli.{verb}:add_{verb}'
             for verb in ('bench', 'demo', 'results', 'simulate', 'train')
         ],
-        f'{NAME}.detectors': [
-            f'{name} = {NAME}.core.detectors.{name}.declaration:DETECTOR'
-            for name in (
-                'alpha_beta_gamma',
-                'elevation',
-                'boosted_trees',
-                'hierarchical',
-                'lof',
-                'quadric',
-                'sor',
-            )
-        ],
     },
 )

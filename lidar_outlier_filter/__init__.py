@@ -10,6 +10,9 @@ What is named here is imported when it is first used, so that the import itself 
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.core.detectors.plugins import find_detectors
+from lidar_outlier_filter.parameters.installed import register
+
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.errors import CloudError, FilterError, ParameterError
@@ -26,6 +29,7 @@ __all__ = [
     'detect_outliers',
 ]
 __version__ = '0.1.0'
+register(find_detectors)
 
 _MODULES = {
     'CloudError': 'errors',

@@ -68,7 +68,6 @@ def _compile(options: argparse.Namespace) -> int:
 
 def _wanted(chain: str | None) -> list[FilterParameters]:
     """Return the parameters of the chain that was asked for, or of all that the package brings."""
-    from lidar_outlier_filter.core.detectors.registry import DETECTORS
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.parameters.yaml_files import read_yaml
 
@@ -78,11 +77,7 @@ def _wanted(chain: str | None) -> list[FilterParameters]:
     files = [read_yaml(path) for path in _shipped()]
     return [
         FilterParameters(),
-        *(
-            FilterParameters().changed(values)
-            for name in FilterParameters().chain
-            for values in DETECTORS[name].kernels.more
-        ),
+        FilterParameters().changed({'boosted_trees.sensor': 'survey'}),  # for `clean`
         *(FilterParameters().changed({k: file[k] for k in file if k in known}) for file in files),
     ]
 

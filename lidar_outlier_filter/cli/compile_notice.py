@@ -45,29 +45,13 @@ def notice() -> Callable[[str], None]:
 def _sentence(module: str) -> str:
     """Name the part of the package that a kernel belongs to; nothing for kernels of others."""
     from lidar_outlier_filter.core.detectors.registry import DETECTORS  # noqa: PLC0415
-    from lidar_outlier_filter.pipeline.compiling import SHARED_SECONDS  # noqa: PLC0415
 
     for one in DETECTORS.values():
-        if not _is_in(module, one.home):
-            continue
-        parts = one.kernels.parts
-        mine = (part for part in parts if _is_in(module, f'{one.home}.{part[0]}'))
-        name, seconds = next(mine, ('', 0 if parts else one.kernels.seconds))
-        name = name.rpartition('.')[2].replace('_', ' ')
-        return _say(f'of {one.name}, {name},' if name else f'of {one.name}', seconds)
+        if f'{module}.'.startswith(f'{one.home}.'):
+            return f'the kernels of {one.name} are compiled, this once'
     if (package := module.partition('.')[0]) != PACKAGE:
         return f'the kernels of {package} are compiled, this once' if package in _others() else ''
-    return _say('that all share', SHARED_SECONDS)
-
-
-def _say(whose: str, seconds: int) -> str:
-    """Say it, and about how long it takes, where that is known."""
-    said = f'the kernels {whose} are compiled, this once'
-    return f'{said}: about {seconds} s' if seconds else said
-
-
-def _is_in(module: str, package: str) -> bool:
-    return f'{module}.'.startswith(f'{package}.')
+    return 'the kernels that all share are compiled, this once'
 
 
 @cache

@@ -20,6 +20,7 @@ import numpy as np
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.detectors import registry
+from lidar_outlier_filter.core.verdict import EXTRA
 from lidar_outlier_filter.disk.new_files import hidden_folder, new_files
 from lidar_outlier_filter.errors import CloudError, ParameterError, said_by
 from lidar_outlier_filter.files import cloud_file
@@ -313,11 +314,7 @@ def _counts(judged: JudgedFile) -> dict[str, Any]:
         'untested': int(np.count_nonzero(np.isnan(verdict.score[valid]))),
         'rejected': int(np.count_nonzero(verdict.rejected)),
         'rejected_by': by_name(verdict.detectors, registry.rejecting(parameters)),
-        'extra': {
-            name: int(np.count_nonzero(verdict.detectors & bit))
-            for one in registry.DETECTORS.values()
-            for bit, name in one.extra.items()
-        },
+        'extra': {'second_phase': int(np.count_nonzero(verdict.detectors & EXTRA))},
         'undecided_by': by_name(verdict.undecided, parameters.chain),
     }
 

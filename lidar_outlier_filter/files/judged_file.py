@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import explanations
-from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.core.engine.chain import along_lines, uses_lines
 from lidar_outlier_filter.core.engine.tiled_chain import TiledChain
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
@@ -391,6 +391,6 @@ def _method(file: CloudFile) -> tuple[int, str]:
         return 0, ''
     if loaded.lack:
         loaded = points.recovered(file, loaded, parameters)
-    seen = Seen(loaded.points.take(loaded.points.valid), parameters, whole=True)
+    seen = DetectorInput(loaded.points.take(loaded.points.valid), parameters, whole=True)
     known = (explanations()[name] for name in parameters.chain if name in explanations())
     return loaded.rings, '; '.join(one.choose(seen, parameters) for one in known)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.registry import sigma_field
 from lidar_outlier_filter.core.engine.whole_cloud import with_rings
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, check_sigma, returns, too_coarse
@@ -257,7 +256,7 @@ def _with_lines(
     if line is None:
         return Loaded(points, lack='no column that says its scan lines')
     sigma = None
-    if name := sigma_field(parameters)[0]:
+    if name := parameters.sigma_field:
         sigma = cloud_file.filled(columns[name]).astype(np.float64) * size
         check_sigma(sigma, points.valid, f'column {name!r}')
     timed = replace(points, t=t, line=line, sigma=sigma)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.registry import reads_intensity, sigma_field
+from lidar_outlier_filter.core.detectors.registry import reads
 from lidar_outlier_filter.core.points.mask import NEEDS_RINGS, Mask, mask_of, masked
 from lidar_outlier_filter.core.points.points import SECOND, Points, check_sigma, returns, too_coarse
 from lidar_outlier_filter.core.points.scan_lines import LineCounter
@@ -113,7 +113,7 @@ class Decoder:
         self._before = copy.copy(self._counter)
         view = self.view(msg)
         if view is None:
-            return _nothing(with_sigma=bool(sigma_field(self.parameters)[0]))
+            return _nothing(with_sigma=bool(self.parameters.sigma_field))
         xyz = np.empty((view.size, 3))
         for i, axis in enumerate(AXES):
             xyz[:, i] = _column(view, axis)
@@ -294,7 +294,7 @@ class Decoder:
 
     def _intensity(self, view: NDArray[np.void]) -> NDArray[np.float32] | None:
         """Return the intensities, where there are any and a detector looks at them."""
-        if not reads_intensity(self.parameters):
+        if not reads(self.parameters, 'intensity'):
             return None
         name = _choose(view, 'auto', INTENSITY_NAMES, '', 'iuf')
         with np.errstate(over='ignore'):  # what is too bright is inf
@@ -303,10 +303,10 @@ class Decoder:
     def _sigma(
         self, view: NDArray[np.void], valid: NDArray[np.bool_]
     ) -> NDArray[np.float64] | None:
-        name, parameter = sigma_field(self.parameters)
+        name = self.parameters.sigma_field
         if not name:
             return None
-        sigma = _named(view, name, parameter, 'iuf').astype(np.float64)
+        sigma = _named(view, name, 'sigma_field', 'iuf').astype(np.float64)
         check_sigma(sigma, valid, f'field {name!r}')
         return sigma
 

@@ -8,12 +8,12 @@ import math
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
 from reprlib import Repr
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
 _SHORT = Repr()
 _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxtuple, _SHORT.maxdict = 3, 30, 30, 10
@@ -144,6 +144,8 @@ def declare(  # noqa: PLR0913  one line declares all that is known of a paramete
 
 class Section:
     """Parameters of one detector: a frozen dataclass of fields that :func:`declare` made."""
+
+    further: ClassVar[Mapping[str, type[Section]]] = {}  # sections of other names
 
     def check(self) -> None:
         """Refuse settings that make sense alone but not with each other."""

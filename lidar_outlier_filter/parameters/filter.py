@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from lidar_outlier_filter.errors import ParameterError
@@ -26,7 +25,7 @@ from lidar_outlier_filter.parameters.declaration import (
     shown,
     walk,
 )
-from lidar_outlier_filter.parameters.installed import GROUP, Installed, gather
+from lidar_outlier_filter.parameters.installed import Installed, find
 from lidar_outlier_filter.parameters.node import HealthLimits, LoadParameters, MotionParameters
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ OneSection = TypeVar('OneSection', bound=Section)
 
 
 def _default_chain() -> tuple[str, ...]:
-    return tuple(name for name, one in installed().detectors.items() if one.by_default)[:1]
+    return installed().default
 
 
 @dataclass(frozen=True)
@@ -112,6 +111,12 @@ class FilterParameters:
     )
     line_field: str = declare(
         'auto', 'Field with the number of the line; auto: by its name.', fixed=True
+    )
+    sigma_field: str = declare(
+        '',
+        'Field with the standard deviation of each point, in the unit of the coordinates, from '
+        '1e-9 to 1e9 metres; empty: none.',
+        fixed=True,
     )
     angle_field: str = declare(
         '', 'Field with the scan angle; empty: the angle of the point in angle_plane.', fixed=True
@@ -324,15 +329,8 @@ def _check_together(parameters: FilterParameters) -> None:
 
 @cache
 def installed() -> Installed:
-    """Find the detectors that are installed, once in a process.
-
-    Raises
-    ------
-    FilterError
-        If those of the package itself are not.
-
-    """
-    return gather(entry_points(group=GROUP), [item.name for item in fields(FilterParameters)])
+    """Find the detectors that are installed, once in a process."""
+    return find([item.name for item in fields(FilterParameters)])
 
 
 @cache

@@ -29,7 +29,6 @@ from lidar_outlier_filter.pipeline.visibility import compile_watch
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-SHARED_SECONDS = 10  # of a processor, about, for the kernels that all detectors share
 SCORES = 'scores'  # which come with reasons, that have kernels of their own
 PATIENT = 10  # niceness beside a filter that runs
 
@@ -78,12 +77,6 @@ def load(parameters: FilterParameters) -> bool:
     return True
 
 
-def seconds(parameters: FilterParameters) -> int:
-    """Return about how long compiling a chain takes here, without what is on disk already."""
-    total = SHARED_SECONDS + sum(DETECTORS[name].kernels.seconds for name in parameters.chain)
-    return round(total / min(len(shares(parameters)), cores()))
-
-
 def shares(parameters: FilterParameters) -> list[KernelShare]:
     """Cut the work for a chain into parts that can be done side by side."""
     found = []
@@ -94,7 +87,7 @@ def shares(parameters: FilterParameters) -> list[KernelShare]:
         }
         changed = {key: value for key, value in values.items() if value != default[key]}
         given = tuple(sorted(changed.items()))
-        by_sensor = DETECTORS[name].kernels.by_sensor(parameters)
+        by_sensor = DETECTORS[name].lines == 'uses'
         parts = [(sensor,) for sensor in SENSORS] if by_sensor else [SENSORS]
         found += [KernelShare(name, given, part) for part in parts]
     return found

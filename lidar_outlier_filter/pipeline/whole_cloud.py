@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.registry import sigma_fields
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole, with_rings
 from lidar_outlier_filter.core.points.mask import mask_of, masked
 from lidar_outlier_filter.core.points.points import Points, is_return
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-FIELDS = ('time_field', 'line_field', 'angle_field')
+FIELDS = ('time_field', 'line_field', 'angle_field', 'sigma_field')
 NO_TIME, NO_LINES = 'no time of each point', 'no scan line of each point'
 
 
@@ -153,7 +152,7 @@ def _points(
     parameters: FilterParameters,
 ) -> tuple[Points, str]:
     """Make points of plain arrays; say what they lack to have scan lines."""
-    for name in (*FIELDS, *sigma_fields()):
+    for name in FIELDS:
         value = parameters.value(name)
         if value not in {'', 'auto'}:
             must_be = 'given for clouds with fields only'

@@ -71,11 +71,12 @@ class TopicReport:
             return ''
         if self.points == self.invalid:
             return 'all are missing returns' if self.points else 'its clouds have none'
-        needs = [
-            f'{name} needs {"longer scan lines" if DETECTORS[name].needs_lines else "more points"}'
-            for name in self.undecided_by
-        ]
-        return ', '.join(needs)
+        return ', '.join(f'{name} needs {_needs(name)}' for name in self.undecided_by)
+
+
+def _needs(name: str) -> str:
+    """Say what a detector lacks where it can test no point."""
+    return 'longer scan lines' if DETECTORS[name].lines == 'needs' else 'more points'
 
 
 class CloudTopic:

@@ -16,6 +16,7 @@ from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.installed import MASK, MASKED
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, ros_lines
+from lidar_outlier_filter.report.colours import colour
 from lidar_outlier_filter.report.pack import reason_names, reason_numbers, reason_texts
 from lidar_outlier_filter.report.reasons import REST, vocabulary
 from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES
@@ -91,7 +92,7 @@ def detectors() -> list[dict[str, Any]]:
         {
             'name': one.name,
             'number': one.bit.bit_length(),
-            'colour': one.colour,
+            'colour': colour(one.name, one.bit),
             'rejects': one.rejects.replace('`', ''),
         }
         for one in DETECTORS.values()

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.core.detectors.declaration import Detector
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.detectors.explanation import Explanation
     from lidar_outlier_filter.core.detectors.scores import Scores
-    from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -102,7 +102,7 @@ class NotedReasons:
     def note(
         self,
         explanation: Explanation,
-        seen: Seen,
+        seen: DetectorInput,
         score: NDArray[np.float64],
         parameters: FilterParameters,
     ) -> None:
@@ -165,11 +165,9 @@ class ExplainingChain(Chain):
         self.reasons = NotedReasons()
         self.rejected = {one.detector: np.zeros(len(one.values), np.int64) for one in possible}
         self._limits = {one.detector: one.limits for one in possible}
-        self._detectors = [
-            replace(one, detect=partial(self._noted, one)) for one in self._detectors
-        ]
+        self._detectors = [replace(one, score=partial(self._noted, one)) for one in self._detectors]
 
-    def _noted(self, one: Detector, seen: Seen, parameters: FilterParameters) -> Scores:
+    def _noted(self, one: Detector, seen: DetectorInput, parameters: FilterParameters) -> Scores:
         found = one.detect(seen, parameters)
         if one.name in self._limits:
             limits = self._limits[one.name]

@@ -17,6 +17,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from lidar_outlier_filter import __version__
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
+from lidar_outlier_filter.core.detectors.thresholds import threshold
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.declaration import shown
@@ -214,14 +215,16 @@ def sliders_of(parameters: FilterParameters) -> list[dict[str, Any]]:
     """List the threshold of each detector of the chain: its values as texts, and which it has."""
     found = []
     for detector in dict.fromkeys(parameters.chain):
-        threshold = DETECTORS[detector].threshold(parameters)
-        given = parameters.flat()[threshold.name]
-        allowed = [one for one in threshold.values if fits(parameters, threshold.name, one)]
-        values = sorted({*allowed, given}, key=threshold.critical)
+        swept = threshold(DETECTORS[detector], parameters)
+        if swept is None:
+            continue
+        given = parameters.flat()[swept.name]
+        allowed = [one for one in swept.values if fits(parameters, swept.name, one)]
+        values = sorted({*allowed, given}, key=swept.critical)
         found.append(
             {
                 'detector': detector,
-                'name': threshold.name,
+                'name': swept.name,
                 'texts': [as_yaml(one) for one in values],
                 'now': values.index(given),
             }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.seen import Seen
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.points.points import Points
@@ -18,20 +18,20 @@ BLOCKS = 4  # that are remembered: chains judge a block one after the other, or 
 
 
 class SharedSight:
-    """Gives the chains that share it the same ``Seen`` of the same points."""
+    """Gives the chains that share it the same ``DetectorInput`` of the same points."""
 
     def __init__(self) -> None:
         """Remember nothing yet."""
-        self._known: list[tuple[int, Seen]] = []
+        self._known: list[tuple[int, DetectorInput]] = []
 
     def __call__(
         self, points: Points, parameters: FilterParameters, neighbours: int, *, whole: bool
-    ) -> Seen:
+    ) -> DetectorInput:
         """Find what is known of points, or look at them."""
         for most, seen in self._known:
             if (most, seen.whole) == (neighbours, whole) and _are_equal(seen.points, points):
                 return seen
-        seen = Seen(points, parameters, neighbours, whole=whole)
+        seen = DetectorInput(points, parameters, neighbours, whole=whole)
         self._known = [(neighbours, seen), *self._known[: BLOCKS - 1]]
         return seen
 

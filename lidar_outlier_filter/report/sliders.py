@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.thresholds import threshold
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.detectors.thresholds import Threshold
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 BITS = 21  # of a point, for the steps of all sliders
@@ -66,11 +68,11 @@ class Slider(SliderValues):
 def choices(parameters: FilterParameters) -> tuple[SliderValues, ...]:
     """List the values of the threshold of each detector of the chain."""
     chain = tuple(dict.fromkeys(parameters.chain))
-    return tuple(_choice(detector, parameters) for detector in chain[:BITS])
+    found = ((name, threshold(DETECTORS[name], parameters)) for name in chain[:BITS])
+    return tuple(_choice(name, one, parameters) for name, one in found if one is not None)
 
 
-def _choice(detector: str, parameters: FilterParameters) -> SliderValues:
-    threshold = DETECTORS[detector].threshold(parameters)
+def _choice(detector: str, threshold: Threshold, parameters: FilterParameters) -> SliderValues:
     given = float(parameters.flat()[threshold.name])
     middle = threshold.critical(given)
     others = [one for one in threshold.values if fits(parameters, threshold.name, one)]

@@ -13,7 +13,6 @@ from lidar_outlier_filter.pipeline.compiling import (
     is_ready,
     load,
     make_ready,
-    seconds,
     shares,
 )
 
@@ -54,10 +53,9 @@ class Compiler:
         wanted, now = self._wanted, self._now
         if wanted is None or now is None:
             return ''
-        took = seconds(wanted)
         return (
-            f'{", ".join(wanted.chain)} takes over when its kernels are ready, in about {took} s '
-            f'where they must be compiled; {", ".join(now.chain)} answers until then'
+            f'{", ".join(wanted.chain)} takes over when its kernels are ready; '
+            f'{", ".join(now.chain)} answers until then'
         )
 
     def want(self, parameters: FilterParameters) -> None:
@@ -119,9 +117,8 @@ class Compiler:
             make_ready(wanted)
 
     def _sentence(self, parameters: FilterParameters) -> str:
-        """Say what is compiled, about how long it takes, and what is done until then."""
-        names = ', '.join(parameters.chain)
-        said = f'compiling {names}, which takes about {seconds(parameters)} s'
+        """Say what is compiled, and what is done until then."""
+        said = f'compiling {", ".join(parameters.chain)}'
         if self._now is None:
             return f'{said}; until then load.policy says what becomes of clouds'
         return f'{said}; until then {", ".join(self._now.chain)} answers'

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Bools, Floats, Ints, Progress
-    from lidar_outlier_filter.core.detectors.dials import Threshold, Values
+    from lidar_outlier_filter.core.detectors.thresholds import Threshold
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.tuning.dials import Search
+    from lidar_outlier_filter.tuning.search_space import Search, Values
     from lidar_outlier_filter.tuning.training import Training
 
 F1, AUC = 'f1', 'auc'

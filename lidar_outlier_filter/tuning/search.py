@@ -20,8 +20,8 @@ from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.verdict import ALL
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED
-from lidar_outlier_filter.tuning.dials import searches
 from lidar_outlier_filter.tuning.model import ROUNDS, Goal, Model, levels, middle_of_best
+from lidar_outlier_filter.tuning.search_space import searches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,10 +29,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Bools, Ints, Progress
-    from lidar_outlier_filter.core.detectors.dials import Values
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.tuning.dials import Search
+    from lidar_outlier_filter.tuning.search_space import Search, Values
     from lidar_outlier_filter.tuning.training import Training
 
 HELD = 8  # verdicts that are kept in memory

@@ -14,6 +14,7 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import concatenate
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.report.colours import colour
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
 from lidar_outlier_lab.results.samples import simulated
 
@@ -74,7 +75,7 @@ def section(preset: str, seed: int, folder: Path, progress: Progress) -> str:
         x_label='thousand points',
         y_label='seconds',
         from_zero=True,
-        colours={name: one.colour for name, one in DETECTORS.items()},
+        colours={name: colour(name, one.bit) for name, one in DETECTORS.items()},
     )
     return paragraphs(
         '## Run time',

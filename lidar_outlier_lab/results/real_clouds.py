@@ -54,7 +54,7 @@ def section(data: Path, progress: Progress) -> str:
 
 def labelled(path: Path) -> Sample | None:
     """Read a cloud with classes, with its scan lines if it says them; None: no class is noise."""
-    along = tuple(name for name, one in DETECTORS.items() if one.needs_lines or one.uses_lines)
+    along = tuple(name for name, one in DETECTORS.items() if one.lines != 'no')
     for chain in (along, ('lof',)):
         try:
             found = from_file(path, FilterParameters().changed({'chain': chain}), NOISE)

@@ -140,9 +140,7 @@ def test_time_is_not_asked_for(tmp_path: Path) -> None:
 def test_named_columns(tmp_path: Path) -> None:
     """Columns for time, line and standard deviation may be named."""
     path = table(tmp_path, 'x,y,z,a,b,c\n1,2,3,100,7,0.01\n4,5,6,250,8,0.02\n')
-    found = loaded(
-        path, time_field='a', time_unit='us', line_field='b', alpha_beta_gamma__sigma_field='c'
-    )
+    found = loaded(path, time_field='a', time_unit='us', line_field='b', sigma_field='c')
     assert found.points.t.tolist() == [100_000, 250_000]
     assert found.points.line.tolist() == [7, 8]
     assert found.points.sigma is not None
@@ -160,7 +158,7 @@ def test_named_columns(tmp_path: Path) -> None:
         ({'line_source': 'angle'}, 'the angle column must be one of scan_angle, scan_angle_rank'),
         ({'angle_field': 'phi', 'line_source': 'angle'}, 'angle_field must be a column of {}'),
         (
-            {'alpha_beta_gamma__sigma_field': 's', 'line_source': 'angle', 'angle_field': 't'},
+            {'sigma_field': 's', 'line_source': 'angle', 'angle_field': 't'},
             "column 's' must be from 1e-09 to 1e+09 m, got -0.5",
         ),
     ],
@@ -254,7 +252,7 @@ def test_gaps_in_coordinates_and_marks(tmp_path: Path, suffix: str) -> None:
         (7, 8, 9, 3, EXACT + 2),
         (None, None, 9, None, None),
     ]
-    found = loaded(with_gaps(tmp_path / f'a.{suffix}', rows), alpha_beta_gamma__sigma_field='ring')
+    found = loaded(with_gaps(tmp_path / f'a.{suffix}', rows), sigma_field='ring')
     nan = np.nan
     expected = [[1, 2, 3], [4, nan, 6], [7, 8, 9], [nan, nan, 9]]
     np.testing.assert_array_equal(found.points.xyz, expected)

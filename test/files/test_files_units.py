@@ -159,7 +159,7 @@ def test_deviations_have_the_unit_of_the_coordinates(tmp_path: Path) -> None:
     """A column of standard deviations beside coordinates in millimetres is in millimetres."""
     path = tmp_path / 'scan.csv'
     path.write_text('x,y,z,time,ring,s\n1000,2000,3000,0.5,1,5\n')
-    parameters = FilterParameters().changed({'alpha_beta_gamma.sigma_field': 's'})
+    parameters = FilterParameters().changed({'sigma_field': 's'})
     sizes = dict.fromkeys('xyz', UNITS['mm'])
     loaded = points.load(open_cloud(path), 'xyz', parameters, timed=True, metres=sizes)
     np.testing.assert_allclose(loaded.points.xyz, [[1.0, 2.0, 3.0]])

@@ -50,8 +50,8 @@ import numpy as np  # noqa: E402  nothing may have asked for a kernel before
 
 from helpers import neighbour_clouds, profile_drives, sweeps  # noqa: E402
 from lidar_outlier_filter import core  # noqa: E402
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput  # noqa: E402
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, explanations  # noqa: E402
-from lidar_outlier_filter.core.detectors.seen import Seen  # noqa: E402
 from lidar_outlier_filter.core.engine.chain import Chain  # noqa: E402
 from lidar_outlier_filter.core.points.points import Points  # noqa: E402
 from lidar_outlier_filter.parameters.declaration import walk  # noqa: E402
@@ -99,7 +99,7 @@ def main() -> None:
                 Chain(parameters).judge(points)
                 if name in why and len(points) > 1:
                     every = np.ones(len(points), np.bool_)
-                    why[name].explain(Seen(points, parameters, 20), parameters, every)
+                    why[name].explain(DetectorInput(points, parameters, 20), parameters, every)
     left = (name for name in known - called if name.startswith(f'{core.__name__}.detectors.'))
     sys.stdout.writelines(f'{name}\n' for name in sorted(left))
 

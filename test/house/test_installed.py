@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -35,10 +37,12 @@ from helpers.watching import RELIABLE
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
-from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.parameters.declaration import Section
+from lidar_outlier_filter.core.detectors.builtin import BUILTIN
+from lidar_outlier_filter.core.detectors.declaration import Detector
+from lidar_outlier_filter.core.detectors.plugins import GROUP, add_plugins
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.parameters.declaration import Section, declare
 from lidar_outlier_filter.parameters.filter import installed
-from lidar_outlier_filter.parameters.installed import GROUP, gather
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.bags import Recording
 
@@ -46,6 +50,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from lidar_outlier_filter.annotations import Floats
+    from lidar_outlier_filter.parameters.installed import Installed
 
 COMMAND = [sys.executable, '-P', '-m', 'lidar_outlier_filter.cli.main']
 BIT = 128
@@ -202,73 +207,129 @@ def test_a_node_names_what_is_refused(tmp_path: Path) -> None:
 # What is refused -----------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
 class Other(Section):
-    """No parameters."""
+    """One parameter."""
+
+    limit: float = declare(0.5, 'Longest distance that is kept.', 'm', 1e-3, 1e3)
 
 
-class Declared:
-    """A declaration with what matters here."""
-
-    def __init__(self, name: str, bit: int = BIT, *more: str) -> None:
-        """Name it."""
-        self.name, self.bit, self.by_default = name, bit, False
-        self.sections = dict.fromkeys((name, *more), Other)
+class NotFrozen(Section):
+    """Not a dataclass."""
 
 
-def found(monkeypatch: pytest.MonkeyPatch, *declared: object) -> Any:
-    """Load what the package declares and what another module does, by their names."""
-    module = ModuleType('somebodys')
-    own = [
-        EntryPoint(
-            name, f'{GROUP.partition(".")[0]}.core.detectors.{name}.declaration:DETECTOR', GROUP
-        )
-        for name in BITS
-    ]
-    others = []
-    for number, one in enumerate(declared):
+@dataclass(frozen=True)
+class WrongDefault(Section):
+    """A default beyond its range."""
+
+    limit: float = declare(5.0, 'A distance.', 'm', 0.0, 1.0)
+
+
+def declared(name: str, bit: int = BIT, **changed: Any) -> Any:
+    """Declare a detector."""
+    whole = Detector(name, bit, Other, lambda _seen, _parameters: Scores(np.empty(0)), 'is alone')
+    return replace(whole, **changed)
+
+
+def found(monkeypatch: pytest.MonkeyPatch, *others: object) -> Installed:
+    """Load what another distribution declares, beside the built-in detectors."""
+    module = ModuleType('plugin')
+    monkeypatch.setitem(sys.modules, 'plugin', module)
+    points = []
+    for number, one in enumerate(others):
         setattr(module, f'x{number}', one)
-        name = getattr(one, 'name', 'x')
-        others.append(EntryPoint(name, f'somebodys:x{number}', GROUP))
-    monkeypatch.setitem(sys.modules, 'somebodys', module)
-    return gather([*others, *own], ['block', 'motion'])
+        name = one.name if isinstance(one, Detector) and isinstance(one.name, str) else 'x'
+        points.append(('', EntryPoint(name, f'plugin:x{number}', GROUP)))
+    return add_plugins(points, ['block', 'motion'])
 
 
-def test_bits_are_one_detectors_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A bit that is taken, or is none, is refused in a sentence; all others stay."""
-    wrong = [Declared(f'other{bit}', bit) for bit in (0, 3, 64, 1 << 15, -1)]
-    result = found(monkeypatch, *wrong, Declared('good'), Declared('late'))
-    assert {k: one.bit for k, one in result.detectors.items()} == {**BITS, 'good': BIT}
+def bits(result: Installed) -> dict[str, int]:
+    """Return the bits of the detectors that were accepted."""
+    return {name: one.bit for name, one in result.detectors.items()}
+
+
+def test_bits_belong_to_one_detector(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bit that is taken or invalid is refused in a sentence; all others stay."""
+    wrong = [declared(f'other{bit}', bit) for bit in (0, 3, 64, 1 << 15)]
+    result = found(monkeypatch, *wrong, declared('good'), declared('late'))
+    assert bits(result) == {**BITS, 'good': BIT}
     assert set(result.refused) == {*(one.name for one in wrong), 'late'}
     assert str(result.refused['other64']) == (
-        'the bit of the detector other64 of an unknown distribution must be one of 256, 512, 1024, '
-        '2048, 4096, 8192, got 64'
-    )
-    assert 'must be one of 256, 512' in str(result.refused['late'])
-
-
-@pytest.mark.parametrize('name', ['lof', 'boosted_trees_profile', 'block', 'motion'])
-def test_names_are_one_detectors_own(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """So is a name that is taken by a detector or a parameter, its own or of further parameters."""
-    result = found(monkeypatch, Declared(name), Declared('good', BIT, name))
-    assert {k: one.bit for k, one in result.detectors.items()} == BITS
-    for refused in (name, 'good'):
-        assert f"must be a new one, got '{name}'" in str(result.refused[refused])
-
-
-def test_what_is_no_declaration(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What cannot be imported, or is something else, is refused in a sentence too."""
-    result = found(monkeypatch, 5)
-    assert {k: one.bit for k, one in result.detectors.items()} == BITS
-    assert str(result.refused['x']) == (
-        'the detector x of an unknown distribution must be a declaration that can be imported, '
-        "got AttributeError: 'int' object has no attribute 'name'"
+        'the bit of the detector other64 of a distribution without a name must be one of 256, 512, '
+        '1024, 2048, 4096, 8192, got 64'
     )
 
 
-def test_a_package_that_is_not_installed() -> None:
-    """Without entry points there is no detector: one sentence says what to do."""
-    with pytest.raises(FilterError, match='the detectors must be installed with the package'):
-        gather([], [])
+@pytest.mark.parametrize('name', ['block', 'motion', *BITS])
+def test_names_belong_to_one_detector(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """A name that is taken is refused, and what has it stays usable."""
+    result = found(monkeypatch, declared(name))
+    assert bits(result) == BITS
+    (sentence,) = map(str, result.refused.values())
+    assert f"must be a new one, got '{name}'" in sentence
+    assert not set(result.refused) & set(BITS)
+    assert result.detectors == BUILTIN
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        5,
+        replace(declared('x'), name=5),
+        replace(declared('x'), name='a b'),
+        replace(declared('x'), bit=True),
+        replace(declared('x'), bit='128'),
+        declared('x', section=5),
+        declared('x', section=Section),
+        declared('x', section=NotFrozen),
+        declared('x', section=WrongDefault),
+        declared('x', score=5),
+        declared('x', score='no_colon'),
+        declared('x', rejects=None),
+        declared('x', neighbours=3),
+        declared('x', lines='some'),
+        declared('x', columns=['intensity']),
+    ],
+)
+def test_wrong_declarations(monkeypatch: pytest.MonkeyPatch, wrong: object) -> None:
+    """Each is refused in one sentence that names it."""
+    result = found(monkeypatch, wrong, declared('good'))
+    assert bits(result) == {**BITS, 'good': BIT}
+    (sentence,) = map(str, result.refused.values())
+    assert re.search('detector .* of a distribution without a name must be ', sentence)
+    assert '\n' not in sentence
+
+
+@pytest.mark.parametrize('leaves', [SystemExit(0), GeneratorExit(), ValueError('no')], ids=repr)
+def test_what_leaves_a_plugin(monkeypatch: pytest.MonkeyPatch, leaves: BaseException) -> None:
+    """Whatever importing it raises is a reason to refuse it, except an interrupt."""
+
+    def load(_point: EntryPoint) -> object:
+        raise leaves
+
+    monkeypatch.setattr(EntryPoint, 'load', load)
+    point = EntryPoint('x', 'plugin:x', GROUP)
+    sentence = str(add_plugins([('p', point)], []).refused['x'])
+    assert sentence.startswith('the detector x of p must be a declaration that can be imported')
+    assert type(leaves).__name__ in sentence
+
+
+def test_a_distribution_without_a_name(tmp_path: Path) -> None:
+    """Its detectors are found, and refused as any other's."""
+    env = write_installed(tmp_path, 'broken', 'raise SystemExit(0)')
+    (tmp_path / 'broken-1.0.dist-info/METADATA').write_text('Metadata-Version: 2.1\n')
+    run(env, 'clean', '--help')
+    done = subprocess.run(
+        [*COMMAND, 'clean', 'a.csv', '--chain', 'broken'],
+        env={**os.environ, **env},
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert 'the detector broken of' in done.stderr
+    assert 'SystemExit' in done.stderr
+    assert 'Traceback' not in done.stderr
 
 
 def test_a_refused_one_costs_nothing_else(tmp_path: Path) -> None:

@@ -15,10 +15,10 @@ from helpers.detectors import BITS, added
 from helpers.strangers import EXAMPLE
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.declaration import Detector, Measured, Tiled
-from lidar_outlier_filter.core.detectors.dials import Dial, decades, each, plain
+from lidar_outlier_filter.core.detectors.declaration import Detector, Measured, resolve
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, table
 from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.detectors.thresholds import threshold
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.verdict import EXTRA
@@ -26,7 +26,8 @@ from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import Section, declare, walk
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import read_yaml, write_yaml
-from lidar_outlier_filter.tuning.dials import searches
+from lidar_outlier_filter.report.colours import colour
+from lidar_outlier_filter.tuning.search_space import searches
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -75,22 +76,14 @@ def _score(measured: Floats, _range: Callable[[], Floats], parameters: FilterPar
 MEASURED = Measured(_measure, _score, steps=1)
 
 
-def _dials(_parameters: FilterParameters) -> list[Dial]:
-    return [each('toy.rank', (1, 2))]
-
-
 TOY = Detector(
     name='toy',
     bit=BIT,
     section=Toy,
-    detect=MEASURED.detect,
-    threshold=lambda _: plain('toy.limit', decades(-3, 3)),
-    dials=_dials,
+    score=MEASURED.detect,
     neighbours=_rank,
     tiled=MEASURED,
-    colour='#123456',
     rejects='has no other beside it',
-    source='this test',
 )
 
 
@@ -173,9 +166,11 @@ def test_a_file(tmp_path: Path, tile: str) -> None:
 
 @pytest.mark.usefixtures('toy')
 def test_tuner() -> None:
-    """The tuner tries its dial and sweeps its threshold."""
-    (search,) = searches(FilterParameters().changed({'chain': ['toy']}))
+    """The tuner sweeps its first float, within its range, and tries what a user wants."""
+    parameters = FilterParameters().changed({'chain': ['toy']})
+    (search,) = searches(parameters, {'toy.rank': [1, 2]})
     assert search.threshold.name == 'toy.limit'
+    assert (search.threshold.values[0], search.threshold.values[-1]) == (1e-3, 1e3)
     assert list(search.settings) == [{'toy.rank': 1}, {'toy.rank': 2}]
 
 
@@ -202,8 +197,12 @@ def test_declarations_agree_with_the_parameters() -> None:
         for section, kind in detector.sections.items():
             assert {item.name for item in walk(kind, f'{section}.')} <= names
             assert FilterParameters().of(kind) == kind()
-        assert detector.threshold(FilterParameters()).name in names
+        swept = threshold(detector, FilterParameters())
+        assert swept is not None
+        assert swept.name in names
         assert BITS[name] == detector.bit
         assert f'| `{name}` | {detector.bit} | {detector.rejects} |' in table()
-    assert len({one.colour for one in DETECTORS.values()}) == len(DETECTORS)
-    assert DETECTORS['alpha_beta_gamma'].tiled is Tiled.BY_LINE
+        assert callable(resolve(detector.score))
+    colours = {colour(name, bit) for name, bit in BITS.items()}
+    assert len(colours) == len(BITS)
+    assert colour('toy', BIT) not in colours

@@ -189,7 +189,7 @@ WAYS: dict[str, dict[str, object]] = {
     'either': {},
     'both': dict(SMOOTHER),
     'sigma': {'alpha_beta_gamma.sigma': 0.02, 'alpha_beta_gamma.test': 'joint'},
-    'sigma of each point': {'alpha_beta_gamma.sigma_field': 'std'},
+    'sigma of each point': {'sigma_field': 'std'},
     'few passes': {'alpha_beta_gamma.passes': 2, 'alpha_beta_gamma.test': 'both'},
     'late': {'lateness': 0.05},
     'angle': {'line_source': 'angle'},
@@ -546,7 +546,7 @@ SPOILERS: list[Callable[[np.random.Generator, PointCloud2], None]] = [
         DEFAULT,
         {'time_field': 'tick', 'alpha_beta_gamma.sides': 'both', 'alpha_beta_gamma.sigma': 0.01},
         {'scores': True, 'keep_organized': True},
-        {'alpha_beta_gamma.sigma_field': 'std', 'alpha_beta_gamma.test': 'both'},
+        {'sigma_field': 'std', 'alpha_beta_gamma.test': 'both'},
         {'line_source': 'angle'},
     ],
 )

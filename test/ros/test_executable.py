@@ -227,7 +227,6 @@ def test_stopped_while_nothing_comes(tmp_path: Path) -> None:
 ENDLESS = """
 from dataclasses import dataclass
 from lidar_outlier_filter.core.detectors.declaration import Detector
-from lidar_outlier_filter.core.detectors.dials import plain
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.parameters.declaration import Section, declare
@@ -251,9 +250,7 @@ def detect(seen, parameters):
 class Endless(Section):
     limit: float = declare(1.0, 'Nothing.', '', 0.5, 2.0)
 
-dial = plain('endless.limit', (1.0,))
-DETECTOR = Detector('endless', 128, Endless, detect, lambda _: dial,
-                    colour='#123456', rejects='is judged', source='this test')
+DETECTOR = Detector('endless', 128, Endless, detect, rejects='is judged')
 """
 # The node, and a sensor in the same process.
 BESIDE_A_SENSOR = """

@@ -112,7 +112,7 @@ def test_lof_of_a_sweep_full_of_twins(recordings: Path) -> None:
 
 def kept(xyz: Floats, parameters: Sor) -> int:
     """Count the points that are not rejected."""
-    score = sor.detect(Neighbourhood(xyz, sor.neighbours(parameters)), parameters)
+    score = sor.detect(Neighbourhood(xyz, parameters.list_length), parameters)
     return int(np.count_nonzero(score <= 1))
 
 

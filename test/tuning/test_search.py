@@ -15,9 +15,9 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.tuning.dials import searches
 from lidar_outlier_filter.tuning.model import AUC, Goal, Model, levels, middle_of_best
 from lidar_outlier_filter.tuning.search import fold_of_each, tune
+from lidar_outlier_filter.tuning.search_space import searches
 from lidar_outlier_filter.tuning.training import Training, together
 from lidar_outlier_lab.results.tuner_proof import AIM, BAD_START, prove, run
 

@@ -1,27 +1,24 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a detector declares of itself.
+"""The declaration of a detector: its name, bit, parameters, score, and what it needs of a cloud.
 
-Everything else follows from the declaration: what ``chain`` may hold, the bits of a verdict, what
-is read of a cloud, what is compiled, what the tuner tries, what is judged in tiles, the reasons,
-the tables and the colours. It is read wherever parameters are: so its functions import what
-computes when they are called.
+Declarations are read wherever parameters are, so they import no kernel: ``score`` is named.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
+from functools import cache
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection
 
     from lidar_outlier_filter.annotations import Bools, Floats, Ints
-    from lidar_outlier_filter.core.detectors.dials import Dial, Threshold
-    from lidar_outlier_filter.core.detectors.explanation import Explanation
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.detectors.scores import Scores
-    from lidar_outlier_filter.core.detectors.seen import Seen
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
     from lidar_outlier_filter.parameters.declaration import Section
     from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -58,7 +55,7 @@ class Measured:
     steps: int
     by_place: bool = False
 
-    def detect(self, seen: Seen, parameters: FilterParameters) -> Scores:
+    def detect(self, seen: DetectorInput, parameters: FilterParameters) -> Scores:
         """Detect in one piece."""
         measured = self.measure(seen.neighbourhood, parameters)
         return self.score(measured, lambda: seen.points.range, parameters)
@@ -91,94 +88,63 @@ class Reaching:
 
 
 @dataclass(frozen=True)
-class Kernels:
-    """What it takes to compile a detector.
-
-    Attributes
-    ----------
-    seconds : int
-        Of a processor, about, beside those of the kernels that all detectors share.
-    parts : names of packages or modules beside the declaration, and the seconds of their kernels
-        Where not all clouds need the same; the first one that a module is in counts.
-    by_sensor : of the parameters of the filter
-        Whether each kind of sensor has kernels of its own.
-    more : parameters whose kernels ``compile`` makes too, beside those of the defaults
-
-    """
-
-    seconds: int = 0
-    parts: Sequence[tuple[str, int]] = ()
-    by_sensor: Callable[[FilterParameters], bool] = lambda _: False
-    more: Sequence[Mapping[str, object]] = ()
-
-
-@dataclass(frozen=True)
 class Detector:
-    """One test: it gives every point a score.
+    """The declaration of one detector.
 
     Attributes
     ----------
     name : str
-        In ``chain``; its parameters are named ``name.parameter``.
+        As in ``chain``; its parameters are named ``name.parameter``.
     bit : int
         In ``outlier_detectors`` of recorded clouds. It never changes.
     section : class of its parameters
-    detect : of what it sees, and the parameters of the filter
-    threshold : what the tuner sweeps
-    colour : str
-        '#rrggbb', in pictures.
+        The tuner sweeps the first that is a float, unless :mod:`.thresholds` names another.
+    score : function of a :class:`.DetectorInput` and the filter's parameters
+        Returns :class:`.Scores`. Or its name, 'module:function', which is imported on first use.
     rejects : str
-        Continues "a point is rejected that …".
-    source : str
-        Where it was published.
-    dials : what the tuner tries beside it, which may depend on other parameters
-    neighbours : length of the lists of neighbours that it asks for; 0: of none
-    needs_lines : bool
-        Whether it works along scan lines, so that points without lines cannot be judged.
-    uses_lines : bool
-        Whether it works along scan lines where there are some.
-    wants_rings : of the parameters
-        Whether the rings of a cloud without scan lines are to be recovered for it.
-    columns : what else it reads of a cloud, in the chain: ``intensity``; set: ``sigma``
-        With the parameter that names the field; empty: its usual names.
-    tiled : how it judges in tiles; None: it must see all points at once
-    kernels : what it takes to compile it
-    extra : names of bits beside its own, which say more of a rejected point
-    explain : gives what explains its scores; None: nothing does
-    further : parameters in sections of other names
-    by_default : bool
-        Whether it is the default chain.
+        Completes "a point is rejected that …".
+    neighbours : function of the filter's parameters
+        Length of the neighbour lists that ``score`` needs; 0: none.
+    lines : str
+        ``'needs'`` scan lines: points without cannot be judged; ``'uses'`` them where known;
+        ``'no'``.
+    columns : function of the filter's parameters
+        What else it reads of a cloud: ``'intensity'``; ``'ring'``: rings are recovered if needed.
+    tiled : how it judges a cloud in tiles, or the name of that, 'module:object'
+        None: it must see all points at once.
 
     """
 
     name: str
     bit: int
     section: type[Section]
-    detect: Callable[[Seen, FilterParameters], Scores]
-    threshold: Callable[[FilterParameters], Threshold]
-    colour: str
+    score: str | Callable[[DetectorInput, FilterParameters], Scores]
     rejects: str
-    source: str
-    dials: Callable[[FilterParameters], list[Dial]] = lambda _: []
     neighbours: Callable[[FilterParameters], int] = lambda _: 0
-    needs_lines: bool = False
-    uses_lines: bool = False
-    wants_rings: Callable[[FilterParameters], bool] = lambda _: False
-    columns: Mapping[Literal['sigma', 'intensity'], str] = field(default_factory=dict)
-    tiled: Tiled | Measured | Reaching | None = None
-    kernels: Kernels = Kernels()
-    extra: Mapping[int, str] = field(default_factory=dict)
-    explain: Callable[[], Explanation] | None = None
-    further: Mapping[str, type[Section]] = field(default_factory=dict)
-    by_default: bool = False
+    lines: Literal['no', 'uses', 'needs'] = 'no'
+    columns: Callable[[FilterParameters], Collection[str]] = lambda _: ()
+    tiled: Tiled | Measured | Reaching | str | None = None
+
+    def detect(self, seen: DetectorInput, parameters: FilterParameters) -> Scores:
+        """Score every point."""
+        scores: Scores = resolve(self.score)(seen, parameters)
+        return scores
 
     @property
     def sections(self) -> dict[str, type[Section]]:
         """All its parameters, by the first part of their names."""
-        return {self.name: self.section, **self.further}
+        return {self.name: self.section, **self.section.further}
 
     @property
     def home(self) -> str:
-        """The package of its parameters, or the module where that is of none."""
+        """The package of its parameters, or their module if that is not in a package."""
         module = self.section.__module__
         return module.rpartition('.')[0] or module
+
+
+def resolve(named: Any) -> Any:
+    """Return an object, which may be named: 'module:object'."""
+    return _imported(named) if isinstance(named, str) else named
+
+
+_imported = cache(resolve_name)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
     from lidar_outlier_filter.annotations import Bools, Singles
-    from lidar_outlier_filter.core.detectors.seen import Seen
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -60,5 +60,5 @@ class Explanation:
     reasons: Mapping[int, ReasonName]
     ways: Mapping[str, Mapping[str, str]]
     of_score: Collection[str]
-    choose: Callable[[Seen, FilterParameters], str]
-    explain: Callable[[Seen, FilterParameters, Bools], Contributions]
+    choose: Callable[[DetectorInput, FilterParameters], str]
+    explain: Callable[[DetectorInput, FilterParameters, Bools], Contributions]

@@ -8,6 +8,8 @@ from functools import cache
 from itertools import chain
 from typing import TYPE_CHECKING, cast
 
+from lidar_outlier_filter.core.detectors.builtin import EXPLANATIONS
+from lidar_outlier_filter.core.detectors.declaration import resolve
 from lidar_outlier_filter.core.detectors.explanation import ReasonName
 from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import installed
@@ -34,29 +36,15 @@ def rejecting(parameters: FilterParameters) -> tuple[str, ...]:
     return parameters.chain if parameters.mask == OFF else (*parameters.chain, MASK)
 
 
-def sigma_fields() -> list[str]:
-    """Name the parameters that name a field with the standard deviation of each point."""
-    return [one.columns['sigma'] for one in DETECTORS.values() if 'sigma' in one.columns]
-
-
-def sigma_field(parameters: FilterParameters) -> tuple[str, str]:
-    """Return the field with the standard deviation of each point, and the parameter that names it.
-
-    Both are empty where no parameter does.
-    """
-    named = ((str(parameters.value(name)), name) for name in sigma_fields())
-    return next((one for one in named if one[0]), ('', ''))
-
-
-def reads_intensity(parameters: FilterParameters) -> bool:
-    """Return whether a detector of the chain looks at intensities."""
-    return any('intensity' in DETECTORS[name].columns for name in parameters.chain)
+def reads(parameters: FilterParameters, column: str) -> bool:
+    """Return whether a detector of the chain reads a column: 'intensity', 'ring'."""
+    return any(column in DETECTORS[name].columns(parameters) for name in parameters.chain)
 
 
 @cache
 def explanations() -> Mapping[str, Explanation]:
-    """Return what explains scores, by the names of detectors."""
-    return {name: one.explain() for name, one in DETECTORS.items() if one.explain is not None}
+    """Return the explanations of scores, by the names of detectors that have one."""
+    return {name: resolve(EXPLANATIONS[name]) for name in DETECTORS if name in EXPLANATIONS}
 
 
 @cache
@@ -69,7 +57,6 @@ def reasons() -> Mapping[int, ReasonName]:
 
 def table() -> str:
     """Write the table of the detectors for the documentation, in Markdown."""
-    lines = ['| detector | bit | a point is rejected that … | source |', '| --- ' * 4 + '|']
-    every = DETECTORS.values()
-    lines += [f'| `{one.name}` | {one.bit} | {one.rejects} | {one.source} |' for one in every]
+    lines = ['| detector | bit | a point is rejected that … |', '| --- ' * 3 + '|']
+    lines += [f'| `{one.name}` | {one.bit} | {one.rejects} |' for one in DETECTORS.values()]
     return '\n'.join(lines) + '\n'

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.detectors.seen import Seen
 from lidar_outlier_filter.core.engine.slow import watched
 from lidar_outlier_filter.core.kernels.compiling import SENSORS, sample
 from lidar_outlier_filter.core.verdict import Verdict
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 def along_lines(chain: Sequence[str]) -> str:
     """List those detectors of a chain that need scan lines, for people; empty: none does."""
-    return ', '.join(name for name in chain if DETECTORS[name].needs_lines)
+    return ', '.join(name for name in chain if DETECTORS[name].lines == 'needs')
 
 
 def uses_lines(chain: Sequence[str]) -> bool:
     """Return whether any detector of a chain works along scan lines where there are some."""
-    return any(DETECTORS[name].uses_lines or DETECTORS[name].needs_lines for name in chain)
+    return any(DETECTORS[name].lines != 'no' for name in chain)
 
 
 class Chain:
@@ -45,7 +45,9 @@ class Chain:
         self.whole = whole
         self.passes = 0  # the most that a detector has needed
         self.ways: Counter[str] = Counter()  # blocks by how a detector judged, where it can choose
-        self.see: Callable[..., Seen] = Seen  # makes what detectors see, of points
+        self.see: Callable[..., DetectorInput] = (
+            DetectorInput  # makes what detectors see, of points
+        )
         self.slow: SaySlow | None = None  # is called while a detector takes too long
         self.scaled = True  # whether all scores so far were statistics ÷ critical value, no more
         self._detectors = [DETECTORS[name] for name in parameters.chain]

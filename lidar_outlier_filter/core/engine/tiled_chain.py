@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Measured, Reaching, Tiled
+from lidar_outlier_filter.core.detectors.declaration import Measured, Reaching, Tiled, resolve
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.detectors.scores import Scores
@@ -109,11 +109,12 @@ class TiledChain:
 
     def _detect(self, detector: Detector, left: Bools) -> Scores:
         """Run a detector over what is left of the whole cloud."""
-        if isinstance(detector.tiled, Measured | Reaching):
-            measure = _Measure(detector, detector.tiled, self._parameters)
+        way = resolve(detector.tiled)
+        if isinstance(way, Measured | Reaching):
+            measure = _Measure(detector, way, self._parameters)
             measure.prepare(self._cloud.xyz, self._tiles.order[left])
             return self._by_measure(measure, left)
-        if detector.tiled is Tiled.BY_LINE:
+        if way is Tiled.BY_LINE:
             return self._by_line(detector.name, left)
         return self._by_tile(detector.name, left)
 

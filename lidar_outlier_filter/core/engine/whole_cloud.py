@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.detectors.registry import reads
 from lidar_outlier_filter.core.engine.chain import Chain, along_lines
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 from lidar_outlier_filter.core.scan_pattern.recovered_rings import MOST_POINTS, recover_rings
@@ -52,8 +52,7 @@ def with_rings(cloud: Points, parameters: FilterParameters) -> Points:
     parameters : whose chain may want rings
 
     """
-    wanted = any(DETECTORS[name].wants_rings(parameters) for name in parameters.chain)
-    if not wanted or has_lines(cloud):
+    if not reads(parameters, 'ring') or has_lines(cloud):
         return cloud
     where = np.flatnonzero(cloud.valid)
     found = recover_rings(cloud.xyz[where]) if len(where) <= MOST_POINTS else None

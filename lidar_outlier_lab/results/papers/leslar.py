@@ -196,7 +196,7 @@ def _asphalt() -> str:
                 parameters = replace(
                     Quadric(window=window, start='all', surfaces=1, significance=0.001), **changed
                 )
-                near = Neighbourhood(strip.xyz, quadric.neighbours(parameters))
+                near = Neighbourhood(strip.xyz, parameters.list_length)
                 rejected = quadric.detect(near, parameters) > 1
                 cells += [
                     percent(float(rejected[strip.bad].mean())),

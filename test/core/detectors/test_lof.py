@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 def detect(xyz: Floats, threads: int = 0, most: int = 0, **changed: Any) -> Floats:
     """Score a cloud."""
     parameters = Lof(**changed)
-    most = most or lof.neighbours(parameters)
+    most = most or parameters.min_pts
     return lof.detect(Neighbourhood(xyz, most, threads), parameters)
 
 
@@ -227,8 +227,3 @@ def test_200_000_coincident_points(others: int, monkeypatch: pytest.MonkeyPatch)
     assert sum(total) < 100 * len(xyz)
     if others <= 1:
         assert_allclose(factors, 1, rtol=1e-9)
-
-
-def test_neighbours() -> None:
-    """The chain is said how long lists must be."""
-    assert lof.neighbours(Lof(min_pts=17)) == 17

@@ -41,7 +41,7 @@ LITERAL: dict[str, Any] = {**PAPER, 'model': 'always', 'significance': 0.001}
 def detect(xyz: Floats, variance: Floats | None = None, threads: int = 0, **changed: Any) -> Floats:
     """Score a cloud."""
     parameters = Quadric(**changed)
-    neighbourhood = Neighbourhood(xyz, quadric.neighbours(parameters), threads)
+    neighbourhood = Neighbourhood(xyz, parameters.list_length, threads)
     return quadric.detect(neighbourhood, parameters, variance)
 
 

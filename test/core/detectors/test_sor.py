@@ -32,7 +32,7 @@ def detect(
 ) -> Floats:
     """Score a cloud."""
     parameters = Sor(**changed)
-    most = most or sor.neighbours(parameters)
+    most = most or parameters.list_length
     return sor.detect(Neighbourhood(xyz, most, threads), parameters, range_m)
 
 
@@ -249,6 +249,6 @@ def test_ranges_that_make_no_sense(range_m: Floats | None, sentence: str, statis
 
 def test_neighbours() -> None:
     """The chain is said how long lists must be, by the statistic that is asked for."""
-    assert sor.neighbours(Sor(k=7, min_neighbors=3)) == 7
-    assert sor.neighbours(Sor(k=7, min_neighbors=3, statistic='sor2')) == 7
-    assert sor.neighbours(Sor(k=7, min_neighbors=3, statistic='radius')) == 3
+    assert Sor(k=7, min_neighbors=3).list_length == 7
+    assert Sor(k=7, min_neighbors=3, statistic='sor2').list_length == 7
+    assert Sor(k=7, min_neighbors=3, statistic='radius').list_length == 3

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.core.detectors.boosted_trees.ways import Way, choose
-from lidar_outlier_filter.core.detectors.seen import Seen
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.scan_pattern.own_frame import find_own_frame
@@ -66,7 +66,7 @@ def test_trees_judge_what_others_moved() -> None:
     """As they judge the same points in the sensor's own frame."""
     parameters = FilterParameters()
     own, given = turn_of_a_head(), moved(turn_of_a_head())
-    way, _ = choose(Seen(given, parameters, 20), parameters)
+    way, _ = choose(DetectorInput(given, parameters, 20), parameters)
     assert way is Way.PATTERN
     wanted, found = (Chain(parameters).judge(points).rejected for points in (own, given))
     assert np.count_nonzero(wanted) > 100

@@ -33,6 +33,8 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
     X,
     empty_series,
 )
+from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 
 if TYPE_CHECKING:
@@ -40,9 +42,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import AlphaBetaGamma
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.points.scan_lines import Lines
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
     Residuals = Callable[[Series, NDArray[np.int64], AlphaBetaGamma], NDArray[np.float64]]
 
@@ -68,6 +71,16 @@ class Outcome:
     score: NDArray[np.float64]
     rejected: NDArray[np.bool_]
     passes: int
+
+
+def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
+    """Score every point of a chain's input, line by line."""
+
+    def of_lines(points: Points, lines: Lines) -> Scores:
+        outcome = detect(points, lines, parameters.of(AlphaBetaGamma))
+        return Scores(outcome.score, passes=outcome.passes)
+
+    return seen.along_lines(of_lines)
 
 
 def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:

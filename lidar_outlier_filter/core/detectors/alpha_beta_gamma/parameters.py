@@ -40,12 +40,6 @@ class AlphaBetaGamma(Section):
     sigma: float = declare(
         0.0, 'Standard deviation of a coordinate; 0: estimated from each line.', 'm', 0.0, 100.0
     )
-    sigma_field: str = declare(
-        '',
-        "Field with each point's own standard deviation, in the unit of the coordinates, from 1e-9 "
-        'to 1e9 metres; empty: none.',
-        fixed=True,
-    )
     sigma_floor: float = declare(
         0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
     )

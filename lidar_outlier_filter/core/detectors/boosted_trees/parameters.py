@@ -5,26 +5,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from lidar_outlier_filter.parameters.declaration import Section, declare
 
-
-@dataclass(frozen=True)
-class BoostedTrees(Section):
-    """Features, weighed."""
-
-    sensor: str = declare(
-        'auto',
-        'Whose weights count, boosted_trees_profile or boosted_trees_spinning; auto: spinning '
-        'where lines are measured at the same time; survey: none, '
-        'the cloud is judged without scan lines; '
-        'free: a scanner without rings, in its own frame, as those of Livox.',
-        choices=('auto', 'profile', 'spinning', 'survey', 'free'),
-    )
-    threshold: float = declare(
-        1.0, "Rejected above this many times the sensor's own threshold.", '', 1e-6, 1e6
-    )
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 # What each feature compares, in the order in which the tables show them.
@@ -90,3 +76,31 @@ class SpinningWeights(Weights):
     alone: float = _weight('alone', 0.0)
     company: float = _weight('company', 3.0)
     slanted: bool = _slanted(default=False)
+
+
+@dataclass(frozen=True)
+class BoostedTrees(Section):
+    """Features, weighed."""
+
+    sensor: str = declare(
+        'auto',
+        'Whose weights count, boosted_trees_profile or boosted_trees_spinning; auto: spinning '
+        'where lines are measured at the same time; survey: none, '
+        'the cloud is judged without scan lines; '
+        'free: a scanner without rings, in its own frame, as those of Livox.',
+        choices=('auto', 'profile', 'spinning', 'survey', 'free'),
+    )
+    threshold: float = declare(
+        1.0, "Rejected above this many times the sensor's own threshold.", '', 1e-6, 1e6
+    )
+
+    list_length: ClassVar[int] = 20  # of the neighbour lists that the weighted sum needs
+    further: ClassVar[Mapping[str, type[Section]]] = {
+        'boosted_trees_profile': Weights,
+        'boosted_trees_spinning': SpinningWeights,
+    }
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """What it reads of a cloud besides points and times."""
+        return ('intensity', 'ring') if self.sensor in {'auto', 'spinning'} else ('intensity',)

@@ -15,10 +15,12 @@ from lidar_outlier_filter.core.detectors.boosted_trees.parameters import (
     Weights,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import find_either, judge
+from lidar_outlier_filter.core.detectors.boosted_trees.survey import far
 from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.detector import detect as sum_up
 from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.detector import look_first
 from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.surface import K
+from lidar_outlier_filter.core.detectors.declaration import Reaching
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.scan_lines import has_lines, spins
@@ -26,7 +28,7 @@ from lidar_outlier_filter.core.points.scan_lines import has_lines, spins
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bytes, Floats
     from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import FoundPattern
-    from lidar_outlier_filter.core.detectors.seen import Seen
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
@@ -38,13 +40,13 @@ class Way(Enum):
     SUM = 'a weighted sum of features'
 
 
-def choose(seen: Seen, parameters: FilterParameters) -> tuple[Way, FoundPattern | None]:
+def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Way, FoundPattern | None]:
     """Choose how points are judged, and find their scan pattern where that does it."""
     points, sensor = seen.points, parameters.of(BoostedTrees).sensor
     is_lined = has_lines(points) or points.ring is not None
     if sensor == 'survey' or (seen.whole and not is_lined and sensor != 'free'):
         return Way.SURVEY, None
-    found = seen.once(('pattern', sensor), lambda: find_either(points, sensor, seen.threads))
+    found = seen.cached(('pattern', sensor), lambda: find_either(points, sensor, seen.threads))
     if found is not None:
         return Way.PATTERN, found
     if seen.whole and (points.ring is not None or (sensor == 'auto' and not spins(points))):
@@ -54,7 +56,7 @@ def choose(seen: Seen, parameters: FilterParameters) -> tuple[Way, FoundPattern 
 
 
 def find_sum(
-    seen: Seen,
+    seen: DetectorInput,
     parameters: FilterParameters,
     reason: Bytes | None = None,
     parts: Floats | None = None,
@@ -65,11 +67,11 @@ def find_sum(
         hood = seen.neighbourhood
         weights = parameters.of(Weights), parameters.of(SpinningWeights)
         name = 'first', parameters.of(BoostedTrees).sensor, parameters.gap_factor, *weights
-        first = seen.once(name, lambda: look_first(hood, seen.points, parameters))
+        first = seen.cached(name, lambda: look_first(hood, seen.points, parameters))
     return sum_up(seen.neighbourhood, seen.points, parameters, reason, parts, first)
 
 
-def detect(seen: Seen, parameters: FilterParameters) -> Scores:
+def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     """Score every point in the way that suits the cloud."""
     points, threshold = seen.points, parameters.of(BoostedTrees).threshold
     way, found = choose(seen, parameters)
@@ -83,3 +85,16 @@ def detect(seen: Seen, parameters: FilterParameters) -> Scores:
         return Scores(score, reason=reason, way=way.value)
     score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
     return Scores(score, reason=reason, scaled=True, way=way.value)
+
+
+# Without scan lines, as in tiles.
+REACHING = Reaching(
+    lambda xyz, where, parameters: look_around(xyz, where, parameters.threads),
+    lambda xyz, wanted, around, parameters: survey.measure(xyz, around, parameters.threads, wanted),
+    lambda odds, parameters: Scores(
+        survey.score(odds, parameters.of(BoostedTrees).threshold),
+        scaled=True,
+        way=Way.SURVEY.value,
+    ),
+    lambda: (far.MOST, far.STEPS),
+)

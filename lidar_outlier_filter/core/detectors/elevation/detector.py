@@ -31,6 +31,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.neighbours.neighbourhood import LARGEST, Neighbourhood
@@ -38,9 +40,15 @@ from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Index, Ints
-    from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 CHUNK = 1 << 14  # points that a thread takes at once
+
+
+def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
+    """Score every point of a chain's input."""
+    return Scores(detect(seen.points.xyz, parameters.of(Elevation), seen.threads))
 
 
 def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:

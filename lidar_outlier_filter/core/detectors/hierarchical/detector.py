@@ -47,7 +47,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.special import ndtri
 
 from lidar_outlier_filter.core.detectors.hierarchical.gabriel import gabriel_graph
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical.spanning_tree import Edges, spanning_tree
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 
 if TYPE_CHECKING:
@@ -56,8 +58,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats, Ints
-    from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
+SECOND_PHASE = 1 << 15  # bit beside its own: the second phase rejected the point
 LEAST_SPREAD = 1e-3  # of the median
 
 
@@ -81,6 +85,12 @@ class ClusterOutcome:
     score: Floats
     phase: NDArray[np.uint8]
     cluster: Ints
+
+
+def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
+    """Score every point of a chain's input."""
+    outcome = detect(seen.points.xyz, parameters.of(Hierarchical), seen.threads)
+    return Scores(outcome.score, (outcome.phase == 2) * np.uint16(SECOND_PHASE))  # noqa: PLR2004
 
 
 def detect(xyz: Floats, parameters: Hierarchical, threads: int = 0) -> ClusterOutcome:

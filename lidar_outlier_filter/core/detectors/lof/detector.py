@@ -31,7 +31,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.declaration import Measured
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
+from lidar_outlier_filter.core.detectors.lof.parameters import Lof
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -43,7 +46,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats, Ints
-    from lidar_outlier_filter.core.detectors.lof.parameters import Lof
 
 LISTED = -1  # the row of points that have none of their own
 SHORT = 64  # neighbours that are sorted by insertion
@@ -68,11 +70,6 @@ class _Near(NamedTuple):
     row: NDArray[np.int32]
     first: Ints
     more: NDArray[np.int32]
-
-
-def neighbours(parameters: Lof) -> int:
-    """Return the length of the lists of neighbours that :func:`detect` asks for."""
-    return parameters.min_pts
 
 
 def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
@@ -110,7 +107,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Lof) -> Floats:
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor
     >>> parameters = Lof(threshold=2.0)
-    >>> score = lof.detect(Neighbourhood(xyz, lof.neighbours(parameters)), parameters)
+    >>> score = lof.detect(Neighbourhood(xyz, parameters.min_pts), parameters)
     >>> np.flatnonzero(score > 1).tolist()
     [77]
 
@@ -291,3 +288,11 @@ def _mean(values: Floats, lists: NDArray[np.int32], row: int, first: int, last: 
     for m in range(first, last):
         total += values[lists[row, m]]
     return float(total / (last - first))
+
+
+MEASURED = Measured(
+    lambda hood, parameters: measure(hood, parameters.of(Lof)),
+    lambda factor, _, parameters: Scores(score(factor, parameters.of(Lof))),
+    steps=3,
+    by_place=True,
+)

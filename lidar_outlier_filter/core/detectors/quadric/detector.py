@@ -12,7 +12,9 @@ from scipy.special import fdtri, stdtrit
 
 from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windows
 from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
+from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
 from lidar_outlier_filter.core.detectors.quadric.statistics import Rules
+from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.neighbours.tree_steps import height
 from lidar_outlier_filter.errors import FilterError
@@ -21,17 +23,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats
-    from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 SECTIONS = 64  # that a thread judges at once
 PATCHES = 1024
 FREEDOMS = 1000  # degrees of freedom in the tables; beyond, quantiles do not change
 
 
-def neighbours(parameters: Quadric) -> int:
-    """Return the length of the lists of neighbours that :func:`detect` asks for."""
-    return parameters.k if parameters.window == 'patch' else 1
+def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
+    """Score every point of a chain's input."""
+    sigma = seen.points.sigma
+    variance = None if sigma is None else sigma**2
+    return Scores(detect(seen.neighbourhood, parameters.of(Quadric), variance))
 
 
 def detect(
@@ -76,7 +81,7 @@ def detect(
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor
     >>> parameters = Quadric()
-    >>> score = quadric.detect(Neighbourhood(xyz, quadric.neighbours(parameters)), parameters)
+    >>> score = quadric.detect(Neighbourhood(xyz, parameters.list_length), parameters)
     >>> np.flatnonzero(score > 1).tolist()
     [77]
 

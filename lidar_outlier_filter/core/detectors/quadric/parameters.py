@@ -47,6 +47,11 @@ class Quadric(Section):
         0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
     )
 
+    @property
+    def list_length(self) -> int:
+        """Length of the neighbour lists that the windows need."""
+        return self.k if self.window == 'patch' else 1
+
     def check(self) -> None:
         """Refuse a robust start of quadrics that nothing may lower."""
         if self.model != 'lowest' and (self.start, self.surfaces) != ('all', 1):

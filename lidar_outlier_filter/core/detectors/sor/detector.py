@@ -42,23 +42,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.declaration import Measured
 from lidar_outlier_filter.core.detectors.distances import CHUNK, squared_k_distances
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.core.kernels import threads
 from lidar_outlier_filter.core.kernels.kernels import kernel, median
 from lidar_outlier_filter.core.neighbours.tree_walks import squared
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Floats
-    from lidar_outlier_filter.core.detectors.sor.parameters import Sor
     from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-
-
-def neighbours(parameters: Sor) -> int:
-    """Return the length of the lists of neighbours that :func:`detect` asks for."""
-    return parameters.min_neighbors if parameters.statistic == 'radius' else parameters.k
+    from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None = None) -> Floats:
@@ -104,7 +104,7 @@ def detect(neighbourhood: Neighbourhood, parameters: Sor, range_m: Floats | None
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor
     >>> parameters = Sor(statistic='radius', radius=2.0, min_neighbors=3)
-    >>> score = sor.detect(Neighbourhood(xyz, sor.neighbours(parameters)), parameters)
+    >>> score = sor.detect(Neighbourhood(xyz, parameters.list_length), parameters)
     >>> np.flatnonzero(score > 1).tolist(), float(score[77].round(1))
     ([77], 3.0)
 
@@ -201,3 +201,13 @@ def _ratio(statistic: Floats, limit: Floats | float) -> Floats:
     with np.errstate(over='ignore'):
         np.divide(statistic, limit, out=score, where=np.greater(limit, 0))
     return score
+
+
+def _scores(
+    measured: Floats, range_m: Callable[[], Floats], parameters: FilterParameters
+) -> Scores:
+    own = parameters.of(Sor)
+    return Scores(score(measured, own, range_m() if own.range_scaled else None))
+
+
+MEASURED = Measured(lambda hood, parameters: measure(hood, parameters.of(Sor)), _scores, steps=1)

@@ -34,3 +34,8 @@ class Sor(Section):
         'range_factor × range (DSOR); radius: at least range_factor × range (DROR).',
     )
     range_factor: float = declare(0.05, 'Growth of the limit with the range.', '1/m', 1e-9, 1e3)
+
+    @property
+    def list_length(self) -> int:
+        """Length of the neighbour lists that the statistic needs."""
+        return self.min_neighbors if self.statistic == 'radius' else self.k

@@ -10,7 +10,7 @@ from helpers.roads import arm
 from lidar_outlier_filter.core.detectors.boosted_trees.explain.explanation import contributions
 from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.ways import Way
-from lidar_outlier_filter.core.detectors.seen import Seen
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.points import Points
@@ -21,7 +21,7 @@ def test_sum_adds_up_to_the_score() -> None:
     """Of every point that is not below 0; that of a slanted group is one part."""
     points, slanted = arm(0)
     parameters = FilterParameters()
-    seen = Seen(points, parameters, 20)
+    seen = DetectorInput(points, parameters, 20)
     every = np.ones(len(points), np.bool_)
     found = contributions(seen, parameters, every)
     assert found.way == Way.SUM.value
@@ -42,7 +42,7 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     zeros = np.zeros(len(xyz), np.int64)
     points = Points(xyz, zeros, zeros, np.ones(len(xyz), np.bool_))
     parameters = FilterParameters()
-    seen = Seen(points, parameters, 20, whole=True)
+    seen = DetectorInput(points, parameters, 20, whole=True)
     wanted = rng.random(len(xyz)) < 0.3
     wanted[:20] = True
     found = contributions(seen, parameters, wanted)

@@ -32,7 +32,7 @@ from lidar_outlier_filter.core.neighbours.places import K, find_places
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Singles
-    from lidar_outlier_filter.core.detectors.seen import Seen
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 _PATTERN = {
@@ -152,7 +152,9 @@ _SUM = {
 }
 
 
-def contributions(seen: Seen, parameters: FilterParameters, wanted: Bools) -> Contributions:
+def contributions(
+    seen: DetectorInput, parameters: FilterParameters, wanted: Bools
+) -> Contributions:
     """Find what features add to the verdicts of the wanted ones of N points.
 
     Parameters
@@ -175,7 +177,7 @@ def contributions(seen: Seen, parameters: FilterParameters, wanted: Bools) -> Co
     return Contributions(way.value, PARTS, parts[wanted].T.astype(np.float32), nothing)
 
 
-def _of_survey(seen: Seen, wanted: Bools) -> tuple[Singles, Singles]:
+def _of_survey(seen: DetectorInput, wanted: Bools) -> tuple[Singles, Singles]:
     places = find_places(seen.points.xyz)
     asked = np.bincount(places.of, wanted) > 0
     added, average = _of_places(np.take(seen.points.xyz, places.first, axis=0), asked, seen.threads)

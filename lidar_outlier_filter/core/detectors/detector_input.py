@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a detector sees: points, their scan lines, and a neighbourhood that all detectors share."""
+"""The input of a detector: points, their scan lines, and their shared neighbourhood."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ Known = TypeVar('Known')
 POINTS_AT_ONCE = 1 << 15  # that a thread takes at once, or a line: some milliseconds
 
 
-class Seen:
-    """The points that a detector sees.
+class DetectorInput:
+    """The points that a detector judges.
 
     Attributes
     ----------
@@ -73,22 +73,22 @@ class Seen:
             self._neighbourhood = Neighbourhood(self.points.xyz, self._neighbours, self.threads)
         return self._neighbourhood
 
-    def once(self, name: Hashable, find: Callable[[], Known]) -> Known:
-        """Find something of the points when it is first asked for; nobody may change it.
+    def cached(self, name: Hashable, find: Callable[[], Known]) -> Known:
+        """Compute a property of the points once and keep it; callers must not change it.
 
-        The name must say all that it depends on beside the points.
+        The name must identify everything it depends on besides the points.
         """
         if name not in self._known:
             self._known[name] = find()
         known: Known = self._known[name]
         return known
 
-    def without(self, rejected: NDArray[np.bool_]) -> Seen:
+    def without(self, rejected: NDArray[np.bool_]) -> DetectorInput:
         """Return what is left; what is known of its neighbourhood is kept."""
         known = self._neighbourhood
         known = None if known is None else known.without(rejected)
         left = self.points.take(np.flatnonzero(~rejected))
-        return Seen(left, self._parameters, self._neighbours, known, whole=self.whole)
+        return DetectorInput(left, self._parameters, self._neighbours, known, whole=self.whole)
 
     def along_lines(self, detect: Callable[[Points, Lines], Scores]) -> Scores:
         """Give scan lines, some at a time, to a detector that judges each line by itself.
