@@ -87,7 +87,7 @@ def shares(parameters: FilterParameters) -> list[KernelShare]:
         }
         changed = {key: value for key, value in values.items() if value != default[key]}
         given = tuple(sorted(changed.items()))
-        by_sensor = DETECTORS[name].lines == 'uses'
+        by_sensor = 'ring' in DETECTORS[name].columns(parameters)
         parts = [(sensor,) for sensor in SENSORS] if by_sensor else [SENSORS]
         found += [KernelShare(name, given, part) for part in parts]
     return found
