@@ -203,12 +203,12 @@ def _timing(file: CloudFile, parameters: FilterParameters, *, timed: bool) -> li
     if not timed:
         return []
     time = _named(file, parameters.time_field, 'time_field', TIMES)
-    sigma, parameter = sigma_field(parameters)
+    sigma = parameters.sigma_field
     named = [
         time,
         _named(file, parameters.line_field, 'line_field', LINE_NAMES),
         parameters.angle_field and _named(file, parameters.angle_field, 'angle_field', ()),
-        sigma and _named(file, sigma, parameter, ()),
+        sigma and _named(file, sigma, 'sigma_field', ()),
         *(name for name in LAS_COLUMNS if time and name in file.columns),
     ]
     return [name for name in named if name]
