@@ -284,9 +284,9 @@ class _LookForWorst:
 
         found = find(judged)
         if self.picture is not None:
-            from lidar_outlier_filter.report.worst_picture import draw
+            from lidar_outlier_filter.report.figures import draw_worst
 
-            draw(judged, found, self.picture)
+            draw_worst(judged, found, self.picture)
         return found
 
 

@@ -67,7 +67,7 @@ def _run(options: argparse.Namespace) -> int:
     with new_files([options.output, picture][: 1 + draws]) as built:
         built[0].write_text(as_text(found.mask), 'ascii')
         if draws:
-            from lidar_outlier_filter.report.mask_picture import draw_mask
+            from lidar_outlier_filter.report.figures import draw_mask
 
             draw_mask(found.mask, built[1])
     _show(options.output, found)

@@ -135,7 +135,7 @@ def _say(found: Gathered, output: Path | None, figures: Path | None) -> int:
         if path is not None:
             text = f'written to {path}'
             console.print(text, markup=False, highlight=False, soft_wrap=True)
-    drawn, valid = len(found.kept), found.tally.all.points
+    drawn, valid = len(found.points), found.all.points
     if drawn < valid:
         say(f'{drawn} of {valid} points are drawn (--points); all are counted')
     refused = sum(found.found.refusals.values())

@@ -1,22 +1,24 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of a report as SVG and PNG, for papers and tickets."""
+"""Figures of a report, of rejected groups of a file, and of a mask, drawn by Matplotlib."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from lidar_outlier_filter.core.points.mask import COLUMNS
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.disk.new_files import FOLDER, new_output
+from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.evaluation.confusion import Confusion
 from lidar_outlier_filter.evaluation.curves import curve
-from lidar_outlier_filter.evaluation.plots import FRAME, INK, draw_roc, dress, save
-from lidar_outlier_filter.report.frames import cut
-from lidar_outlier_filter.report.header import near_origin
-from lidar_outlier_filter.report.tally import LARGEST_SCORE, RANGES, SCORE_BINS
+from lidar_outlier_filter.evaluation.plots import DPI, FRAME, INK, draw_roc, dress, save
+from lidar_outlier_filter.report.page import near_origin
+from lidar_outlier_filter.report.steps import MAX_SCORE, RANGES, SCORE_BINS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,12 +27,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.core.points.mask import Mask
+    from lidar_outlier_filter.files.judged_file import JudgedFile
     from lidar_outlier_filter.report.gather import Gathered
+    from lidar_outlier_filter.report.steps import Counts
+    from lidar_outlier_filter.report.worst import RejectedGroup, Worst
 
 REJECTED, GROUND, OUTLIER = '#c8500a', '#9aa3ad', '#0072b2'
-MOST_DRAWN = 200_000  # points of a picture that are not rejected
-SIZE = (7.0, 4.2)  # inches
+BELOW, ABOVE = OUTLIER, REJECTED
+MAX_DRAWN = 200_000  # kept points of a picture
+SIZE, WORST_SIZE, MASK_SIZE = (7.0, 4.2), (14.0, 9.0), (10.5, 4.0)  # inches
+WORST_DPI = 100
 TICKS = (0.35, 0.5, 0.7, 1, 1.5, 2, 3)
+PANELS = 6  # groups from the side
+# Least half width, thickness and height of a panel, in distances to the eighth neighbour.
+AROUND, SLICE, TALL = 16.0, 8.0, 3.0
 
 
 def write_figures(gathered: Gathered, folder: Path) -> list[str]:
@@ -49,8 +60,8 @@ def write_figures(gathered: Gathered, folder: Path) -> list[str]:
 
 def _draw_all(gathered: Gathered, folder: Path) -> None:
     drawings: dict[str, Callable[[Axes, Gathered], None]] = {
-        'map': _top,
-        'side': _side,
+        'map': _plan_of(1),
+        'side': _plan_of(2),
         'scores': _scores,
         'thresholds': _thresholds,
     }
@@ -64,62 +75,58 @@ def _draw_all(gathered: Gathered, folder: Path) -> None:
         save(figure, folder / name)
     score, bad = gathered.tally.truth()
     if bad.any() and not bad.all():
-        whole = gathered.tally.all
-        now = gathered.tally.at[0][gathered.sliders[0].given]
+        whole, now = gathered.all, _now(gathered)
         setting = Confusion(now.bad, whole.bad - now.bad, now.good, whole.good - now.good)
         draw_roc({'score': curve(bad, score)}, folder / 'roc', {'score': setting})
 
 
-def _top(axes: Axes, gathered: Gathered) -> None:
-    _plan(axes, gathered, 0, 1, ('x, m', 'y, m'))
+def _plan_of(axis: int) -> Callable[[Axes, Gathered], None]:
+    """Return what draws the points from above or from the side, rejected ones on top."""
 
+    def draw(axes: Axes, gathered: Gathered) -> None:
+        points, found = gathered.points, gathered.found
+        xyz, rejected = points['xyz'] / np.array(found.units), points['rejected']
+        kept = xyz[~rejected]
+        kept = kept[:: max(1, len(kept) // MAX_DRAWN)]
+        look: Any = {'linewidths': 0, 'rasterized': True}  # as vectors they would be megabytes
+        axes.scatter(kept[:, 0], kept[:, axis], s=0.3, color=GROUND, **look)
+        u, v = xyz[rejected][:, [0, axis]].T
+        axes.scatter(u, v, s=3, color=REJECTED, label='rejected', **look)
+        axes.set_aspect('equal', adjustable='box')
+        dress(axes, f'x, {found.unit}', f'{"xyz"[axis]}, {found.unit}')
+        if len(kept):
+            for limit, column in ((axes.set_xlim, 0), (axes.set_ylim, axis)):
+                low, high = np.percentile(kept[:, column], [0.5, 99.5])
+                limit(low - 1.0, high + 1.0)
+        axes.legend(loc='upper right', fontsize=9, labelcolor=INK, markerscale=3)
 
-def _side(axes: Axes, gathered: Gathered) -> None:
-    _plan(axes, gathered, 0, 2, ('x, m', 'z, m'))
-
-
-def _plan(axes: Axes, gathered: Gathered, u: int, v: int, labels: tuple[str, str]) -> None:
-    """Draw the points from one side, as long as wide in metres; rejected ones on top."""
-    kept = gathered.kept
-    others = np.flatnonzero(~kept.rejected)
-    few = others[np.argsort(kept.order[others], kind='stable')[:MOST_DRAWN]]
-    look: Any = {'linewidths': 0, 'rasterized': True}  # as vectors they would be megabytes
-    xyz, rejected = kept.xyz[few], kept.xyz[kept.rejected]
-    axes.scatter(xyz[:, u], xyz[:, v], s=0.3, color=GROUND, **look)
-    axes.scatter(rejected[:, u], rejected[:, v], s=3, color=REJECTED, label='rejected', **look)
-    axes.set_aspect('equal', adjustable='box')
-    dress(axes, *labels)
-    if len(xyz):
-        for limit, column in ((axes.set_xlim, u), (axes.set_ylim, v)):
-            low, high = np.percentile(xyz[:, column], [0.5, 99.5])
-            limit(low - 1.0, high + 1.0)
-    axes.legend(loc='upper right', fontsize=9, labelcolor=INK, markerscale=3)
+    return draw
 
 
 def _scores(axes: Axes, gathered: Gathered) -> None:
-    edges = np.linspace(0, LARGEST_SCORE, SCORE_BINS + 1)
+    edges = np.linspace(0, MAX_SCORE, SCORE_BINS + 1)
     good, bad = gathered.tally.scores
-    _bars(axes, edges, good + bad, GROUND, 'all')
-    if gathered.tally.has_truth:
-        _bars(axes, edges, bad, OUTLIER, 'outliers in truth')
+    axes.stairs(good + bad, edges, fill=True, color=GROUND, label='all')
+    if bad.any():
+        axes.stairs(bad, edges, fill=True, color=OUTLIER, label='outliers in truth')
     axes.axvline(1.0, color=REJECTED, linestyle='--', label='threshold')
     _counted(axes, f'score; the last bin holds all from {edges[-2]:g} on')
 
 
 def _ranges(axes: Axes, gathered: Gathered) -> None:
     edges = np.array([*RANGES, 1.25 * RANGES[-1]])
-    now = gathered.tally.at[0][gathered.sliders[0].given]
-    _bars(axes, edges, gathered.tally.all.by_range, GROUND, 'all')
-    _bars(axes, edges, now.by_range, REJECTED, 'rejected')
-    last = np.flatnonzero(gathered.tally.all.by_range)
+    every = gathered.all.by_range
+    axes.stairs(every, edges, fill=True, color=GROUND, label='all')
+    axes.stairs(_now(gathered).by_range, edges, fill=True, color=REJECTED, label='rejected')
+    last = np.flatnonzero(every)
     axes.set_xlim(0, edges[last[-1] + 1] if len(last) else edges[-1])
     _counted(axes, 'range, m; the last bin holds what is farther, too')
 
 
 def _thresholds(axes: Axes, gathered: Gathered) -> None:
     """Draw what every step of every slider rejects."""
-    total = max(gathered.tally.all.points, 1)
-    for slider, counts in zip(gathered.sliders, gathered.tally.at, strict=True):
+    total = max(gathered.all.points, 1)
+    for slider, counts in zip(gathered.sliders, gathered.counts, strict=True):
         share = [100 * one.points / total for one in counts]
         axes.plot(slider.limits, share, 'o-', markersize=3.5, label=slider.name)
     axes.set_xscale('log')
@@ -133,25 +140,19 @@ def _thresholds(axes: Axes, gathered: Gathered) -> None:
 
 
 def _over_time(axes: Axes, gathered: Gathered) -> None:
-    frames, tally = cut(gathered), gathered.tally
-    slider = gathered.sliders[0]
-    points = [sum(tally.clouds[int(one)] for one in clouds) for clouds in frames.clouds]
-    rejected = [
-        int(tally.of_clouds(0, slider.given, clouds.tolist()).sum()) for clouds in frames.clouds
-    ]
-    if not points:
+    frames, every, now = gathered.frames, gathered.all, _now(gathered)
+    if not len(frames):
         return
-    seconds = (frames.start - frames.start[0]) / SECOND
-    share: NDArray[np.float64] = 100 * np.array(rejected) / np.maximum(points, 1)
-    axes.plot(seconds, share, color=REJECTED)
+    clouds = [one.tolist() for one in frames.clouds]
+    share = [100 * now.of_clouds(one) / max(every.of_clouds(one), 1) for one in clouds]
+    axes.plot((frames.start - frames.start[0]) / SECOND, share, color=REJECTED)
     axes.set_ylim(bottom=0)
     dress(axes, 'time, s', 'points rejected, %')
 
 
-def _bars(
-    axes: Axes, edges: NDArray[np.float64], counts: NDArray[np.int64], colour: str, label: str
-) -> None:
-    axes.stairs(counts, edges, fill=True, color=colour, label=label)
+def _now(gathered: Gathered) -> Counts:
+    """Count the points that are rejected at the given settings."""
+    return gathered.counts[0][gathered.sliders[0].given]
 
 
 def _counted(axes: Axes, label: str) -> None:
@@ -159,3 +160,127 @@ def _counted(axes: Axes, label: str) -> None:
     axes.set_ylim(bottom=0)
     dress(axes, label, 'points')
     axes.legend(fontsize=9, labelcolor=INK, edgecolor=FRAME)
+
+
+def draw_worst(judged: JudgedFile, worst: Worst, path: Path) -> None:
+    """Draw a map and the largest groups from the side into a new PNG.
+
+    Raises
+    ------
+    CloudError
+        If it exists, or cannot be written.
+
+    """
+    figure = Figure(WORST_SIZE, dpi=WORST_DPI, facecolor='white', layout='constrained')
+    canvas = FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(3, 4)
+    _map(figure.add_subplot(grid[:, :2]), judged, worst)
+    for number, group in enumerate(worst.groups[:PANELS]):
+        axes = figure.add_subplot(grid[number // 2, 2 + number % 2])
+        _from_the_side(axes, judged, worst, group, number + 1)
+    count, total = int(judged.verdict.rejected.sum()), len(judged.file)
+    title = f'{judged.file.path.name}: {count:,} of {total:,} points rejected'
+    figure.suptitle(title, color=INK, fontsize=15)
+    with new_output(path, error=CloudError) as built:
+        canvas.print_png(str(built))  # type: ignore[no-untyped-call]
+
+
+def _map(axes: Axes, judged: JudgedFile, worst: Worst) -> None:
+    """Draw all from above: kept points by their height, rejected ones as dots, groups as rings."""
+    xyz, verdict = judged.loaded.points.xyz, judged.verdict
+    kept = np.flatnonzero(judged.loaded.points.valid & ~verdict.rejected)
+    some = kept[:: max(1, len(kept) // MAX_DRAWN)]
+    unit = np.array(judged.units)
+    origin = _origin(judged)
+    if len(some):
+        x, y, z = (xyz[some] / unit - origin).T
+        low, high = np.percentile(z, [2, 98])
+        axes.scatter(x, y, s=1, c=z, cmap='Greys_r', vmin=low, vmax=high + 5)
+    rejected = np.flatnonzero(verdict.rejected)
+    for side, colour, name in ((judged.high, ABOVE, 'above'), (~judged.high, BELOW, 'below')):
+        points = xyz[rejected[side]] / unit - origin
+        label = f'{len(points):,} {name} what is kept around'
+        axes.scatter(points[:, 0], points[:, 1], s=14, color=colour, label=label)
+    for number, group in enumerate(worst.groups[:PANELS], 1):
+        middle = group.middle - origin
+        axes.annotate(
+            str(number),
+            (middle[0], middle[1]),
+            (8, 8),
+            textcoords='offset points',
+            color=INK,
+            fontsize=13,
+        )
+    axes.set_aspect('equal')
+    east, north = (f' − {start:.0f}' if round(start) else '' for start in origin[:2])
+    axes.set_xlabel(f'x{east}, as in the file')
+    axes.set_ylabel(f'y{north}, as in the file')
+    axes.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+
+
+def _from_the_side(
+    axes: Axes, judged: JudgedFile, worst: Worst, group: RejectedGroup, number: int
+) -> None:
+    """Draw a group and what is around it from the side, along the longer side of its box."""
+    xyz, verdict = judged.loaded.points.xyz, judged.verdict
+    own = xyz[group.members]
+    low, high = own.min(axis=0), own.max(axis=0)
+    along = int((high - low)[1] > (high - low)[0])
+    wide = np.maximum((high - low) / 2, AROUND * worst.near)
+    wide[1 - along] = max((high - low)[1 - along] / 2, SLICE * worst.near)
+    middle = (low + high) / 2
+    inside = np.ones(len(xyz), np.bool_)
+    for axis in range(2):
+        inside &= np.abs(xyz[:, axis] - middle[axis]) <= wide[axis]
+    inside &= judged.loaded.points.valid
+    kept = inside & ~verdict.rejected
+    _dots(axes, xyz[kept] - middle, along, '#8a929c', 3)
+    _dots(axes, xyz[inside & verdict.rejected] - middle, along, ABOVE if group.high else BELOW, 14)
+    axes.set_xlim(-wide[along], wide[along])
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(min(bottom, -TALL * worst.near), max(top, TALL * worst.near))
+    where = ', '.join(f'{value:.1f}' for value in group.middle)
+    points = 'point' if group.count == 1 else 'points'
+    axes.set_title(f'{number}: {group.count:,} {points} at {where}', fontsize=10, color=INK)
+    axes.set_xlabel(f'{"xy"[along]}, m')
+    axes.set_ylabel('z, m')
+
+
+def _dots(axes: Axes, xyz: NDArray[np.float64], along: int, colour: str, size: float) -> None:
+    axes.scatter(xyz[:, along], xyz[:, 2], s=size, color=colour, linewidths=0)
+
+
+def _origin(judged: JudgedFile) -> NDArray[np.float64]:
+    """Return a round position near the points, in their units, for short numbers."""
+    origin, where = np.zeros(3), np.flatnonzero(judged.loaded.points.valid)
+    if len(where):
+        first = judged.loaded.points.xyz[where[0]] / judged.units
+        origin[:2] = np.floor(first[:2] / 1000) * 1000
+    return origin
+
+
+def draw_mask(mask: Mask, path: Path) -> None:
+    """Draw a mask as a PNG: ranges by azimuth and ring, and the vehicle from above."""
+    figure = Figure(MASK_SIZE, facecolor='white', layout='constrained')
+    image, above = figure.subplots(1, 2, width_ratios=(3, 1))
+    seen = mask.is_seen
+    shown = np.where(seen, mask.near, np.nan)
+    rings = max(len(shown), 1)
+    drawn = image.imshow(
+        shown if len(shown) else np.full((1, COLUMNS), np.nan),
+        origin='lower',
+        aspect='auto',
+        extent=(0, 360, -0.5, rings - 0.5),
+        interpolation='nearest',
+        cmap='viridis',
+    )
+    dress(image, 'azimuth, degrees', 'ring')
+    image.grid(visible=False)
+    figure.colorbar(drawn, ax=image, label='range, m')
+    azimuth = (np.nonzero(seen)[1] + 0.5) * 2 * np.pi / COLUMNS
+    above.scatter(mask.near[seen] * np.cos(azimuth), mask.near[seen] * np.sin(azimuth), s=2)
+    above.plot(0, 0, '+', color=FRAME, markersize=12)
+    dress(above, 'x at level, m', 'y at level, m')
+    above.set_aspect('equal', 'datalim')
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=DPI, format='png')

@@ -1,13 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a node that runs: served to this machine only, and only to who has its token."""
+"""The page of a running node: served to this machine only, and only with its token."""
 
 from __future__ import annotations
 
 import json
 import secrets
+import socket
 import sys
 import threading
+import time
 from contextlib import suppress
 from functools import lru_cache
 from http import HTTPStatus
@@ -15,18 +17,13 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
-from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
-from lidar_outlier_filter.core.detectors.thresholds import threshold
+from lidar_outlier_filter.core.detectors.registry import rejecting
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.declaration import shown
-from lidar_outlier_filter.parameters.yaml_files import as_yaml
-from lidar_outlier_filter.report.header import detectors
-from lidar_outlier_filter.report.live_clouds import KEPT_SECONDS, MOST_IN_FRAME, LiveClouds
-from lidar_outlier_filter.report.pack import reason_names, reason_texts
-from lidar_outlier_filter.report.page import colour_maps, live_page
-from lidar_outlier_filter.report.sliders import fits
+from lidar_outlier_filter.report.live import KEPT_SECONDS, MAX_IN_FRAME, LiveClouds
+from lidar_outlier_filter.report.page import constants, live_page, slider_facts
+from lidar_outlier_filter.report.steps import all_values
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,11 +32,13 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 HERE = '127.0.0.1'
-LARGEST_REQUEST = 1 << 16  # bytes of what is set
-LARGEST_NUMBER = 2**53  # that a page can count to
-LONGEST_NUMBER = 20  # characters: Python refuses thousands, with an error of its own
+MAX_REQUEST = 1 << 16  # bytes of a request to set parameters
+MAX_NUMBER = 2**53  # the largest whole number of JavaScript
+MAX_DIGITS = 20  # Python refuses thousands, with an error of its own
+MAX_CONNECTIONS = 32  # a browser opens six to a server
+MAX_IDLE_S = 10.0  # a page asks twice a second
 TOKEN_BYTES = 24
-# Nothing but what the page itself brings is run, and it talks to nobody but this server.
+# Only code of the page itself runs, and it connects to this server only.
 POLICY = (
     "default-src 'none'; script-src data: 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
@@ -55,7 +54,7 @@ TEXT = 'text/plain; charset=utf-8'
 
 
 class _RequestError(FilterError):
-    """A request that makes no sense, or is not allowed, and the status that says so."""
+    """An invalid or forbidden request, and its status."""
 
     def __init__(self, what: str, must_be: str, got: object, status: HTTPStatus) -> None:
         super().__init__(what, must_be, got)
@@ -154,7 +153,7 @@ class PageServer:
             known = self.status() if path == '/status' else about()
             return JSON, json.dumps(known, allow_nan=False).encode()
         if path == '/frames':
-            after = _number('after', asked.get('after', '-1'), -1, LARGEST_NUMBER)
+            after = _number('after', asked.get('after', '-1'), -1, MAX_NUMBER)
             clouds = self._clouds.get(asked.get('topic', '')) or LiveClouds()
             return BYTES, clouds.since(after)
         raise _nothing_at(path)
@@ -183,7 +182,7 @@ class PageServer:
 
 def _number(what: str, text: str, least: int, most: int) -> int:
     """Read a whole number of a request."""
-    if text.isascii() and text.removeprefix('-').isdecimal() and len(text) < LONGEST_NUMBER:
+    if text.isascii() and text.removeprefix('-').isdecimal() and len(text) < MAX_DIGITS:
         number = int(text)
         if least <= number <= most:
             return number
@@ -198,44 +197,51 @@ def _nothing_at(path: str) -> _RequestError:
 
 
 def about() -> dict[str, Any]:
-    """Say what never changes while the node runs: a page asks once."""
-    return {
-        'version': __version__,
-        'seconds': KEPT_SECONDS,
-        'mostInFrame': MOST_IN_FRAME,
-        'detectors': detectors(),
-        'reasons': reason_names(),
-        'reasonTexts': reason_texts(),
-        'colours': colour_maps(),
-    }
+    """Return what never changes while the node runs."""
+    return {**constants(), 'live': True, 'kept': KEPT_SECONDS, 'mostInFrame': MAX_IN_FRAME}
 
 
-@lru_cache(maxsize=1)  # a page asks twice in a second, and every value must be tried
+@lru_cache(maxsize=1)  # a page asks twice a second, and every value must be tried
 def sliders_of(parameters: FilterParameters) -> list[dict[str, Any]]:
-    """List the threshold of each detector of the chain: its values as texts, and which it has."""
-    found = []
-    for detector in dict.fromkeys(parameters.chain):
-        swept = threshold(DETECTORS[detector], parameters)
-        if swept is None:
-            continue
-        given = parameters.flat()[swept.name]
-        allowed = [one for one in swept.values if fits(parameters, swept.name, one)]
-        values = sorted({*allowed, given}, key=swept.critical)
-        found.append(
-            {
-                'detector': detector,
-                'name': swept.name,
-                'texts': [as_yaml(one) for one in values],
-                'now': values.index(given),
-            }
-        )
-    return found
+    """List the threshold of each detector of the chain: its values, and the current one."""
+    return [{**slider_facts(one), 'given': one.given} for one in all_values(parameters)]
 
 
 class _Server(ThreadingHTTPServer):
+    """Serves at most ``MAX_CONNECTIONS``: a further one ends the one that was idle longest."""
+
     daemon_threads = True
     allow_reuse_address = True
+    request_queue_size = MAX_CONNECTIONS
     page: PageServer
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self._lock = threading.Lock()
+        # When each was used last, and whether it had the token: those without it end first.
+        self._open: dict[Any, tuple[bool, float]] = {}
+
+    def note_use(self, request: Any, *, allowed: bool) -> None:
+        """Note that a connection is used."""
+        with self._lock:
+            self._open[request] = allowed, time.monotonic()
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a connection in a thread of its own."""
+        with self._lock:
+            if len(self._open) >= MAX_CONNECTIONS:
+                idle = min(self._open, key=lambda one: self._open[one])
+                del self._open[idle]
+                with suppress(OSError):
+                    idle.shutdown(socket.SHUT_RDWR)
+        self.note_use(request, allowed=False)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        """End a connection."""
+        with self._lock:
+            self._open.pop(request, None)
+        super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that left before its answer was there."""
@@ -248,7 +254,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     server: _Server
     protocol_version = 'HTTP/1.1'
-    timeout = 60.0  # seconds that a connection may be silent
+    timeout = MAX_IDLE_S
 
     def do_GET(self) -> None:
         """Give the page, its frames or its status."""
@@ -293,14 +299,15 @@ class _Handler(BaseHTTPRequestHandler):
         if not self.server.page.allows(self.headers.get('Host', ''), asked.get('token', '')):
             must_be = 'the one that the log of the node names, with its token'
             raise _RequestError('the address', must_be, 'another', HTTPStatus.FORBIDDEN)
+        self.server.note_use(self.connection, allowed=True)
         return address.path, asked
 
     def _content(self) -> bytes:
         """Read what a request brings."""
         what, said = 'the length of a request', self.headers.get('Content-Length', '')
-        length = _number(what, said, 0, LARGEST_NUMBER)
-        if length > LARGEST_REQUEST:
-            must_be = f'at most {LARGEST_REQUEST} bytes'
+        length = _number(what, said, 0, MAX_NUMBER)
+        if length > MAX_REQUEST:
+            must_be = f'at most {MAX_REQUEST} bytes'
             raise _RequestError(what, must_be, length, HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         content = self.rfile.read(length)
         if len(content) < length:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -17,23 +17,32 @@ from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_codes
 from lidar_outlier_filter.files import points as columns
 from lidar_outlier_filter.files.cloud_file import open_cloud, read
+from lidar_outlier_filter.files.judged_file import UNITS
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.recordings.message_times import count_times
 from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Bytes, Ints, Singles
     from lidar_outlier_filter.core.engine.chain import Chain
+    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud
 
 INTENSITIES = ('intensity', 'reflectivity', 'i')
-MOST_GAPS = 50  # that are listed
+# What a page saves of selected points, beside their coordinates: its name and those in clouds.
+SAVED = {
+    'class': (CLASSIFICATION,),
+    'gps_time': ('gps_time',),
+    'return_number': ('return_number', 'returnnumber'),
+}
+MAX_GAPS = 50  # that are listed
 
 
 @dataclass(eq=False, kw_only=True)
@@ -43,15 +52,23 @@ class ReportCloud(StreamCloud):
     Attributes
     ----------
     number : of the cloud, from 0
+    index : (N,) int64
+        Index of each point in its message or file.
     intensity : (N,) float32 or None
     code : (N,) int64 or None
-        The truth.
+        Label of each point.
+    saved : other columns, by the names of ``SAVED``
+    truth : (N,) uint8
+        Meaning of the labels: ``NO_TRUTH``, ``GOOD`` or ``BAD``.
 
     """
 
     number: int
-    intensity: NDArray[np.float32] | None = None
-    code: NDArray[np.int64] | None = None
+    index: Ints
+    intensity: Singles | None = None
+    code: Ints | None = None
+    saved: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    truth: Bytes = field(init=False)
 
 
 @dataclass
@@ -60,17 +77,19 @@ class SourceFacts:
 
     Attributes
     ----------
-    clouds, points, invalid : of the source: clouds taken, their points, and missing returns
+    clouds, points, invalid : clouds taken, their points, and missing returns
     masked : points on the own vehicle, which are not drawn
-    refusals : clouds refused, by what was wrong with them
-    sentences : the first one for each of these
+    refusals : refused clouds by what was wrong with them
+    sentences : the first message for each of these
     unmoved : clouds that were taken without poses, though there is odometry
-    convention : how they are read
-    span : times of the first and the last valid point, nanoseconds; None: there is none
+    convention : how clouds are read
+    span : times of the first and the last valid point, nanoseconds; None without valid points
     times : of all messages with clouds in their recording, nanoseconds
-    topic : of the clouds; empty: they are a file
-    moved : whether the points were moved to a frame that stands still
-    path : where the sensor was then, metres, cloud by cloud
+    topic : of the clouds; empty for a file
+    moved : whether the points were moved to a fixed frame
+    path : position of the sensor, metres, cloud by cloud
+    units : metres of one unit of x, y and z in the file
+    unit : name of the unit
 
     """
 
@@ -87,6 +106,8 @@ class SourceFacts:
     topic: str = ''
     moved: bool = False
     path: list[tuple[float, float, float]] = field(default_factory=list)
+    units: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    unit: str = 'm'
 
     def note(self, cloud: StreamCloud) -> None:
         """Count a cloud."""
@@ -98,9 +119,9 @@ class SourceFacts:
             self.span = (self.span[0] if self.span else cloud.first, cloud.last)
 
     def period_and_gaps(self) -> tuple[float, list[tuple[float, float]]]:
-        """Return the usual time from cloud to cloud, s, and when clouds are missing for how long.
+        """Return the usual time from cloud to cloud, s, and begin and length of gaps.
 
-        The time is NaN of less than two clouds. Gaps are in seconds, after the first cloud; the
+        The time is NaN of less than two clouds. Gaps are in seconds after the first cloud; the
         longest come first.
         """
         counted = count_times(self.times)
@@ -108,11 +129,11 @@ class SourceFacts:
             ((time - self.times[0]) / SECOND, distance / SECOND)
             for time, distance in counted.gaps_in(self.times)
         ]
-        return counted.usual, sorted(gaps, key=lambda gap: -gap[1])[:MOST_GAPS]
+        return counted.usual, sorted(gaps, key=lambda gap: -gap[1])[:MAX_GAPS]
 
 
 class Source(Protocol):
-    """Clouds that can be judged, as often as it takes."""
+    """Clouds that can be judged several times."""
 
     name: str
     found: SourceFacts
@@ -120,7 +141,7 @@ class Source(Protocol):
     has_frames: bool  # whether clouds follow each other in time
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
-        """Judge all clouds by each of some chains; yield the chain's number, and its clouds."""
+        """Judge all clouds by each of the chains; yield the chain's number, and its clouds."""
 
 
 class RecordedSource:
@@ -144,7 +165,7 @@ class RecordedSource:
         self._label, self._files = label, files
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
-        """Judge all clouds by each of some chains; they are read once for all of them."""
+        """Judge all clouds by each of the chains; they are read once for all of them."""
         streams: list[Stream[ReportCloud]] = []
         for chain in chains:
             streams.append(Stream(chain.parameters))
@@ -170,29 +191,27 @@ class RecordedSource:
         self.found = found
 
     def _cloud(self, taken: RecordedCloud) -> ReportCloud:
-        where, count = taken.cloud.where, taken.cloud.count
-        view = structured(taken.msg).reshape(-1) if count else None
-        names = (view.dtype.names or ()) if view is not None else ()
-        intensity = None if view is None else intensity_of(view, where)
-        code = None
-        if self._files:
-            code = self._codes(taken)
-        elif view is not None and self._label:
-            if self._label not in names:
-                must_be = f'one of the fields {", ".join(names)}'
-                raise CloudError('the field with the truth', must_be, repr(self._label))
-            code = view[self._label][where].astype(np.int64)
-        elif view is not None and LABEL in names and view.dtype[LABEL].kind in 'iu':
-            code = view[LABEL][where].astype(np.int64)
-        return ReportCloud(
-            taken.cloud.points,
-            taken.cloud.frame,
-            number=taken.number,
-            intensity=intensity,
-            code=code,
+        where = taken.cloud.where
+        made = ReportCloud(
+            taken.cloud.points, taken.cloud.frame, number=taken.number, index=where.astype(np.int64)
         )
+        if self._files:
+            made.code = self._codes(taken)
+        if not taken.cloud.count:
+            return made
+        view = structured(taken.msg).reshape(-1)
+        names = view.dtype.names or ()
+        made.intensity = intensity_of(view, where)
+        made.saved = {name: view[one][where] for name, one in _saved(names).items()}
+        label = self._label or LABEL
+        if self._label and self._label not in names:
+            must_be = f'one of the fields {", ".join(names)}'
+            raise CloudError('the field with the truth', must_be, repr(self._label))
+        if not self._files and label in names and (self._label or view.dtype[label].kind in 'iu'):
+            made.code = view[label][where].astype(np.int64)
+        return made
 
-    def _codes(self, taken: RecordedCloud) -> NDArray[np.int64]:
+    def _codes(self, taken: RecordedCloud) -> Ints:
         if taken.number >= len(self._files):
             must_be = f'as many as there are clouds, at least {taken.number + 1}'
             raise RecordingError('the files with labels', must_be, len(self._files))
@@ -223,7 +242,7 @@ class FileSource:
         path : of any format that ``clean`` reads
         parameters : of the filter
         truth : a file with labels, and the name of their column; empty: the usual one
-        named : whether somebody named it; otherwise there may be none
+        named : whether a user named it; otherwise there may be none
 
         """
         self.name = path.name
@@ -234,35 +253,70 @@ class FileSource:
             check_chain(parameters.chain, str(path), loaded.lack)
         loaded = columns.recovered(file, loaded, parameters)
         self.parameters, self._loaded = parameters, loaded.points
-        self._intensity = _intensity(file)
+        self._intensity, self._saved = _intensity(file), _read_saved(file)
         self._code = _truth(path, file, *truth) if named or _has_labels(file) else None
         without = 'so that it is judged without scan lines'
         if loaded.rings:
             without = f'{loaded.rings} rings are recovered from elevation'
         how = loaded.lines or f'{loaded.lack}, {without}'
-        self.found = SourceFacts(1, len(file), convention=how)
+        units = [file.metres.get(name, 1.0) for name in names]
+        x, y, z = units + [1.0] * (3 - len(units))
+        self.found = SourceFacts(
+            1, len(file), convention=how, units=(x, y, z), unit=_unit_name((x, y, z))
+        )
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
-        """Judge all points by each of some chains."""
+        """Judge all points by each of the chains."""
         for number, chain in enumerate(chains):
             verdict = judge_whole(self._loaded, chain.parameters, chain)
-            cloud = ReportCloud(self._loaded, number=0)
+            where = np.flatnonzero(self._loaded.valid)
+            cloud = ReportCloud(self._loaded, number=0, index=where)
             self.found.invalid = cloud.absent
             self.found.masked = int(np.count_nonzero(verdict.masked))
-            cloud.verdict = verdict.take(cloud.where)
-            if self._intensity is not None:
-                cloud.intensity = self._intensity[cloud.where]
-            if self._code is not None:
-                cloud.code = self._code[cloud.where]
-            yield number, cloud
+            yield number, self._with_columns(cloud, verdict)
+
+    def _with_columns(self, cloud: ReportCloud, verdict: Verdict) -> ReportCloud:
+        cloud.verdict, cloud.index = verdict.take(cloud.where), cloud.where.astype(np.int64)
+        if self._intensity is not None:
+            cloud.intensity = self._intensity[cloud.where]
+        if self._code is not None:
+            cloud.code = self._code[cloud.where]
+        cloud.saved = {name: values[cloud.where] for name, values in self._saved.items()}
+        return cloud
 
 
-def intensity_of(view: NDArray[np.void], where: NDArray[np.intp]) -> NDArray[np.float32] | None:
-    """Give the intensities of some points of a structured array; None where it has none."""
+def intensity_of(view: NDArray[np.void], where: NDArray[np.intp]) -> Singles | None:
+    """Return the intensities of some points of a structured array; None if it has none."""
     name = next((one for one in INTENSITIES if one in (view.dtype.names or ())), '')
     if not name or view.dtype[name].kind not in 'iuf':
         return None
     return view[name][where].astype(np.float32)
+
+
+def _saved(names: Iterable[str]) -> dict[str, str]:
+    """Find the columns of ``SAVED`` among names."""
+    lower = {name.lower(): name for name in names}
+    found = {name: [lower[one] for one in usual if one in lower] for name, usual in SAVED.items()}
+    return {name: there[0] for name, there in found.items() if there}
+
+
+def _read_saved(file: CloudFile) -> dict[str, NDArray[Any]]:
+    """Read what is saved of a file's points; what is missing there is NaN."""
+    there = _saved(file.columns)
+    parts = list(read(file, list(there.values()))) if there else []
+    return {name: np.concatenate([part[k] for part in parts]) for k, name in enumerate(there)}
+
+
+def _unit_name(units: tuple[float, float, float]) -> str:
+    """Name the unit of the coordinates; a size in metres if it has no name here."""
+    known = {size: name for name, size in UNITS.items()}
+
+    def name(size: float) -> str:
+        near = [text for one, text in known.items() if abs(one - size) <= 1e-9 * size]
+        return near[0] if near else f'× {size:g} m'
+
+    plane, up = name(units[0]), name(units[2])
+    return plane if plane == up else f'{plane}, z in {up}'
 
 
 def _has_labels(file: CloudFile) -> bool:
@@ -270,7 +324,7 @@ def _has_labels(file: CloudFile) -> bool:
     return LABEL in file.columns or (file.classes and CLASSIFICATION in file.columns)
 
 
-def _truth(path: Path, file: CloudFile, labels: Path, column: str) -> NDArray[np.int64]:
+def _truth(path: Path, file: CloudFile, labels: Path, column: str) -> Ints:
     codes = read_codes(labels, column)
     if len(codes) != len(file):
         must_be = f'of {len(file)} points, as {path.name}'
@@ -278,7 +332,7 @@ def _truth(path: Path, file: CloudFile, labels: Path, column: str) -> NDArray[np
     return codes
 
 
-def _intensity(file: CloudFile) -> NDArray[np.float32] | None:
+def _intensity(file: CloudFile) -> Singles | None:
     lower = {name.lower(): name for name in file.columns}
     name = next((lower[one] for one in INTENSITIES if one in lower), None)
     if name is None:

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a report in a browser: open it, look at it, move its sliders."""
+"""The page of a report in a browser, and the messages that pages read."""
 
 from __future__ import annotations
 
+import json
 import re
 from contextlib import contextmanager
 from io import BytesIO
@@ -13,9 +14,10 @@ import numpy as np
 from PIL import Image
 
 from helpers.browsers import new_tab
+from lidar_outlier_filter.report.points import STEPS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -23,6 +25,34 @@ if TYPE_CHECKING:
 
 READY = 'html[data-ready=yes]'
 DESKTOP, PHONE = (1280, 900), (390, 844)  # CSS pixels
+
+
+def read_message(
+    content: bytes,
+) -> tuple[dict[str, Any], list[NDArray[np.uint32]], dict[str, NDArray[Any]]]:
+    """Read a message as the page does: its header, the words of each frame, and the columns."""
+    length = int.from_bytes(content[:4], 'little')
+    header = json.loads(content[4 : 4 + length])
+    begin = 4 + length
+    assert begin % 16 == 0
+    words = []
+    for frame in header['frames']:
+        words.append(np.frombuffer(content, '<u4', 4 * frame['count'], begin).reshape(-1, 4))
+        begin += words[-1].nbytes
+    total, columns = sum(map(len, words)), {}
+    for name, kind, width in header['columns']:
+        columns[name] = np.frombuffer(content, f'<{kind}', width * total, begin)
+        begin += columns[name].nbytes
+    assert begin == len(content)
+    return header, words, columns
+
+
+def positions(frame: Mapping[str, Any], words: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """Unpack positions in metres."""
+    a, b = words[:, 0], words[:, 1]
+    steps = np.stack([a & STEPS, (a >> 21) | ((b & 0x3FF) << 11), b >> 10], axis=1)
+    found: NDArray[np.float64] = frame['origin'] + steps * np.array(frame['step'])
+    return found
 
 
 @contextmanager

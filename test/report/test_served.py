@@ -6,7 +6,10 @@ from __future__ import annotations
 
 import socket
 import sys
-from contextlib import closing, suppress
+import threading
+import time
+from contextlib import ExitStack, closing, suppress
+from http.client import HTTPConnection
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
@@ -14,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.report.served import LARGEST_REQUEST, PageServer
+from lidar_outlier_filter.report.served import MAX_CONNECTIONS, MAX_REQUEST, PageServer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -93,7 +96,7 @@ def page() -> Iterator[Page]:
 @pytest.mark.parametrize('method', ['GET', 'POST'])
 def test_a_stranger_is_refused(page: Page, target: str, method: str) -> None:
     """Whatever the address is, and before anything else of the request is looked at."""
-    for length in ('2', DIGITS, 'x', '-1', str(10 * LARGEST_REQUEST)):
+    for length in ('2', DIGITS, 'x', '-1', str(10 * MAX_REQUEST)):
         head = f'{method} {target} HTTP/1.1\r\n' + page.headers(f'Content-Length: {length}')
         assert page.status(head + '{}') in {400, 403}
     assert page.errors == []
@@ -129,7 +132,7 @@ def test_after_is_a_number(page: Page, after: str) -> None:
         ('1_0', 400),
         ('²', 400),
         ('', 400),
-        (str(LARGEST_REQUEST + 1), 413),
+        (str(MAX_REQUEST + 1), 413),
         ('3', 400),  # and then it ends
     ],
 )
@@ -167,6 +170,33 @@ def test_what_makes_sense_is_served(page: Page) -> None:
     assert answer.count(b'HTTP/1.1 200 OK') == 3
     assert page.node.values == [{'a': '1', 'b': '\ud800'}] * 2
     page.node.values.clear()
+
+
+def test_connections_are_bounded(page: Page) -> None:
+    """Idle ones without the token are closed for new ones; who has the token stays connected."""
+    address = ('127.0.0.1', page.server.port)
+    status = f'/status?token={page.server.token}'
+    before = threading.active_count()
+    with ExitStack() as stack:
+        friend = stack.enter_context(closing(HTTPConnection(*address)))
+        friend.request('GET', status)
+        answer = friend.getresponse()
+        assert (answer.status, answer.read()[:1]) == (200, b'{')
+        connection = friend.sock
+        strangers = [
+            stack.enter_context(closing(socket.create_connection(address)))
+            for _ in range(3 * MAX_CONNECTIONS)
+        ]
+        for stranger in strangers[: 2 * MAX_CONNECTIONS]:
+            stranger.settimeout(PATIENCE)
+            assert stranger.recv(1) == b''
+        end = time.monotonic() + PATIENCE  # the threads of closed connections are about to end
+        while threading.active_count() > before + MAX_CONNECTIONS:
+            assert time.monotonic() < end
+        friend.request('GET', status)
+        assert friend.getresponse().status == 200
+        assert friend.sock is connection
+    assert page.errors == []
 
 
 PARTS = (

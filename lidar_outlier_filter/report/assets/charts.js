@@ -3,8 +3,8 @@
 
 // Figures as SVG, drawn anew at each step of a slider from exact counts.
 
-import { Map2D } from 'map';
-import { nice } from 'scale';
+import { node } from 'data';
+import { Map2D, nice } from 'map';
 
 const SVG = 'http://www.w3.org/2000/svg';
 const WIDTH = 420;
@@ -30,17 +30,9 @@ export function percent(part, whole) {
 }
 
 function chart(parent, title, about) {
-  const figure = document.createElement('figure');
-  figure.className = 'chart';
-  figure.style.margin = '0';
-  const heading = document.createElement('h2');
-  heading.textContent = title;
   const svg = element('svg', { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: 'img', 'aria-label': `${title}. ${about}` });
-  const caption = document.createElement('figcaption');
-  caption.className = 'quiet';
-  caption.textContent = about;
-  figure.append(heading, caption, svg);
-  parent.append(figure);
+  const caption = node('figcaption', { class: 'quiet' }, about);
+  parent.append(node('figure', { class: 'chart' }, node('h2', {}, title), caption, svg));
   return { svg, caption };
 }
 
@@ -90,13 +82,11 @@ export class Charts {
       this.roc = chart(parent, 'ROC', `Outliers found against good points lost. Area ${header.curve.auc.toFixed(4)}.`);
     }
     this.map = chart(parent, 'Map', header.moved || !header.hasFrames
-      ? `Rejected points from above${header.path.length ? '; blue: the way of the sensor' : ''}.` : 'Rejected points from above, in the frame of the clouds.');
+      ? `Rejected points from above${header.path.length ? '; blue: the path of the sensor' : ''}.` : 'Rejected points from above, in the frame of the clouds.');
     this.map.svg.remove();
-    this.canvas = document.createElement('canvas');
-    this.plan = new Map2D(this.canvas, data, box, header.path);
-    this.canvas.setAttribute('role', 'img');
-    this.canvas.setAttribute('aria-label', 'Map of the rejected points, from above');
-    this.map.caption.after(this.canvas);
+    const canvas = node('canvas', { role: 'img', 'aria-label': 'Map of the rejected points, from above' });
+    this.plan = new Map2D(canvas, header, data.frames, box);
+    this.map.caption.after(canvas);
   }
 
   update(state) {
@@ -195,22 +185,4 @@ export class Charts {
       }));
     });
   }
-}
-
-// What each feature adds, as bars to the right (for a rejection) and to the left (against it), below
-// what it is; its name is that of clouds and diagnostics.
-export function bars(features) {
-  const each = 38;
-  const svg = element('svg', { class: 'bars', viewBox: `0 0 330 ${each * features.length + 4}`, role: 'img' });
-  svg.setAttribute('aria-label', features.map(([[name, text], value]) => `${text} (${name}): ${value.toFixed(2)}`).join('; '));
-  const most = Math.max(...features.map(([, value]) => Math.abs(value)), 1e-6);
-  features.forEach(([[name, text], value], i) => {
-    const y = each * i + 2;
-    const width = (Math.abs(value) / most) * 78;
-    svg.append(element('text', { x: 0, y: y + 12 }, text));
-    svg.append(element('text', { class: 'about', x: 0, y: y + 26 }, name));
-    svg.append(element('rect', { class: value > 0 ? 'for' : 'against', x: value > 0 ? 200 : 200 - width, y: y + 17, width, height: 11, rx: 1.5 }));
-    svg.append(element('text', { class: 'soft', x: 328, y: y + 27, 'text-anchor': 'end' }, `${value > 0 ? '+' : '−'}${Math.abs(value).toFixed(2)}`));
-  });
-  return svg;
 }

@@ -3,10 +3,8 @@
 
 // The colours of points, and the legend that says what they mean.
 
-import { node } from 'panel';
+import { DETECTOR, HEIGHT, NEAR, ONLY_CLEANED, REASON, SCORE, TRUTH, inFile, node, unitOf } from 'data';
 
-export const MODES = ['intensity', 'height', 'score', 'detector', 'strongest reason', 'truth'];
-export const [INTENSITY, HEIGHT, SCORE, DETECTOR, REASON, TRUTH] = MODES.keys();
 // Okabe and Ito, without the colour that stands for "rejected".
 const REASON_COLOURS = ['#d55e00', '#0072b2', '#e69f00', '#009e73', '#cc79a7', '#56b4e9'];
 
@@ -65,7 +63,10 @@ export function legend(parent, data, state, view, near) {
     const stops = [0, 64, 128, 192, 255].map((i) => `rgb(${map.subarray(3 * i, 3 * i + 3).join()})`);
     dots.push(node('span', {}, low, node('i', { class: 'ramp', style: `background:linear-gradient(90deg,${stops})` }), high));
   };
-  if (view && state.mode === HEIGHT) ramp('viridis', `${(view.heights[0] + view.centre[2]).toFixed(1)} m`, `${(view.heights[1] + view.centre[2]).toFixed(1)} m`);
+  if (view && state.mode === HEIGHT) {
+    const heights = view.heights.map((one) => inFile(data.header, [0, 0, one + view.centre[2]])[2].toFixed(1));
+    ramp('viridis', heights[0], `${heights[1]} ${unitOf(data.header).replace(/.*z in /, '')}`);
+  }
   if (state.mode === SCORE) ramp('cividis', 'score 0', '1');
   if (state.mode === DETECTOR) {
     for (const one of data.header.detectors) if (data.header.chain.includes(one.name)) dot(detectorColour(one), one.name);
@@ -77,10 +78,10 @@ export function legend(parent, data, state, view, near) {
     dot(style('--near'), 'found');
     dot(style('--missed'), 'missed');
     dot(style('--lost'), 'good, lost');
-  } else if (state.show !== 3) {
+  } else if (state.show !== ONLY_CLEANED) {
     dot(style('--rejected'), 'rejected');
   }
-  if (state.show === 1 && state.mode !== TRUTH && state.mode !== REASON) dot(style('--near'), near);
-  if (data.header.path?.length) dot(style('--near'), 'way of the sensor');
+  if (state.show === NEAR && state.mode !== TRUTH && state.mode !== REASON) dot(style('--near'), near);
+  if (data.header.path?.length) dot(style('--near'), 'path of the sensor');
   parent.replaceChildren(...dots);
 }

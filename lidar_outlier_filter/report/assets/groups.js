@@ -50,7 +50,7 @@ function ofPart(data, numbers, bit) {
   connect(where).forEach((label, m) => {
     let group = groups.get(label);
     if (!group) {
-      group = { count: 0, low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity], range: Infinity, score: -2 };
+      group = { count: 0, low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity], score: -2 };
       groups.set(label, group);
     }
     group.count += 1;
@@ -59,7 +59,6 @@ function ofPart(data, numbers, bit) {
       group.low[a] = Math.min(group.low[a], value);
       group.high[a] = Math.max(group.high[a], value);
     }
-    group.range = Math.min(group.range, Math.hypot(where[3 * m], where[3 * m + 1], where[3 * m + 2]));
     const score = scoreOf(data.frames[frames[m]], indices[m]) ?? -1;
     if (score > group.score) Object.assign(group, { score, frame: frames[m], worst: indices[m] });
   });

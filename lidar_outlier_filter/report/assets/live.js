@@ -1,28 +1,29 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The page of a node that runs. It asks for new frames and for what the diagnostics say, and sets
-// parameters. Groups, reasons by feature, figures and exact counts are for recordings only.
+// The page of a running node. It asks for new frames and for the diagnostics, and sets parameters.
 
-import { describe, isRejected, measure, neighbours, readFrames, samePointLine } from 'data';
-import { drawFlat } from 'flat';
+import { DETECTOR, HEIGHT, INTENSITY, REASON, SCORE, at, node, readMessage } from 'data';
 import { count, percent } from 'charts';
-import { list, node, showPoint } from 'panel';
-import { DETECTOR, HEIGHT, INTENSITY, MODES, REASON, SCORE, colours, legend as drawLegend, reasonColours } from 'colours';
-import { listenToKeys } from 'keys';
-import { listenToStage, openView, placeRing, setView } from 'stage';
+import { reasonColours } from 'colours';
+import { list, slider } from 'panel';
+import { Stage } from 'stage';
 
-const at = (id) => document.getElementById(id);
 const PERIOD = 500; // milliseconds from one question to the next
 const LEVELS = ['OK', 'Warning', 'Error', 'Stale'];
-const KEYS = [['space', 'hold, go on']];
-
-const state = { bit: 1, mode: INTENSITY, show: 0, size: 2, newest: true, hold: false, last: -1, topic: '', point: null, reasons: [], firstFrame: 0, lastFrame: 0 };
-const data = { header: { intensity: [0, 0], explained: 0, features: [], ways: [] }, frames: [] };
-let view = null;
-let flat = false; // pictures instead: there is no WebGL
+const state = { newest: true, hold: false, last: -1, topic: '' };
+const data = { header: { intensity: [0, 0], features: [] }, frames: [] };
 let sliders = '';
 let sending = Promise.resolve();
+
+const stage = new Stage(data, state, {
+  near: 'kept, score above 0.8', modes: () => [INTENSITY, HEIGHT, SCORE, DETECTOR, REASON],
+  keys: { ' ': hold }, keyNames: [['space', 'hold, go on']], changed: () => {},
+  drawn(number) {
+    const frames = data.frames.slice(state.firstFrame, state.lastFrame + 1);
+    at('shown').textContent = `${count(number)} of ${count(frames.reduce((sum, frame) => sum + frame.points, 0))} points drawn`;
+  },
+});
 
 async function ask(path, asked = {}, options = {}) {
   const token = new URLSearchParams(location.search).get('token');
@@ -33,71 +34,52 @@ async function ask(path, asked = {}, options = {}) {
 
 // --- Clouds ----------------------------------------------------------------------------------
 
-function open() {
-  view = openView(data, state);
-  flat = !view;
-  if (flat) return;
-  view.shared.nearBits.value = 2;
-  view.listeners.push((drawn) => {
-    const frames = data.frames.slice(state.firstFrame, state.lastFrame + 1);
-    const all = frames.reduce((sum, frame) => sum + frame.points, 0);
-    at('shown').textContent = `${count(drawn)} of ${count(all)} points drawn`;
-    ringPoint();
-  });
-  setView(view, 'orbit');
-}
-
 function take(header) {
   data.header.intensity = header.intensity;
   const { frames } = header;
   if (!frames.length) return;
   state.last = frames[frames.length - 1].number;
-  const first = !view && !flat;
+  const first = !stage.view && !stage.flat;
+  for (const frame of frames) if (stage.view) stage.view.push(frame); else data.frames.push(frame);
+  while (data.frames[0].number < header.oldest) drop();
   if (first) {
-    data.frames.push(...frames);
-    open();
-    legend();
-  } else {
-    for (const frame of frames) if (view) view.push(frame); else data.frames.push(frame);
-    while (data.frames[0].number < header.oldest) if (view) view.shift(); else data.frames.shift();
+    stage.open();
+    stage.view?.set('nearBits', 2);
+    stage.legend();
   }
   colourReasons();
-  clearPoint();
+  stage.clear();
   showFrames();
+}
+
+function drop() {
+  if (stage.view) stage.view.shift(); else data.frames.shift();
+}
+
+function forget() {
+  while (data.frames.length) drop();
+  state.last = -1;
+  stage.clear();
 }
 
 // A reason that has a colour keeps it.
 function colourReasons() {
   const known = state.reasons.map(([reason]) => reason);
   const found = reasonColours(data, state, known);
-  if (found.length === known.length && found.every(([reason], i) => reason === known[i])) return;
+  if (found.length === known.length) return;
   state.reasons = found;
-  view?.setColours(colours(data, state));
-  legend();
+  stage.recolour();
 }
 
 function showFrames() {
   const last = data.frames.length - 1;
-  [state.firstFrame, state.lastFrame] = state.newest ? [last, last] : [0, last];
-  if (view) view.setFrames(state.firstFrame, state.lastFrame);
-  if (flat && last >= 0) {
-    const { middle, whole } = measure(data);
-    drawFlat(at('canvas'), data, { centre: middle, extent: whole }, state);
-  }
+  stage.setFrames(...(state.newest ? [last, last] : [0, last]));
   const sum = (name) => data.frames.reduce((total, frame) => total + frame[name], 0);
   const [rejected, points] = [sum('rejected'), sum('points')];
   const seconds = last < 0 ? 0 : data.frames[last].end - data.frames[0].start;
   at('lead').replaceChildren(node('strong', {}, `${count(rejected)} of ${count(points)} points`), ` rejected in the last ${seconds.toFixed(1)} s, ${percent(rejected, points)}.`);
   at('frame-text').textContent = state.newest ? 'the newest 0.1 s or sweep' : `the last ${seconds.toFixed(1)} s`;
 }
-
-function forget() {
-  while (data.frames.length) if (view) view.shift(); else data.frames.shift();
-  state.last = -1;
-  clearPoint();
-}
-
-const legend = () => drawLegend(at('legend'), data, state, view, 'kept, score above 0.8');
 
 // --- Parameters ------------------------------------------------------------------------------
 
@@ -123,46 +105,60 @@ function makeSliders(found) {
   if (text === sliders || busy) return;
   sliders = text;
   const focus = document.activeElement?.id;
-  at('slider-list').replaceChildren(...found.map((slider, number) => {
-    const id = `slider-${number}`;
-    const input = node('input', { type: 'range', id, min: 0, max: slider.texts.length - 1, step: 1, 'aria-valuetext': slider.texts[slider.now] });
-    input.value = slider.now;
-    const shown = node('output', { for: id }, slider.texts[slider.now]);
-    input.addEventListener('input', () => { shown.textContent = slider.texts[input.value]; });
-    input.addEventListener('change', () => set(slider.name, slider.texts[input.value]));
-    const exact = node('input', { type: 'text', id: `exact-${number}`, size: 8, 'aria-label': `${slider.name}, exact value`, value: slider.texts[slider.now] });
+  at('slider-list').replaceChildren(...found.map((one, number) => {
+    const exact = node('input', { type: 'text', id: `exact-${number}`, size: 8, 'aria-label': `${one.name}, exact value`, value: one.texts[one.given] });
     const form = node('form', { class: 'exact' }, exact, node('button', {}, 'Set'));
+    const [box, input, shown] = slider(number, one, form);
+    input.addEventListener('input', () => { shown.textContent = one.texts[input.value]; });
+    input.addEventListener('change', () => set(one.name, one.texts[input.value]));
     form.addEventListener('submit', (event) => {
       event.preventDefault();
       exact.blur();
-      set(slider.name, exact.value);
+      set(one.name, exact.value);
     });
-    const ends = node('p', { class: 'ends' }, node('span', {}, 'rejects more'), node('span', {}, 'rejects less'));
-    return node('div', { class: 'slider' }, node('label', { for: id }, slider.name, shown), input, ends, form);
+    return box;
   }));
   if (focus) at(focus)?.focus();
 }
 
 // --- Diagnostics -----------------------------------------------------------------------------
 
-async function showAbout() {
-  const about = await (await ask('about')).json();
-  Object.assign(data.header, about);
-  at('footer').textContent = `lidar-outlier-filter ${about.version}. Kept: the last ${about.seconds} s, of each 0.1 s or sweep at most ${count(about.mostInFrame)} points, the rejected first. Clouds that pass unfiltered are not drawn.`;
-}
-
 async function showStatus() {
   const status = await (await ask('status')).json();
   Object.assign(data.header, status);
   makeSliders(status.sliders);
   showTopics(status.topics);
-  const boxes = status.statuses.map((one) => {
+  if (!status.statuses.length) return;
+  at('statuses').replaceChildren(...status.statuses.map((one) => {
     const facts = node('dl', {});
-    list(facts, Object.entries(one.values));
+    const { plain, sectors, bands } = sortValues(one.values);
+    list(facts, plain);
     const level = node('strong', { class: `level level-${one.level}` }, LEVELS[one.level] ?? `${one.level}`);
-    return node('div', {}, node('h3', {}, one.name), node('p', {}, level, ` ${one.message}`), facts);
-  });
-  if (boxes.length) at('statuses').replaceChildren(...boxes);
+    const parts = sectors.size ? [node('h3', {}, 'Visibility'), visibility(sectors, bands)] : [];
+    return node('div', {}, node('h3', {}, one.name), node('p', {}, level, ` ${one.message}`), facts, ...parts);
+  }));
+}
+
+const number = (text) => (text.startsWith('nan') ? '–' : text);
+
+// Values of sectors are a table of their own: returns that are missing, and shares that are rejected.
+function sortValues(values) {
+  const [plain, sectors] = [[], new Map()];
+  let bands = [];
+  for (const [name, value] of Object.entries(values)) {
+    const [, what, sector, from] = /^(missing|rejected) at ([^,]+)(?:, from (.+) m)?$/.exec(name) ?? [];
+    if (!what) plain.push([name, number(value)]);
+    else sectors.set(sector, [...(sectors.get(sector) ?? []), ...value.split(', ').map(number)]);
+    if (from) bands = from.split(', ');
+  }
+  return { plain, sectors, bands };
+}
+
+function visibility(sectors, bands) {
+  const row = (kind, cells) => node('tr', {}, ...cells.map((cell) => node(kind, {}, cell)));
+  const head = row('th', ['sector', 'missing', ...bands.map((from) => `rejected from ${from} m`)]);
+  const rows = [...sectors].map(([sector, cells]) => row('td', [sector.replaceAll('°', '').replace(' to ', '–') + '°', ...cells]));
+  return node('table', { class: 'sectors' }, head, ...rows);
 }
 
 function showTopics(topics) {
@@ -176,30 +172,6 @@ function showTopics(topics) {
   }
   at('topic').value = state.topic;
 }
-
-// --- A point ---------------------------------------------------------------------------------
-
-function choose(number, index) {
-  const frame = data.frames[number];
-  const near = neighbours(frame, index, 8);
-  const line = samePointLine(frame, index);
-  const point = describe(data, number, index);
-  state.point = point;
-  showPoint(at('point-text'), data, point, { rejected: isRejected(frame, index, 1), near: near.map(([, d]) => d), inLine: line.length });
-  view.setMarks(0, frame, near.map(([i]) => i));
-  view.setMarks(1, frame, line.length > 3000 ? line.filter((_, i) => i % Math.ceil(line.length / 3000) === 0) : line);
-  ringPoint();
-}
-
-function clearPoint() {
-  if (!state.point) return;
-  state.point = null;
-  at('point-text').replaceChildren(node('p', { class: 'quiet' }, 'Hold the picture, then click a point.'));
-  for (const which of [0, 1]) view?.setMarks(which, null, []);
-  ringPoint();
-}
-
-const ringPoint = () => placeRing(view, state.point?.position);
 
 // --- Controls --------------------------------------------------------------------------------
 
@@ -215,27 +187,17 @@ function hold() {
   at('hold').setAttribute('aria-pressed', state.hold);
 }
 
-function listen() {
-  for (const i of [INTENSITY, HEIGHT, SCORE, DETECTOR, REASON]) at('mode').append(node('option', { value: i }, MODES[i]));
-  listenToStage(data, state, { legend, choose, view: () => view, redraw: showFrames });
-  at('newest').addEventListener('click', () => setNewest(true));
-  at('all').addEventListener('click', () => setNewest(false));
-  at('hold').addEventListener('click', hold);
-  at('topic').addEventListener('change', () => {
-    state.topic = at('topic').value;
-    forget();
-    showFrames();
-  });
-  listenToKeys(() => view, { ' ': hold }, KEYS);
-}
-
 async function poll() {
   try {
-    if (!data.header.version) await showAbout();
+    if (!data.header.version) {
+      const about = await (await ask('about')).json();
+      Object.assign(data.header, about);
+      at('footer').textContent = `lidar-outlier-filter ${about.version}. Kept: the last ${about.kept} s, of each 0.1 s or sweep at most ${count(about.mostInFrame)} points, the rejected first. Clouds that pass unfiltered are not drawn.`;
+    }
     await showStatus();
     const { topic } = state;
     if (!state.hold && topic) {
-      const header = readFrames(await (await ask('frames', { topic, after: state.last })).arrayBuffer());
+      const header = readMessage(await (await ask('frames', { topic, after: state.last })).arrayBuffer());
       if (topic === state.topic) take(header);
     }
     document.documentElement.dataset.frames = data.frames.length;
@@ -245,6 +207,11 @@ async function poll() {
   setTimeout(poll, PERIOD);
 }
 
-listen();
+for (const [id, action] of [['newest', () => setNewest(true)], ['all', () => setNewest(false)], ['hold', hold]]) at(id).addEventListener('click', action);
+at('topic').addEventListener('change', () => {
+  state.topic = at('topic').value;
+  forget();
+  showFrames();
+});
 poll();
-window.live = { state, data, view: () => view };
+window.live = { state, data, view: () => stage.view };

@@ -1,46 +1,62 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The rejected points from above. What each pixel has is found once, for all steps of all sliders.
+// Points from above or from the side. What each pixel has is found once, for all steps of all sliders.
 
-import { position } from 'data';
-import { nice, scaleBar } from 'scale';
+import { inFile, unitOf, visitSample } from 'data';
 
-const [WIDTH, HEIGHT, LEFT, BELOW] = [840, 430, 62, 34]; // pixels; of the axes: to the left, and below
+const [WIDTH, HEIGHT, LEFT, BELOW] = [840, 430, 88, 34]; // pixels; of the axes: to the left, and below
+const LONGEST = 130; // pixels of a scale bar
 const MOST = 60000; // points that no step rejects
 const DOT = 3; // pixels of a rejected point
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 // A colour as ImageData has it, the red first.
-export const word = (text) => (0xff000000 | (parseInt(text.slice(5, 7), 16) << 16)
+const word = (text) => (0xff000000 | (parseInt(text.slice(5, 7), 16) << 16)
   | (parseInt(text.slice(3, 5), 16) << 8) | parseInt(text.slice(1, 3), 16)) >>> 0;
 
+// The smallest of 1, 2 or 5 times a power of ten that is not below a number.
+export function nice(least) {
+  const power = 10 ** Math.floor(Math.log10(Math.max(least, 1e-9)));
+  return power * [1, 2, 5, 10].find((factor) => factor * power >= least);
+}
+
+// The longest bar of 1, 2 or 5 times a power of ten units: its pixels, and its text.
+export function scaleBar(header, metresPerPixel) {
+  const size = header.units?.[0] ?? 1;
+  const most = (LONGEST * metresPerPixel) / size;
+  const power = 10 ** Math.floor(Math.log10(most));
+  const long = power * [5, 2, 1].find((factor) => factor * power <= most);
+  const unit = unitOf(header).split(',')[0];
+  let text = `${Number(long.toPrecision(1))} ${unit}`;
+  if (unit === 'm' && long >= 1000) text = `${long / 1000} km`;
+  else if (unit === 'm' && long < 1) text = long >= 0.01 ? `${Math.round(long * 100)} cm` : `${Number((long * 1000).toPrecision(1))} mm`;
+  return { pixels: (long * size) / metresPerPixel, text };
+}
+
 export class Map2D {
-  // `box` has the middle and the size of what is shown, metres; `path` the way of the vehicle.
-  constructor(canvas, data, box, path) {
-    Object.assign(this, { canvas, data, box, path });
+  // `box` has the middle and the size of what is shown, metres; `path` the positions of the sensor;
+  // `axis` points up: 1 from above, 2 from the side.
+  constructor(canvas, header, frames, box, axis = 1) {
+    Object.assign(this, { canvas, header, box, axis, path: header.path ?? [] });
     [canvas.width, canvas.height] = [WIDTH, HEIGHT];
     this.wide = WIDTH - LEFT;
     this.tall = HEIGHT - BELOW;
-    this.scale = Math.min(this.wide / (box.extent[0] * 1.06), this.tall / (box.extent[1] * 1.1)); // pixels of a metre
+    this.scale = Math.min(this.wide / (box.extent[0] * 1.06), this.tall / (box.extent[axis] * 1.1)); // pixels of a metre
     this.ground = new Uint8Array(this.wide * this.tall); // whether a pixel has points
     this.steps = new Uint32Array(this.wide * this.tall); // the steps that reject any of its points
-    for (const frame of data.frames) this.look(frame);
-  }
-
-  place([x, y]) {
-    return [this.wide / 2 + (x - this.box.centre[0]) * this.scale, this.tall / 2 - (y - this.box.centre[1]) * this.scale];
-  }
-
-  look(frame) {
-    const there = [0, 0, 0];
-    const last = Math.min(frame.count, frame.marked + Math.max(60, Math.floor(MOST / this.data.frames.length)));
-    for (let i = 0; i < last; i += 1) {
-      const [u, v] = this.place(position(frame, i, there));
-      if (u < 0 || v < 0 || u >= this.wide || v >= this.tall) continue;
-      const pixel = Math.floor(v) * this.wide + Math.floor(u);
-      this.ground[pixel] = 1;
-      this.steps[pixel] |= frame.words[4 * i + 3];
+    for (const frame of frames) {
+      visitSample(frame, Math.max(60, MOST / frames.length), (i, there) => {
+        const [u, v] = this.place(there);
+        if (u < 0 || v < 0 || u >= this.wide || v >= this.tall) return;
+        const pixel = Math.floor(v) * this.wide + Math.floor(u);
+        this.ground[pixel] = 1;
+        this.steps[pixel] |= frame.words[4 * i + 3];
+      });
     }
+  }
+
+  place(where) {
+    return [0, this.axis].map((axis, k) => [this.wide, this.tall][k] / 2 + (k ? -1 : 1) * (where[axis] - this.box.centre[axis]) * this.scale);
   }
 
   draw(bit) {
@@ -70,22 +86,21 @@ export class Map2D {
     context.fillStyle = colour('--soft');
     context.font = '15px system-ui, sans-serif';
     context.strokeRect(LEFT + 0.5, 0.5, this.wide - 1, this.tall - 1);
-    const [across, up] = [this.wide / this.scale, this.tall / this.scale];
-    const step = nice(across / 8);
-    const [west, south] = [this.box.centre[0] - across / 2, this.box.centre[1] - up / 2];
+    const [low, high] = [-1, 1].map((side) => this.box.centre.map((value, a) => value + side * [this.wide, this.tall][a ? 1 : 0] / 2 / this.scale));
+    const [from, to] = [inFile(this.header, low), inFile(this.header, high)];
+    const step = nice((to[0] - from[0]) / 6);
     const digits = Math.max(0, -Math.floor(Math.log10(step)));
+    const ticks = (axis) => Array.from({ length: 1 + Math.floor(to[axis] / step) - Math.ceil(from[axis] / step) }, (_, k) => (Math.ceil(from[axis] / step) + k) * step);
     context.textAlign = 'center';
-    for (let x = Math.ceil(west / step) * step; x < west + across; x += step) {
-      context.fillText(x.toFixed(digits), LEFT + (x - west) * this.scale, HEIGHT - BELOW + 17);
-    }
+    for (const x of ticks(0)) context.fillText(x.toFixed(digits), LEFT + ((x - from[0]) / (to[0] - from[0])) * this.wide, HEIGHT - BELOW + 17);
     context.textAlign = 'right';
-    for (let y = Math.ceil(south / step) * step; y < south + up; y += step) {
-      const v = this.tall - (y - south) * this.scale;
-      if (v > 12) context.fillText(y.toFixed(digits), LEFT - 6, Math.min(v + 5, this.tall));
+    for (const y of ticks(this.axis)) {
+      const v = this.tall * (1 - (y - from[this.axis]) / (to[this.axis] - from[this.axis]));
+      if (v > 20) context.fillText(y.toFixed(digits), LEFT - 6, Math.min(v + 5, this.tall));
     }
-    context.fillText('y, m', LEFT - 6, 12);
-    context.fillText('x, m', WIDTH - 4, HEIGHT - 3);
-    const { pixels, text } = scaleBar(1 / this.scale);
+    context.fillText(`${'xyz'[this.axis]}, ${unitOf(this.header).split(',')[0]}`, LEFT - 6, 12);
+    context.fillText(`x, ${unitOf(this.header).split(',')[0]}`, WIDTH - 4, HEIGHT - 3);
+    const { pixels, text } = scaleBar(this.header, 1 / this.scale);
     context.textAlign = 'center';
     context.fillText(text, WIDTH - 14 - pixels / 2, this.tall - 18);
     context.strokeStyle = colour('--ink');

@@ -1,27 +1,27 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the page says of a point, of the groups, and of the source.
+// What the page says of a point, of the groups, and of the source; and sliders.
 
-import { BAD, LARGEST_SCORE } from 'data';
-import { bars, count, percent } from 'charts';
+import { BAD, LARGEST_SCORE, coordinates, lengthText, node } from 'data';
+import { count, percent } from 'charts';
 import { CELL } from 'groups';
 
-export function node(name, attributes = {}, ...children) {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
-  return made;
-}
+const ALONE = 3; // times the distance that is usual among its neighbours
 
 export function list(parent, rows) {
   parent.replaceChildren();
-  for (const [name, value] of rows) {
-    parent.append(node('dt', {}, name), node('dd', {}, value));
-  }
+  for (const [name, value] of rows) parent.append(node('dt', {}, name), node('dd', {}, value));
 }
 
-const metres = (values) => values.map((value) => value.toFixed(2)).join(', ');
+// A slider for a threshold: `texts` of its values, and which it has.
+export function slider(number, { name, texts, given }, ...more) {
+  const id = `slider-${number}`;
+  const input = node('input', { type: 'range', id, min: 0, max: texts.length - 1, step: 1, value: given, 'aria-valuetext': texts[given] });
+  const ends = node('p', { class: 'ends' }, node('span', {}, 'rejects more'), node('span', {}, 'rejects less'));
+  const label = node('label', { for: id }, name, node('output', { for: id }, texts[given]));
+  return [node('div', { class: 'slider' }, label, input, ends, ...more), input, label.lastChild];
+}
 
 function scoreText({ score, exact }) {
   if (Number.isNaN(score)) return 'untested';
@@ -30,44 +30,51 @@ function scoreText({ score, exact }) {
 }
 
 // A point: its fields, its score, why, its neighbours.
-export function showPoint(parent, data, point, about) {
-  const { header } = data;
+export function showPoint(parent, header, point, about) {
   const detector = header.detectors.find((one) => one.number === point.detector);
+  const { distances, inLine } = about;
   const rows = [
     ['score', scoreText(point)],
     ['verdict', about.rejected ? `rejected${detector ? ` by ${detector.name}` : ''}` : 'kept'],
-    ['x, y, z', `${metres(point.position)} m`],
+    ['x, y, z', coordinates(header, point.position)],
   ];
   if (about.rejected && point.reason) rows.push(['reason', `${header.reasonTexts[header.reasons.indexOf(point.reason)]} (${point.reason})`]);
   if (point.truth) rows.push(['truth', point.truth === BAD ? 'outlier' : 'good']);
-  if (!Number.isNaN(point.intensity)) rows.push(['intensity', `${point.exact ? '' : 'about '}${Number(point.intensity.toPrecision(4))}`]);
-  if (point.exact) rows.push(['time', `${point.time.toFixed(6)} s`]);
-  rows.push(['scan line', `${point.exact ? point.lineName : `number ${point.line + 1} of its frame`}, ${count(about.inLine)} points drawn`]);
-  if (about.near.length) {
-    rows.push(['neighbours', `${about.near.length} nearest drawn ones ${about.near[0].toFixed(2)} to ${about.near[about.near.length - 1].toFixed(2)} m away`]);
+  for (const [name, value] of Object.entries(point.values)) if (value) rows.push([name.replace('_', ' '), name === 'time' ? `${value} s` : value]);
+  rows.push(['scan line', `number ${point.line + 1} of its frame, ${count(inLine)} points drawn`]);
+  if (distances.length) {
+    const [first, last] = [distances[0], distances[distances.length - 1]].map((one) => lengthText(header, one));
+    rows.push(['neighbours', `${distances.length} nearest drawn ones ${first} to ${last} away`]);
   }
   const facts = node('dl', { id: 'facts' });
   list(facts, rows);
-  parent.replaceChildren(facts);
-  parent.append(...why(header, point, detector));
+  parent.replaceChildren(facts, ...why(header, point, detector, about));
 }
 
-// What each feature adds, or why that is not said.
-function why(header, point, detector) {
-  if (point.features.length) {
-    const title = point.ofSum ? 'Why: parts of the score, rejected above 1' : 'Why: what adds up to the log-odds';
-    return [node('h3', {}, title), bars(point.features)];
-  }
-  let text = '';
-  if (detector && detector.name !== 'boosted_trees') {
-    text = `${detector.name} rejects what ${detector.rejects}. It measures one thing: the score is that ÷ its critical value.`;
-  } else if (header.explained) {
-    text = `No reasons here: ${count(header.explained)} ${header.explained === 1 ? 'point is' : 'points are'} explained, rejected or near the threshold.`;
-  }
-  return text ? [node('p', { class: 'quiet why' }, text)] : [];
+export function clearPoint(parent) {
+  parent.replaceChildren(node('p', { class: 'quiet' }, 'Click a point.'));
 }
 
-// A box to tick: whether what a detector rejects is in the picture.
+// How a point lies among its neighbours, in words; '' where nothing is special.
+function place(header, { distances, rejectedNear, spacing }) {
+  if (!distances.length) return 'alone: no other return is drawn';
+  const nearest = `nearest return ${lengthText(header, distances[0], 1)}`;
+  if (distances[0] > ALONE * spacing || !Number.isFinite(spacing)) return `alone: ${nearest}`;
+  return rejectedNear ? `among other rejected returns: ${rejectedNear} of its ${distances.length} nearest` : nearest;
+}
+
+// Why a point is rejected, or nearly: how it lies, and the features that add most to its score.
+function why(header, point, detector, about) {
+  const words = [];
+  if (about.rejected) words.push(place(header, about));
+  words.push(...point.features.map(([[name, text], added]) => `${text} (${name}, +${added.toFixed(2)})`));
+  if (detector && !point.features.length) words.push(`${detector.name} rejects a point that ${detector.rejects}`);
+  if (!words.length) return [];
+  const title = about.rejected ? 'Why' : 'What speaks for a rejection';
+  return [node('h3', {}, title), node('ul', { class: 'why' }, ...words.map((text) => node('li', {}, text)))];
+}
+
+// A box to tick: whether the points that a detector rejects are in the picture.
 function eye({ name, number }, hidden, hide) {
   const box = node('input', { type: 'checkbox', 'aria-label': `show what ${name} rejects`, title: 'shown in the picture', 'data-detector': name });
   box.checked = !(hidden >> number & 1);
@@ -88,30 +95,26 @@ export function showRemoved(parent, header, counts, settings, { hidden, hide }) 
   if (masked) rows.push(row('mask', 'on the own vehicle; not among the points counted above', masked));
   parent.replaceChildren(node('p', { class: 'quiet' }, `${settings[0].toUpperCase()}${settings.slice(1)}.`), node('ul', { class: 'removed' }, ...rows));
   if (!counts.reasons.length) return;
-  parent.append(node('h3', {}, 'By the strongest reason'));
   const known = counts.reasons.map(([number, n]) => row(reasonTexts[number - 1], reasons[number - 1], n));
   const rest = counts.points - counts.reasons.reduce((sum, [, n]) => sum + n, 0);
   if (rest) known.push(row('others', 'or kept at the given settings, where no reason is noted', rest));
-  parent.append(node('ul', { class: 'removed' }, ...known));
+  parent.append(node('h3', {}, 'By the strongest reason'), node('ul', { class: 'removed' }, ...known));
 }
 
 // The largest groups of rejected points. `settings` says at which settings.
-export function showGroups(parent, about, data, { groups, total }, settings, choose) {
-  const { header } = data;
+export function showGroups(parent, about, header, { groups, total }, settings, choose) {
   const listed = groups.length < total ? `The largest ${groups.length} of ${count(total)}` : `${count(total)}`;
   const drawn = header.drawn < header.all.points ? ' that are drawn' : '';
   about.textContent = groups.length
-    ? `${listed}, ${settings}: rejected points${drawn} in touching cells of ${CELL} m${header.together ? '' : ', frame by frame'}.`
+    ? `${listed}, ${settings}: rejected points${drawn} in touching cells of ${lengthText(header, CELL)}${header.together ? '' : ', frame by frame'}.`
     : `No point is rejected ${settings}.`;
   parent.replaceChildren(...groups.map((group, i) => {
     const wide = Math.max(...group.high.map((value, a) => value - group.low[a]));
-    const text = [];
-    if (wide >= 0.005) text.push(`${wide.toFixed(2)} m wide`);
-    // Where points were moved, their range is not their distance from the origin.
-    if (header.hasRange && !header.moved) text.push(`${group.range.toFixed(1)} m away`);
+    const size = wide >= 0.005 ? `, ${lengthText(header, wide)} wide` : '';
+    const middle = group.low.map((value, a) => (value + group.high[a]) / 2);
     const button = node('button', { type: 'button' },
-      node('b', {}, `${count(group.count)} ${group.count === 1 ? 'point' : 'points'}`),
-      node('span', {}, text.join(', ')));
+      node('b', {}, `${count(group.count)} ${group.count === 1 ? 'point' : 'points'}${size}`),
+      node('span', {}, coordinates(header, middle, 1)));
     button.addEventListener('click', () => choose(i));
     return node('li', {}, button);
   }));
@@ -119,32 +122,34 @@ export function showGroups(parent, about, data, { groups, total }, settings, cho
 
 function notCounted({ invalid, masked }) {
   const parts = [];
-  if (invalid) parts.push(`${count(invalid)} missing ${invalid === 1 ? 'return' : 'returns'}, which are nowhere`);
+  if (invalid) parts.push(`${count(invalid)} missing ${invalid === 1 ? 'return' : 'returns'}`);
   if (masked) parts.push(`${count(masked)} on the own vehicle`);
   return parts.join('; ') || 'none';
 }
 
 export function showFound(parent, header) {
-  const rows = [];
-  if (header.topic) rows.push(['topic', header.topic]);
-  rows.push(['read as', header.convention || 'no cloud had a valid point']);
-  rows.push(['judged by', `${header.chain.join(', ')}${header.ways.length ? `: ${header.ways.join('; ')}` : ''}`]);
+  const all = count(header.all.points);
+  const rows = [
+    ['topic', header.topic],
+    ['read as', header.convention || 'no cloud had a valid point'],
+    ['coordinates', header.hasFrames ? 'metres' : `as in the file, ${header.unit}`],
+    ['judged by', `${header.chain.join(', ')}${header.ways.length ? `: ${header.ways.join('; ')}` : ''}`],
+    ['points', `${all} measured points. Every count and share on this page is of them; ${header.untested ? count(header.untested) : 'none'} of them untested`],
+    ['not counted', notCounted(header)],
+    ['drawn', header.drawn === header.all.points ? 'all of them'
+      : `${count(header.drawn)} of ${all} (${percent(header.drawn, header.all.points)}): rejected ones first, an even sample of the rest; counts are of all`],
+  ];
   if (header.hasFrames) {
     const rate = header.period ? `, one in ${Number((1000 * header.period).toPrecision(3))} ms` : '';
-    rows.push(['clouds', `${count(header.clouds)}${rate}${header.seconds ? `, ${header.seconds.toFixed(2)} s` : ''}`]);
+    const refused = Object.entries(header.refusals).map(([what, n]) => `${count(n)} for ${what}`);
+    const gaps = header.gaps.slice(0, 5).map(([begin, long]) => `${long.toFixed(2)} s at ${begin.toFixed(1)} s`).join(', ');
+    rows.push(
+      ['clouds', `${count(header.clouds)}${rate}${header.seconds ? `, ${header.seconds.toFixed(2)} s` : ''}`],
+      ['refused', refused.join(', ') || 'none'],
+      ['gaps', gaps ? `${header.gaps.length >= 50 ? 'at least 50' : header.gaps.length}; the longest: ${gaps}` : 'none'],
+      ['frame', header.moved ? 'fixed, moved by odometry' : 'that of the clouds'],
+      ['without poses', header.unmoved ? `${count(header.unmoved)} clouds` : ''],
+    );
   }
-  rows.push(['points', `${count(header.all.points)} measured points. Every count and share on this page is of them; ${header.untested ? count(header.untested) : 'none'} of them untested`]);
-  rows.push(['not counted', notCounted(header)]);
-  rows.push(['drawn', header.drawn === header.all.points ? 'all of them'
-    : `${count(header.drawn)} of ${count(header.all.points)} (${percent(header.drawn, header.all.points)}): the rejected first, an even sample of the rest; counts are of all`]);
-  rows.push(['explained', `${count(header.explained)} points, rejected or near the threshold`]);
-  const refused = Object.entries(header.refusals);
-  if (header.hasFrames) {
-    rows.push(['refused', refused.length ? refused.map(([what, n]) => `${count(n)} for ${what}`).join(', ') : 'none']);
-    const gaps = header.gaps.slice(0, 5).map(([at, long]) => `${long.toFixed(2)} s at ${at.toFixed(1)} s`).join(', ');
-    rows.push(['gaps', header.gaps.length ? `${header.gaps.length >= 50 ? 'at least 50' : header.gaps.length}; the longest: ${gaps}` : 'none']);
-    rows.push(['frame', header.moved ? 'moved by odometry, stands still' : 'that of the clouds']);
-    if (header.unmoved) rows.push(['without poses', `${count(header.unmoved)} clouds`]);
-  }
-  list(parent, rows);
+  list(parent, rows.filter(([, value]) => value));
 }

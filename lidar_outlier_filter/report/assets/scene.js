@@ -1,16 +1,14 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 
-// The points in 3-D. Every point is four words that the vertex shader unpacks; a slider changes one
-// uniform, and no point is touched.
+// The points in 3-D. The vertex shader unpacks the four words of a point; a slider changes one uniform.
 
 import {
   BufferAttribute, BufferGeometry, DataTexture, GLSL3, NearestFilter, OrbitControls, OrthographicCamera,
   PerspectiveCamera, Points, RawShaderMaterial, RGBAFormat, Scene, Sphere, Vector3, WebGLRenderer,
 } from 'three';
 import { isRejected, isShown, measure, position } from 'data';
-import { FRAGMENT, MARK_FRAGMENT, MARK_VERTEX, VERTEX } from 'shaders';
-import { Slices, partition, ranges } from 'slices';
+import { FRAGMENT, MARK_FRAGMENT, MARK_VERTEX, Slices, VERTEX, evenOrder, partition, ranges } from 'shaders';
 
 const SETTLED = 180; // milliseconds without a change before the rest of the points follows
 const SOFTWARE = /swiftshader|llvmpipe|software|basic render/i;
@@ -31,7 +29,7 @@ export class View {
     this.slices = new Slices(this.software ? 250000 : 4000000);
     this.scene = new Scene();
     this.frames = { first: 0, last: data.frames.length - 1 };
-    Object.assign(this, measure(data));
+    Object.assign(this, measure(data.frames));
     this.shared = this.uniforms();
     this.objects = data.frames.map((frame) => this.object(frame));
     this.marks = [this.mark(9), this.mark(4)];
@@ -61,7 +59,7 @@ export class View {
   object(frame) {
     const geometry = new BufferGeometry();
     geometry.setAttribute('position', new BufferAttribute(frame.words, 4));
-    geometry.setIndex(new BufferAttribute(Uint32Array.from({ length: frame.count }, (_, i) => i), 1));
+    geometry.setIndex(new BufferAttribute(evenOrder(frame), 1));
     const near = frame.origin.map((value, a) => value - this.centre[a]);
     const size = frame.step.map((step) => step * 0x1fffff);
     const middle = new Vector3(...near.map((value, a) => value + size[a] / 2));

@@ -1,7 +1,11 @@
 // SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 // SPDX-License-Identifier: Apache-2.0
 
-// What the GPU does: a point is unpacked from four words, and gets its position and its colour.
+// What the GPU does: a point is unpacked from four words, and gets its position and its colour. And
+// which points are drawn when: a picture begins with the rejected points and an even sample of the
+// others, and gets the rest slice by slice. Any change begins a new picture.
+
+import { isRejected } from 'data';
 
 export const VERTEX = `
 precision highp float;
@@ -93,3 +97,67 @@ void main() {
   if (r > 0.5 || r < 0.28) discard;
   result = vec4(colour, 1.0);
 }`;
+
+const MAX_REJECTED = 0.6; // of a slice, while others are to be drawn
+
+// An order of a frame's points: marked ones first, then the others so that any first part of them is
+// an even sample.
+export function evenOrder({ count, marked }) {
+  const index = Uint32Array.from({ length: count }, (_, i) => i);
+  const rest = count - marked;
+  let stride = Math.max(1, Math.round(rest * 0.6180339887));
+  const divisor = (a, b) => (b ? divisor(b, a % b) : a);
+  while (divisor(stride, rest) > 1) stride += 1;
+  for (let k = 0, i = 0; k < rest; k += 1, i = (i + stride) % rest) index[marked + k] = marked + i;
+  return index;
+}
+
+// Put the rejected points of a frame first; return how many there are. Only marked points move.
+export function partition(frame, index, bit) {
+  let front = 0;
+  let back = frame.marked;
+  for (let i = 0; i < frame.marked; i += 1) {
+    if (isRejected(frame, i, bit)) index[front++] = i; else index[--back] = i;
+  }
+  return front;
+}
+
+export class Slices {
+  // `budget` is how many points a slice may have.
+  constructor(budget) {
+    this.budget = budget;
+    this.restart();
+  }
+
+  restart() {
+    this.shares = [0, 0]; // drawn so far, of the rejected and of the others
+    this.begun = false;
+  }
+
+  get done() {
+    return this.begun && this.shares[0] === 1 && this.shares[1] === 1;
+  }
+
+  // The shares from where and up to where the next slice has, of so many points.
+  next(rejected, others) {
+    const from = this.shares;
+    const left = [rejected * (1 - from[0]), others * (1 - from[1])];
+    const few = left[0] + left[1] <= this.budget;
+    const first = few ? left[0] : Math.min(left[0], Math.max(MAX_REJECTED * this.budget, this.budget - left[1]));
+    const second = few ? left[1] : this.budget - first;
+    const grown = (share, more, all) => (few || share * all + more >= all ? 1 : share + more / all);
+    this.shares = [grown(from[0], first, rejected), grown(from[1], second, others)];
+    this.begun = true;
+    return [from, this.shares];
+  }
+}
+
+// The ranges of a frame's index that a slice draws: rejected points, others that some step rejects,
+// and the rest, each in an order in which any first part is an even sample.
+export function ranges(frame, rejected, [from, to]) {
+  const parts = [[0, rejected, 0], [rejected, frame.marked, 1], [frame.marked, frame.count, 1]];
+  return parts.map(([begin, end, which]) => {
+    const at = (shares) => begin + Math.ceil(shares[which] * (end - begin));
+    return [at(from), at(to) - at(from)];
+  }).filter(([, count]) => count > 0);
+}

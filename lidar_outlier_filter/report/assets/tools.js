@@ -3,22 +3,21 @@
 
 // Tools on the picture: the distance of two points, and the points in a box.
 
-import { BAD, describe, isRejected } from 'data';
+import { BAD, at, describe, inFile, isRejected, lengthText, node, unitOf } from 'data';
 import { count, percent } from 'charts';
-import { list, node } from 'panel';
-
-const at = (id) => document.getElementById(id);
+import { list } from 'panel';
 
 export class Tools {
-  // `draw` draws the overlay anew.
-  constructor(data, state, view, draw) {
-    Object.assign(this, { data, state, view, draw });
+  constructor(data, state, stage) {
+    Object.assign(this, { data, state, stage, view: stage.view });
     Object.assign(state, { tool: '', ends: [], rectangle: null, selected: [] });
-    at('tools').hidden = !view;
-    for (const button of document.querySelectorAll('[data-tool]')) {
-      button.addEventListener('click', () => this.take(button.dataset.tool === state.tool ? '' : button.dataset.tool));
-    }
-    if (view) this.listen();
+    at('tools').hidden = !this.view;
+    for (const button of document.querySelectorAll('[data-tool]')) button.addEventListener('click', () => this.toggle(button.dataset.tool));
+    if (this.view) this.listen();
+  }
+
+  toggle(name) {
+    this.take(name === this.state.tool ? '' : name);
   }
 
   // Take a tool, or none; what the other one showed goes.
@@ -28,7 +27,7 @@ export class Tools {
     if (this.view) this.view.controls.enabled = name !== 'box';
     const help = { measure: 'Click two points.', box: 'Drag a box around points.' }[name];
     this.tell(...(help ? [node('p', {}, help)] : []));
-    this.draw();
+    this.stage.drawOverlay();
   }
 
   tell(...children) {
@@ -36,14 +35,24 @@ export class Tools {
     at('tool').replaceChildren(...children);
   }
 
-  // A point was clicked; say whether it was for a tool.
+  // A point was clicked; return whether it was for a tool.
   takes(number, index) {
-    if (this.state.tool !== 'measure') return this.state.tool === 'box';
-    const end = describe(this.data, number, index).position;
-    this.state.ends = this.state.ends.length === 1 ? [this.state.ends[0], end] : [end];
-    this.draw();
-    if (this.state.ends.length === 2) this.tell(distance(...this.state.ends));
-    else this.tell(node('p', {}, 'Click the other point.'));
+    const { state, data } = this;
+    if (state.tool !== 'measure') return state.tool === 'box';
+    const end = describe(data, number, index).position;
+    state.ends = state.ends.length === 1 ? [state.ends[0], end] : [end];
+    if (state.ends.length === 2) {
+      const apart = end.map((value, a) => value - state.ends[0][a]);
+      state.distance = lengthText(data.header, Math.hypot(...apart));
+      const facts = node('dl', {});
+      list(facts, [
+        ['distance', lengthText(data.header, Math.hypot(...apart), 3)],
+        ['horizontal', lengthText(data.header, Math.hypot(apart[0], apart[1]), 3)],
+        ['Δx, Δy, Δz', `${inFile(data.header, apart).map((value) => value.toFixed(3)).join(', ')} ${unitOf(data.header)}`],
+      ]);
+      this.tell(facts);
+    } else this.tell(node('p', {}, 'Click the other point.'));
+    this.stage.drawOverlay();
     return true;
   }
 
@@ -59,7 +68,7 @@ export class Tools {
     canvas.addEventListener('pointermove', (event) => {
       if (!begin) return;
       state.rectangle = [...begin, event.offsetX, event.offsetY];
-      this.draw();
+      this.stage.drawOverlay();
     });
     canvas.addEventListener('pointerup', () => {
       if (begin && state.rectangle) this.select();
@@ -83,13 +92,10 @@ export class Tools {
   count() {
     const { selected, bit } = this.state;
     if (!selected.length && !this.state.rectangle) return;
-    const frames = this.data.frames;
+    const { frames, header } = this.data;
     const rejected = selected.filter(([frame, i]) => isRejected(frames[frame], i, bit)).length;
     const rows = [['in the box', `${count(selected.length)} points that are shown`], ['rejected', `${count(rejected)}, ${percent(rejected, selected.length)}`]];
-    if (this.data.header.hasTruth) {
-      const bad = selected.filter(([frame, i]) => (frames[frame].words[4 * i + 2] >>> 28) === BAD).length;
-      rows.push(['outliers in truth', count(bad)]);
-    }
+    if (header.hasTruth) rows.push(['outliers in truth', count(selected.filter(([frame, i]) => (frames[frame].words[4 * i + 2] >>> 28) === BAD).length)]);
     const facts = node('dl', {});
     list(facts, rows);
     const save = node('button', { type: 'button', id: 'save-csv' }, 'Save as CSV');
@@ -98,36 +104,27 @@ export class Tools {
   }
 
   save() {
-    const name = `${this.data.header.name}_selection.csv`;
-    const address = URL.createObjectURL(new Blob(table(this.data, this.state), { type: 'text/csv' }));
-    const link = node('a', { href: address, download: name });
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(address), 10000);
+    const href = URL.createObjectURL(new Blob(table(this.data, this.state), { type: 'text/csv' }));
+    node('a', { href, download: `${this.data.header.name}_selection.csv` }).click();
+    setTimeout(() => URL.revokeObjectURL(href), 10000);
   }
 }
 
-function distance(one, other) {
-  const apart = one.map((value, a) => other[a] - value);
-  const facts = node('dl', {});
-  list(facts, [
-    ['distance', `${Math.hypot(...apart).toFixed(3)} m`], ['level', `${Math.hypot(apart[0], apart[1]).toFixed(3)} m`],
-    ['Δx, Δy, Δz', `${apart.map((value) => value.toFixed(3)).join(', ')} m`],
-  ]);
-  return facts;
-}
-
-// Selected points as lines of a table. What a point has not is left empty.
+// Selected points as lines of a table: coordinates as in the file, and the exact values of its fields
+// as far as they are there. What a point does not have is left empty.
 export function table(data, { selected, bit, stepNumber }) {
   const names = new Map(data.header.detectors.map((one) => [one.number, one.name]));
-  const number = (value, digits) => (Number.isNaN(value) ? '' : value.toFixed(digits));
-  const lines = ['x,y,z,score,rejected,detector,reason,truth,intensity,frame\n'];
+  const columns = Object.keys(data.frames[0]?.columns ?? {}).filter((name) => !['score', 'why', 'added'].includes(name));
+  const lines = [`${['x', 'y', 'z', ...columns, 'score', 'rejected', 'detector', 'reason', 'truth', 'frame'].join()}\n`];
   for (const [frame, index] of selected) {
     const point = describe(data, frame, index);
     const rejected = isRejected(data.frames[frame], index, bit);
     lines.push(`${[
-      ...point.position.map((value) => value.toFixed(4)), number(point.score, 4), Number(rejected),
+      ...inFile(data.header, point.position).map((value) => value.toFixed(4)),
+      ...columns.map((name) => point.values[name]),
+      Number.isNaN(point.score) ? '' : point.score.toFixed(4), Number(rejected),
       rejected ? names.get(point.detector || stepNumber) ?? '' : '', rejected ? point.reason : '',
-      ['', 'good', 'outlier'][point.truth], number(point.intensity, 3), frame,
+      ['', 'good', 'outlier'][point.truth], frame,
     ].join()}\n`);
   }
   return lines;

@@ -4,23 +4,20 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any
-
 import numpy as np
 import pytest
+from helpers.report_pages import positions, read_message
 
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
-from lidar_outlier_filter.report import live_clouds
-from lidar_outlier_filter.report.live_clouds import (
+from lidar_outlier_filter.report import live
+from lidar_outlier_filter.report.live import (
     KEPT_SECONDS,
-    MOST_FRAMES,
-    MOST_IN_FRAME,
-    MOST_PENDING,
+    MAX_FRAMES,
+    MAX_IN_FRAME,
+    MAX_PENDING_CLOUDS,
     LiveClouds,
 )
-from lidar_outlier_filter.report.pack import STEPS
 
 
 def cloud(begin: float, seconds: float, count: int, rejected: int = 0) -> StreamCloud:
@@ -38,19 +35,6 @@ def cloud(begin: float, seconds: float, count: int, rejected: int = 0) -> Stream
     return made
 
 
-def read(sent: bytes) -> tuple[dict[str, Any], list[np.ndarray]]:
-    """Read what is sent as the page does."""
-    length = int.from_bytes(sent[:4], 'little')
-    header = json.loads(sent[4 : 4 + length])
-    words, begin = np.frombuffer(sent, '<u4', offset=4 + length).reshape(-1, 4), 0
-    parts = []
-    for frame in header['frames']:
-        parts.append(words[begin : begin + frame['count']])
-        begin += frame['count']
-    assert begin == len(words)
-    return header, parts
-
-
 def test_the_own_vehicle_is_drawn() -> None:
     """Masked points are no points for detectors, and drawn all the same, as such."""
     count, own = 50, np.arange(50) < 7
@@ -60,7 +44,7 @@ def test_the_own_vehicle_is_drawn() -> None:
     assert len(made.points) == 43
     clouds = LiveClouds()
     clouds.add(made, None)
-    header, (words,) = read(clouds.since(-1))
+    header, (words,), _ = read_message(clouds.since(-1))
     assert (header['frames'][0]['points'], header['frames'][0]['rejected']) == (50, 7)
     assert np.count_nonzero((words[:, 2] >> 24) & 0xF == 15) == 7
 
@@ -70,13 +54,13 @@ def test_sweeps_are_frames_and_go_when_they_are_old() -> None:
     clouds = LiveClouds()
     for number in range(80):
         clouds.add(cloud(0.1 * number, 0.1, 50, 3), None)
-    header, _ = read(clouds.since(-1))
+    header, *_ = read_message(clouds.since(-1))
     numbers = [frame['number'] for frame in header['frames']]
     assert numbers == list(range(header['oldest'], 80))
     assert header['frames'][-1]['start'] - header['frames'][0]['start'] <= KEPT_SECONDS
     assert len(numbers) == 51
-    assert [frame['number'] for frame in read(clouds.since(78))[0]['frames']] == [79]
-    assert read(clouds.since(79))[0]['frames'] == []
+    assert [frame['number'] for frame in read_message(clouds.since(78))[0]['frames']] == [79]
+    assert read_message(clouds.since(79))[0]['frames'] == []
 
 
 def test_short_clouds_lie_in_one_frame() -> None:
@@ -84,44 +68,48 @@ def test_short_clouds_lie_in_one_frame() -> None:
     clouds = LiveClouds()
     for number in range(250):
         clouds.add(cloud(0.001 * number, 0.001, 10), None)
-    header, _ = read(clouds.since(-1))
+    header, *_ = read_message(clouds.since(-1))
     assert [frame['points'] for frame in header['frames']] == [900, 900]
 
 
 def test_rejected_points_stay_first() -> None:
     """A large sweep is thinned, which its frame says; places are as exact as its box."""
-    clouds, large = LiveClouds(), cloud(0, 0.1, 3 * MOST_IN_FRAME, 500)
-    view = np.linspace(0, 1, 3 * MOST_IN_FRAME, dtype=np.float32).view([('intensity', '<f4')])
+    clouds, large = LiveClouds(), cloud(0, 0.1, 3 * MAX_IN_FRAME, 500)
+    view = np.linspace(0, 1, 3 * MAX_IN_FRAME, dtype=np.float32).view([('intensity', '<f4')])
     clouds.add(large, view)
-    header, (words,) = read(clouds.since(-1))
+    header, (words,), columns = read_message(clouds.since(-1))
     (frame,) = header['frames']
-    assert (frame['count'], frame['points']) == (MOST_IN_FRAME, 3 * MOST_IN_FRAME)
+    assert (frame['count'], frame['points']) == (MAX_IN_FRAME, 3 * MAX_IN_FRAME)
     assert (frame['rejected'], frame['marked']) == (500, 500)
     assert words[:500, 3].astype(bool).all()
     assert not (words[500:, 3] & 3).any()
-    x = frame['origin'][0] + frame['step'][0] * (words[:500, 0] & STEPS)
+    x = positions(frame, words[:500])[:, 0]
     expected = large.points.xyz[-500:, 0]
     np.testing.assert_allclose(np.sort(x), np.sort(expected), atol=frame['step'][0])
+    assert set(columns['intensity'].tolist()) <= set(view['intensity'].tolist())
     assert header['intensity'] == pytest.approx([0.02, 0.98], abs=1e-3)
 
 
 def test_memory_is_bounded_where_time_stands_still() -> None:
     """Frames are cut and forgotten all the same."""
     clouds, same = LiveClouds(), cloud(1, 0, 1)
-    for _ in range(MOST_PENDING * (MOST_FRAMES + 2)):
+    for _ in range(MAX_PENDING_CLOUDS * (MAX_FRAMES + 2)):
         clouds.add(same, None)
-    header, _ = read(clouds.since(-1))
-    assert len(header['frames']) == MOST_FRAMES
-    assert header['frames'][0]['points'] == MOST_PENDING
+    header, *_ = read_message(clouds.since(-1))
+    assert len(header['frames']) == MAX_FRAMES
+    assert header['frames'][0]['points'] == MAX_PENDING_CLOUDS
 
 
 def test_large_clouds_of_one_time_are_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     """A frame is full when it has so many points, however few clouds they came in."""
-    monkeypatch.setattr(live_clouds, 'MOST_POINTS', 1000)
+    monkeypatch.setattr(live, 'MAX_PENDING_POINTS', 1000)
     clouds, same = LiveClouds(), cloud(1, 0, 400)
     for _ in range(7):
         clouds.add(same, None)
-    assert [frame['points'] for frame in read(clouds.since(-1))[0]['frames']] == [1200, 1200]
+    assert [frame['points'] for frame in read_message(clouds.since(-1))[0]['frames']] == [
+        1200,
+        1200,
+    ]
 
 
 def test_a_clock_that_goes_back_begins_anew() -> None:
@@ -129,8 +117,8 @@ def test_a_clock_that_goes_back_begins_anew() -> None:
     clouds = LiveClouds()
     for begin in (10, 10.1, 3, 3.1):
         clouds.add(cloud(begin, 0.1, 20), None)
-    header, _ = read(clouds.since(-1))
+    header, *_ = read_message(clouds.since(-1))
     assert [frame['start'] for frame in header['frames']] == [3, 3.1]
     assert header['oldest'] == 2
     clouds.add(cloud(3.2, 0.1, 0), None)
-    assert read(clouds.since(3))[0]['frames'] == []
+    assert read_message(clouds.since(3))[0]['frames'] == []

@@ -1,0 +1,453 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The data of a report: counts are those of replays, points are unpacked as they were packed."""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import replace
+from itertools import accumulate, pairwise
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers.drives import BEGIN, FAST, PERIOD, cloud_bytes, rows_of_turn, topic_of
+from helpers.moved_training import Recorded, WithoutFirstPoses
+from helpers.moving_bags import REPLAYED, write
+from helpers.profile_scanner import Drive
+from helpers.report_pages import positions, read_message
+from matplotlib import colormaps
+
+from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.verdict import Verdict
+from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
+from lidar_outlier_filter.evaluation.labels import ALL_BUT_0, Codes
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.parameters.yaml_files import read_yaml
+from lidar_outlier_filter.pipeline.topics import CLOUD
+from lidar_outlier_filter.recordings.bags import NewBag
+from lidar_outlier_filter.recordings.info import look
+from lidar_outlier_filter.recordings.recorded_clouds import RecordedClouds
+from lidar_outlier_filter.recordings.replay import replay
+from lidar_outlier_filter.report import steps, worst
+from lidar_outlier_filter.report.chains import MAX_IN_BLOCK, SharedSight, features
+from lidar_outlier_filter.report.gather import gather, translate
+from lidar_outlier_filter.report.page import colour_maps, header, messages, parameter_file
+from lidar_outlier_filter.report.points import SCORE_UNIT, UNTESTED, reason_numbers, reason_texts
+from lidar_outlier_filter.report.sources import FileSource, RecordedSource
+from lidar_outlier_filter.report.steps import (
+    BAD,
+    BITS,
+    GOOD,
+    MAX_FACTOR,
+    MAX_SCORE,
+    NO_TRUTH,
+    SCORE_BINS,
+    Tally,
+    all_values,
+    choose_steps,
+)
+from lidar_outlier_lab.simulation.scenes.demo_street import snow_drive
+from lidar_outlier_lab.simulation.world.recording import record
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from lidar_outlier_filter.report.gather import Gathered
+
+MOST = 10**6
+PAIR = ['sor', 'alpha_beta_gamma']
+CODES = Codes(outliers=frozenset({1}), ignored=frozenset({9}))
+
+
+def replayed(recording: Path, output: Path, values: Mapping[str, object]) -> int:
+    """Count the points that a replay rejects."""
+    (topic,) = replay(recording, output, parameters=values).topics
+    return topic.rejected
+
+
+def bits_at(found: Gathered, slider: int, step: int) -> int:
+    """Count the kept points with the bit of a step."""
+    bit = found.sliders[slider].first + step
+    return int(np.count_nonzero(found.points['bits'] >> np.uint32(bit) & np.uint32(1)))
+
+
+# --- Steps of sliders --------------------------------------------------------------------------
+
+
+def test_every_step_counts_what_a_replay_rejects(
+    found: Gathered, snow: Path, tmp_path: Path
+) -> None:
+    """Steps of the default are counted from one judging, from half of the points to none."""
+    (slider,) = found.sliders
+    assert BITS - 3 <= len(slider.values) <= BITS
+    for step in range(0, len(slider.values), 4):
+        rejected = replayed(snow, tmp_path / str(step), {slider.name: slider.values[step]})
+        assert found.counts[0][step].points == bits_at(found, 0, step) == rejected
+    many = np.array([counts.points for counts in found.counts[0]])
+    assert (np.diff(many) < 0).all()
+    assert many[-1] == 0
+    tested = found.all.points - found.tally.untested
+    assert 0.4 * tested < many[0] <= 0.5 * tested
+
+
+def test_steps_that_scores_do_not_determine_are_judged(
+    found: Gathered, snow: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where every score is as close to a limit as rounding, the counts are the same."""
+    monkeypatch.setattr(steps, 'ROUNDING', 10.0)
+    judged = gather(RecordedSource(snow, FilterParameters()), CAUSES, MOST)
+    assert np.array_equal(judged.points['bits'], found.points['bits'])
+    for one, other in zip(judged.counts[0], found.counts[0], strict=True):
+        assert (one.points, one.bad, one.good) == (other.points, other.bad, other.good)
+        assert (one.detectors, one.clouds) == (other.detectors, other.clouds)
+        assert one.by_range.tolist() == other.by_range.tolist()
+
+
+@pytest.mark.parametrize(
+    ('chain', 'vote'),
+    [
+        (PAIR, 0),
+        (PAIR, 2),
+        pytest.param(['alpha_beta_gamma', 'quadric', 'lof'], 0, marks=pytest.mark.slow),
+    ],
+)
+def test_steps_of_a_chain(tmp_path: Path, chain: list[str], vote: int) -> None:
+    """Each step of each detector is judged."""
+    snow = tmp_path / 'snow'
+    record(replace(snow_drive(), lines=1), snow, lines_per_message=1)
+    values = {'chain': chain, 'vote': vote}
+    found = gather(RecordedSource(snow, FilterParameters().changed(values)), CAUSES, MOST)
+    assert [slider.detector for slider in found.sliders] == chain
+    for number, slider in enumerate(found.sliders):
+        for step in (0, len(slider.values) - 1):
+            changed = {**values, slider.name: slider.values[step]}
+            rejected = replayed(snow, tmp_path / f'{number}-{step}', changed)
+            assert found.counts[number][step].points == bits_at(found, number, step) == rejected
+
+
+@pytest.mark.parametrize('count', [1, 2, 3, 5, 7])
+def test_sliders_share_the_bits(count: int) -> None:
+    """In any chain no bit is used twice, and the given value is among the values, in order."""
+    names = [
+        'sor',
+        'lof',
+        'quadric',
+        'elevation',
+        'hierarchical',
+        'boosted_trees',
+        'alpha_beta_gamma',
+    ]
+    parameters = FilterParameters().changed({'chain': names[:count]})
+    possible = all_values(parameters)
+    rng = np.random.default_rng(count)
+    rejected = [np.sort(rng.integers(0, 900, len(one.values)))[::-1] for one in possible]
+    chosen = choose_steps(possible, rejected, 1000)
+    used = [one.first + step for one in chosen for step in range(len(one.values))]
+    assert len(used) == len({*used})
+    assert max(used) < BITS
+    for slider in chosen:
+        assert slider.values[slider.given] == parameters.flat()[slider.name]
+        assert (np.diff(slider.limits) > 0).all()
+        assert slider.limits[slider.given] == 1
+        assert slider.limits[0] >= 1 / MAX_FACTOR
+
+
+def test_slider_of_a_threshold_of_0() -> None:
+    """Other values are there, though none is a multiple of 0."""
+    parameters = FilterParameters().changed({'chain': ['sor'], 'sor.multiplier': 0.0})
+    (one,) = all_values(parameters)
+    (slider,) = choose_steps([one], [np.zeros(len(one.values), np.int64)], 1000)
+    assert slider.values[0] == 0
+    assert len(slider.values) > 5
+
+
+@pytest.mark.parametrize('name', ['xyz', 't', 'line'])
+def test_chains_share_neighbours_of_equal_points_only(name: str) -> None:
+    """One value of one point differs: the points are looked at again; verdicts are the same."""
+    rng = np.random.default_rng(0)
+    points = Points(
+        rng.normal(0, 1, (500, 3)), np.arange(500), np.arange(500) // 50, np.ones(500, np.bool_)
+    )
+    given, sight = FilterParameters().changed({'chain': ['sor']}), SharedSight()
+    seen = sight(points, given, 20, whole=False)
+    assert sight(points.take(slice(None)), given, 20, whole=False) is seen
+    assert sight(points, given, 20, whole=True) is not seen
+    assert sight(points, given, 21, whole=False) is not seen
+    other = points.take(np.arange(len(points)))
+    getattr(other, name)[7] += 1
+    assert sight(other, given, 20, whole=False) is not seen
+    shared = Chain(given)
+    shared.see = sight
+    for _ in range(2):
+        verdict = shared.judge(points)
+        assert verdict.score.tobytes() == Chain(given).judge(points).score.tobytes()
+
+
+# --- Counts ------------------------------------------------------------------------------------
+
+
+def test_truth_is_that_of_evaluate(found: Gathered, snow: Path, tmp_path: Path) -> None:
+    """Found and lost points are those of a replay with scores; so are the scores."""
+    replay(snow, tmp_path / 'out', parameters={'scores': True})
+    points = read_recording(tmp_path / 'out')
+    counts = found.counts[0][found.sliders[0].given]
+    assert counts.bad == np.count_nonzero(points.bad & points.rejected)
+    assert counts.good == np.count_nonzero(~points.bad & points.rejected)
+    assert found.all.bad == np.count_nonzero(points.bad)
+    assert points.score is not None
+    sorted_ = np.sort(found.points['score']), np.sort(points.score)
+    assert np.array_equal(*sorted_, equal_nan=True)
+
+
+def test_scores_are_counted_in_their_bins() -> None:
+    """The first bin begins at 0; the last also holds larger scores."""
+    width = MAX_SCORE / SCORE_BINS
+    score = [0, 0.9 * width, width, MAX_SCORE - width / 2, MAX_SCORE, 1000, np.inf, np.nan]
+    verdict, zeros = Verdict.untested(len(score)), np.zeros(len(score), np.int64)
+    verdict.score[:] = score
+    points = Points(np.zeros((len(score), 3)), zeros, zeros, zeros == 0)
+    cloud: Any = SimpleNamespace(verdict=verdict, points=points, truth=zeros, number=0)
+    tally = Tally()
+    tally.add(cloud)
+    expected = np.zeros(SCORE_BINS, int)
+    expected[[0, 1, SCORE_BINS - 1]] = 2, 1, 4
+    assert tally.scores[0].tolist() == expected.tolist()
+    assert (tally.untested, tally.scores[1].sum()) == (1, 0)
+
+
+def test_labels_are_translated() -> None:
+    """Ignored codes and clouds without labels are neither good nor bad."""
+    assert translate(np.array([0, 1, 9]), CODES, 3).tolist() == [GOOD, BAD, NO_TRUTH]
+    assert translate(None, CODES, 2).tolist() == [NO_TRUTH] * 2
+
+
+def test_thinned_points_are_counted_all_the_same(found: Gathered, snow: Path) -> None:
+    """Rejected points stay, of the others an even sample; counts are of all."""
+    thin = gather(RecordedSource(snow, FilterParameters()), CAUSES, 20_000)
+    assert len(thin.points) == 20_000 < len(found.points)
+    rejected = [np.count_nonzero(one.points['rejected']) for one in (thin, found)]
+    assert rejected[0] == rejected[1]
+    assert [one.points for one in thin.counts[0]] == [one.points for one in found.counts[0]]
+    share = np.bincount(thin.points['cloud'][~thin.points['rejected']])
+    assert share.min() > 0.4 * share.sum()
+    known = header(thin)
+    assert (known['drawn'], known['all']['points']) == (20_000, len(found.points))
+
+
+def test_moved_points(tmp_path: Path) -> None:
+    """Steps count what replays reject, also of clouds without poses; labels come from files."""
+    recorded = Recorded(tmp_path, WithoutFirstPoses(0.6))
+    parameters = FilterParameters().changed(REPLAYED)
+    found = gather(RecordedSource(recorded.bag, parameters, files=recorded.files), ALL_BUT_0, MOST)
+    (slider,) = found.sliders
+    for step in (0, slider.given, len(slider.values) - 1):
+        changed = {**REPLAYED, slider.name: slider.values[step]}
+        assert found.counts[0][step].points == replayed(recorded.bag, tmp_path / str(step), changed)
+    assert found.all.bad == np.count_nonzero(recorded.drive.wrong)
+    assert (found.found.moved, found.found.unmoved) == (True, 3)
+    assert found.frames.together
+    # The path of the sensor: where the first point of each cloud was measured from.
+    clouds = RecordedClouds(recorded.bag, parameters, with_eyes=True)
+    eyes = [taken.eye[0, 0] for taken in clouds if taken.eye is not None and len(taken.eye)]
+    assert np.abs(np.array(found.found.path) - eyes).max() < 0.2
+    assert len(header(found)['path']) == len(eyes) == 3
+    few = RecordedSource(recorded.bag, parameters, files=recorded.files[:-1])
+    with pytest.raises(RecordingError, match='files with labels'):
+        gather(few, ALL_BUT_0, MOST)
+
+
+def test_refused_clouds_are_counted(tmp_path: Path) -> None:
+    """A cloud that is late when its poses have come is counted by what was wrong with it."""
+    drive = Drive(0.4)
+    bag = write(tmp_path / 'drive', drive, late=drive.clouds(drive.own)[:1])
+    found = gather(RecordedSource(bag, FilterParameters().changed(REPLAYED)), ALL_BUT_0, MOST)
+    (topic,) = replay(bag, tmp_path / 'out', parameters=REPLAYED).topics
+    assert found.found.refusals == topic.refusals
+    assert topic.refused == 1
+
+
+def test_gaps_are_those_of_info(tmp_path: Path) -> None:
+    """The page, ``info`` and the archive agree where clouds are missing; refused ones are not."""
+    hundredths = [10, 10, 10, 17, 10, 20, 21, 10, 10, 10, 45, 10]
+    times = [BEGIN + step * PERIOD // 10 for step in accumulate(hundredths, initial=0)]
+    clouds = [cloud_bytes(rows_of_turn(number), time) for number, time in enumerate(times)]
+    clouds[8] = b'broken'
+    with NewBag(tmp_path / 'drive') as bag:
+        bag.add(topic := topic_of('/lidar', CLOUD))
+        for time, data in zip(times, clouds, strict=True):
+            bag.write(topic, time, data)
+    source = RecordedSource(tmp_path / 'drive', FilterParameters().changed(FAST))
+    known = gather(source, ALL_BUT_0, MOST)
+    shown = header(known)
+    (counted,) = look(tmp_path / 'drive').topics.values()
+    report = replay(tmp_path / 'drive', tmp_path / 'out', parameters=FAST)
+    assert shown['gaps'] == [[pytest.approx(1.28), 0.45], [pytest.approx(0.77), 0.21]]
+    assert counted.gaps == report.topics[0].gaps == len(shown['gaps'])
+    assert 1 / shown['period'] == counted.rate == pytest.approx(10, rel=0.0003)
+    assert sum(known.found.refusals.values()) == 1
+
+
+# --- What the page gets ------------------------------------------------------------------------
+
+
+def test_points_are_unpacked_as_they_were(found: Gathered) -> None:
+    """Positions within half a step, scores within half a unit; exact values in the columns."""
+    (content,) = messages(found)
+    known, parts, columns = read_message(content)
+    points, frames = found.points, known['frames']
+    for frame, words, (begin, end) in zip(frames, parts, pairwise(found.frames.first), strict=True):
+        apart = np.abs(positions(frame, words) - points['xyz'][begin:end])
+        assert (apart <= 0.5001 * np.array(frame['step'])).all()
+        assert max(frame['step']) < 0.001
+        ranks = np.unique(points['line'][begin:end], return_inverse=True)[1]
+        assert np.array_equal(words[:, 3] >> BITS, ranks)
+        marked = points['bits'][begin:end] != 0
+        assert marked[: frame['marked']].sum() == marked.sum()
+    word, last = np.concatenate(parts)[:, 2:].T
+    score = word & 0x3FF
+    tested = score < UNTESTED - 1
+    assert np.array_equal(score == UNTESTED, np.isnan(points['score']))
+    assert points['score'][tested] == pytest.approx(score[tested] / SCORE_UNIT, abs=0.51 / 256)
+    reasons = (word >> 17) & 0x7F
+    assert np.array_equal(reasons, reason_numbers()[points['reason']])
+    assert np.array_equal(reasons != 0, points['rejected'])
+    assert np.array_equal(last & ((1 << BITS) - 1), points['bits'])
+    assert np.array_equal((word >> 28) & 3, points['truth'])
+    assert np.array_equal(columns['intensity'], points['intensity'])
+    assert np.array_equal(columns['time'], points['t'])
+    exact = columns['score'][points['rejected']]
+    assert np.array_equal(exact, points['score'][points['rejected']])
+    assert sorted(columns['index'][: frames[0]['count']].tolist()) == list(
+        range(frames[0]['count'])
+    )
+
+
+def test_rejected_points_are_explained(found: Gathered) -> None:
+    """As many as are explained at once; the strongest feature first, in words."""
+    why, added = found.points['why'], found.points['added']
+    explained = (why != 0).any(axis=1)
+    assert MAX_IN_BLOCK < explained.sum() <= 2 * MAX_IN_BLOCK
+    assert found.points['rejected'][explained].all()
+    assert (np.diff(added[explained], axis=1) <= 0).all()
+    assert (added[why != 0] > 0).all()
+    listed = header(found)['features']
+    assert len(listed) == len(features())
+    assert all(len(text.split()) > 1 for _, text in listed)
+
+
+def test_reasons_of_a_chain(snow: Path) -> None:
+    """Where the default judges what others left, its part of the chain is explained."""
+    parameters = FilterParameters().changed({'chain': ['sor', 'boosted_trees']})
+    found = gather(RecordedSource(snow, parameters), CAUSES, MOST)
+    explained = (found.points['why'] != 0).any(axis=1) & found.points['rejected']
+    assert found.how == ('trees on the scan pattern',)
+    assert (found.points['detectors'][explained] == 64).all()
+    assert np.count_nonzero(explained) > 100
+
+
+def test_header_is_json(found: Gathered) -> None:
+    """Counts of frames, ranges, detectors and reasons add up."""
+    known = header(found)
+    assert json.loads(json.dumps(known, allow_nan=False)) == known
+    (content,) = messages(found)
+    assert sum(frame['points'] for frame in read_message(content)[0]['frames']) == found.all.points
+    (slider,) = known['sliders']
+    for step, (counts, by_frame) in enumerate(
+        zip(slider['counts'], slider['byFrame'], strict=True)
+    ):
+        assert sum(by_frame) == counts['points'] == sum(counts['ranges'])
+        assert sum(counts['detectors'].values()) == counts['points']
+        listed = sum(count for _, count in counts['reasons'])
+        # No reason is noted of a point that is kept at the given settings.
+        assert listed <= counts['points']
+        assert listed >= 0.99 * counts['points'] or step < slider['given']
+    assert len(known['reasonTexts']) == len(reason_texts())
+
+
+def test_colours_are_those_of_matplotlib() -> None:
+    """Byte for byte, though the page does not import it."""
+    for name, text in colour_maps().items():
+        table = colormaps[name](range(256), bytes=True)[:, :3]
+        assert base64.b64decode(text) == table.tobytes()
+
+
+def test_parameter_file_is_read_back(tmp_path: Path) -> None:
+    """By the reader of the other commands."""
+    path = tmp_path / 'some.yaml'
+    for values in ({'chain': PAIR, 'lof.threshold': 1e-3, 'halo': 0.02}, {}):
+        parameters = FilterParameters().changed(values)
+        path.write_text(parameter_file(parameters), encoding='utf-8')
+        assert FilterParameters().changed(read_yaml(path)) == parameters
+
+
+# --- Files -------------------------------------------------------------------------------------
+
+
+def test_a_file(tmp_path: Path) -> None:
+    """A file without times is judged in one piece; points at NaN are missing."""
+    rng = np.random.default_rng(2)
+    xyz = rng.uniform((-20, -20, 0), (20, 20, 0.02), (3000, 3))
+    xyz[7] = 1, 2, 6
+    xyz[8] = np.nan
+    path = tmp_path / 'floor.xyz'
+    np.savetxt(path, xyz, '%.4f', header='x y z', comments='')
+    found = gather(FileSource(path, FilterParameters(), truth=(path, '')), ALL_BUT_0, MOST)
+    assert found.parameters.chain == ('boosted_trees',)
+    assert found.found.invalid == 1
+    assert found.points['rejected'][found.points['index'] == 7].all()
+    assert 8 not in found.points['index']
+    smoother = FilterParameters().changed({'chain': ['alpha_beta_gamma']})
+    with pytest.raises(FilterError, match='without alpha_beta_gamma'):
+        FileSource(path, smoother, truth=(path, ''))
+
+
+@pytest.mark.parametrize(
+    ('step', 'groups'),
+    [((1, 0, 0), 1), ((1, 1, 0), 1), ((1, 1, 1), 1), ((2, 0, 0), 2), ((2, 1, 1), 2)],
+)
+def test_cells_that_touch(step: tuple[int, int, int], groups: int) -> None:
+    """By a face, an edge or a corner; with a cell between they are two groups."""
+    xyz = np.array([[0.5, 0.5, 0.5], np.add(step, 0.5)]) * 0.3
+    assert len(np.unique(worst.connect(xyz, 0.3))) == groups
+
+
+def test_the_worst_come_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Large groups before small ones; of equal ones that with the highest score."""
+    monkeypatch.setattr(worst, 'typical_scale', lambda *_: 1.0)
+    x = np.array([0, 10, 10.5, 20, 30, 30.5, 40], float)  # groups of 1, 2, 1, 2, 1
+    zeros = np.zeros(len(x), np.int64)
+    judged: Any = SimpleNamespace(
+        loaded=SimpleNamespace(points=Points(np.c_[x, x * 0, x * 0], zeros, zeros, zeros == 0)),
+        verdict=Verdict.untested(len(x)),
+        high=np.zeros(len(x), np.bool_),
+        units=np.ones(3),
+    )
+    judged.verdict.rejected[:] = True
+    judged.verdict.score[:] = [5, 2, 3, 9, 4, 1, 7]
+    members = [group.members.tolist() for group in worst.find(judged).groups]
+    assert members == [[4, 5], [1, 2], [3], [6], [0]]
+
+
+def test_command(snow: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A page and figures appear; neither is replaced."""
+    page, folder = tmp_path / 'report.html', tmp_path / 'figures'
+    arguments = ['report', str(snow), '--points', '5000']
+    options = ['--output', str(page), '--figures', str(folder)]
+    assert main([*arguments, *options]) == 0
+    said = capsys.readouterr()
+    assert '5000 of' in said.err
+    assert str(page) in said.out
+    text = page.read_text(encoding='utf-8')
+    assert text.count('</script>') == text.count('<script')
+    wanted = {'map.svg', 'map.png', 'over_time.svg', 'scores.png', 'roc.svg', 'thresholds.svg'}
+    assert wanted <= {path.name for path in folder.iterdir()}
+    assert main([*arguments, *options]) == 1
+    assert main(['report', str(snow), '--points', '0', '--output', str(tmp_path / 'x')]) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['figures', 'report.html']
