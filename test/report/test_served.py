@@ -85,7 +85,7 @@ def page() -> Iterator[Page]:
     node, errors = Settable(), list[BaseException | None]()
     server = PageServer(node)
     server._server.handle_error = (  # type: ignore[method-assign]
-        lambda *_: errors.append(sys.exception())
+        lambda *_: isinstance(sys.exception(), ConnectionError) or errors.append(sys.exception())
     )
     server.start()
     yield Page(server, node, errors)
