@@ -158,7 +158,7 @@ def _slider(gathered: Gathered, number: int) -> dict[str, Any]:
 
 def slider_facts(slider: Slider) -> dict[str, Any]:
     """Return what every page knows of a slider."""
-    texts = [as_yaml(value) for value in slider.values]
+    texts = ['–' if math.isnan(value) else as_yaml(value) for value in slider.values]
     return {'detector': slider.detector, 'name': slider.name, 'texts': texts}
 
 

@@ -204,7 +204,8 @@ def about() -> dict[str, Any]:
 @lru_cache(maxsize=1)  # a page asks twice a second, and every value must be tried
 def sliders_of(parameters: FilterParameters) -> list[dict[str, Any]]:
     """List the threshold of each detector of the chain: its values, and the current one."""
-    return [{**slider_facts(one), 'given': one.given} for one in all_values(parameters)]
+    every = [one for one in all_values(parameters) if len(one.values) > 1]
+    return [{**slider_facts(one), 'given': one.given} for one in every]
 
 
 class _Server(ThreadingHTTPServer):

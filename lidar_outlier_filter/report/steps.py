@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from lidar_outlier_filter.annotations import Bools, Bytes, Floats, Ints
-    from lidar_outlier_filter.core.detectors.thresholds import Threshold
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.report.sources import ReportCloud
 
@@ -54,6 +53,8 @@ class Slider:
 
     def changed(self, parameters: FilterParameters, step: int) -> FilterParameters:
         """Return the parameters of a step."""
+        if step == self.given:
+            return parameters
         return parameters.changed({self.name: self.values[step]})
 
     def take(self, chosen: Ints, first: int) -> Slider:
@@ -66,20 +67,22 @@ class Slider:
 def all_values(parameters: FilterParameters) -> tuple[Slider, ...]:
     """Return a slider with all values of the threshold for each detector of the chain."""
     chain = tuple(dict.fromkeys(parameters.chain))
-    found = ((name, threshold(DETECTORS[name], parameters)) for name in chain[:BITS])
-    return tuple(_all_values(name, one, parameters) for name, one in found if one is not None)
+    return tuple(_all_values(name, parameters) for name in chain[:BITS])
 
 
-def _all_values(detector: str, threshold: Threshold, parameters: FilterParameters) -> Slider:
-    given = float(parameters.flat()[threshold.name])
-    middle = threshold.critical(given)
-    others = [one for one in threshold.values if is_valid(parameters, threshold.name, one)]
-    stricter = [one for one in others if threshold.critical(one) < middle]
-    looser = [one for one in others if threshold.critical(one) > middle]
+def _all_values(detector: str, parameters: FilterParameters) -> Slider:
+    swept = threshold(DETECTORS[detector], parameters)
+    if swept is None:
+        return Slider(detector, f'{detector}, no threshold', (np.nan,), 0, np.ones(1))
+    given = float(parameters.flat()[swept.name])
+    middle = swept.critical(given)
+    others = [one for one in swept.values if is_valid(parameters, swept.name, one)]
+    stricter = [one for one in others if swept.critical(one) < middle]
+    looser = [one for one in others if swept.critical(one) > middle]
     values = (*stricter, given, *looser)
     with np.errstate(divide='ignore', invalid='ignore'):
-        limits = np.array([threshold.critical(value) for value in values]) / middle
-    return Slider(detector, threshold.name, values, len(stricter), limits)
+        limits = np.array([swept.critical(value) for value in values]) / middle
+    return Slider(detector, swept.name, values, len(stricter), limits)
 
 
 def is_valid(parameters: FilterParameters, name: str, value: float) -> bool:

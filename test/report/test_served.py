@@ -84,9 +84,12 @@ def page() -> Iterator[Page]:
     """Serve a page; what would be a traceback is noted."""
     node, errors = Settable(), list[BaseException | None]()
     server = PageServer(node)
-    server._server.handle_error = (  # type: ignore[method-assign]
-        lambda *_: isinstance(sys.exception(), ConnectionError) or errors.append(sys.exception())
-    )
+
+    def note(*_: object) -> None:
+        if not isinstance(sys.exception(), ConnectionError):
+            errors.append(sys.exception())
+
+    server._server.handle_error = note  # type: ignore[method-assign]
     server.start()
     yield Page(server, node, errors)
     server.close()
