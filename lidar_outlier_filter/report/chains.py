@@ -140,7 +140,7 @@ def _keys(points: Points, where: NDArray[np.intp]) -> list[bytes]:
 
 
 class SharedSight:
-    """Gives chains that differ only in a threshold the same ``DetectorInput`` of the same points."""
+    """Gives chains that differ in a threshold only the same input for the same points."""
 
     def __init__(self) -> None:
         """Remember nothing yet."""

@@ -89,7 +89,7 @@ def page() -> Iterator[Page]:
         if not isinstance(sys.exception(), ConnectionError):
             errors.append(sys.exception())
 
-    server._server.handle_error = note  # type: ignore[method-assign]
+    server._server.handle_error = note  # type: ignore[assignment, method-assign]
     server.start()
     yield Page(server, node, errors)
     server.close()
