@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.detectors.registry import explanations
+from lidar_outlier_filter.core.detectors.registry import explanations, reasons
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.report.steps import above, exceeded
 
@@ -93,8 +93,11 @@ class ExplainingChain(Chain):
         self.how.add(found.way)
         number = {key: k for k, key in enumerate(features(), 1)}
         numbers = np.array([number[found.way, one] for one in found.names])
-        order = np.argsort(-found.added, axis=0, kind='stable')[:STRONGEST]
-        added = np.take_along_axis(found.added, order, axis=0)
+        # Features that only say where outliers are likely have no number as reasons.
+        named = np.isin(found.names, [one.name for one in reasons().values()])
+        speaking = np.where(named[:, None] | ~named.any(), found.added, -np.inf)
+        order = np.argsort(-speaking, axis=0, kind='stable')[:STRONGEST]
+        added = np.maximum(np.take_along_axis(speaking, order, axis=0), 0)
         where, single = np.flatnonzero(wanted), score.astype(np.float32)
         for i, key in enumerate(_keys(seen.points, where)):
             noted = float(single[where[i]]), numbers[order[:, i]], added[:, i]

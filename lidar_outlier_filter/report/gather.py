@@ -153,6 +153,8 @@ def gather(
                 judged.append((number, step))
     for (number, step), table in _judge_steps(source, codes, chosen, judged, points, progress):
         counts[number][step] = table.above(1)
+    if not tally.given.above(0).bad:
+        points['truth'] = NO_TRUTH
     points, frames = cut(points, source, np.array(sorted(given.clouds), np.int64))
     return Gathered(
         source.name,
@@ -229,17 +231,16 @@ class Keeper:
     def add(self, cloud: ReportCloud, why: Ints, added: NDArray[np.float32]) -> None:
         """Take the points of a judged cloud; the bits of steps are not known yet."""
         if not self._parts:
-            saved = [(name, values.dtype) for name, values in cloud.saved.items()]
-            self._parts.append(np.empty(0, [*RECORDED, *saved]))
+            more = {name: one.dtype for name, one in cloud.saved.items() if name != 'intensity'}
+            self._parts.append(np.empty(0, [*RECORDED, *more.items()]))
         rows = np.zeros(len(cloud.points), self._parts[0].dtype)
         for name in ('xyz', 't', 'line', 'range'):
             rows[name] = getattr(cloud.points, name)
         for name in ('score', 'detectors', 'rejected', 'reason'):
             rows[name] = getattr(cloud.verdict, name)
-        for name, values in cloud.saved.items():
-            if name in (rows.dtype.names or ()):
-                rows[name] = values
-        rows['intensity'] = np.nan if cloud.intensity is None else cloud.intensity
+        rows['intensity'] = np.nan
+        for name in cloud.saved.keys() & set(rows.dtype.names or ()):
+            rows[name] = cloud.saved[name]
         rows['truth'], rows['why'], rows['added'] = cloud.truth, why, added
         rows['cloud'], rows['valid'], rows['index'] = cloud.number, range(len(rows)), cloud.index
         rows['order'] = self._rng.integers(0, 2**32, len(rows), np.uint32)

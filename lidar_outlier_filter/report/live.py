@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.report.chains import NEAR
 from lidar_outlier_filter.report.gather import SHORT, STRETCH
 from lidar_outlier_filter.report.points import LIVE, intensity_limits, message, pack, thin
-from lidar_outlier_filter.report.sources import intensity_of
+from lidar_outlier_filter.report.sources import saved_columns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -97,13 +97,15 @@ class LiveClouds:
         if self._pending and not 0 <= cloud.first - self._first < WHOLE:
             self._close()
         verdict = cloud.verdict.take(where)
-        intensity = None if view is None else intensity_of(view, where)
         rows = np.zeros(len(verdict), LIVE)
-        for name in ('xyz', 't', 'line'):
-            rows[name] = getattr(points, name)
-        for name in ('score', 'detectors', 'rejected', 'reason'):
-            rows[name] = getattr(verdict, name)
-        rows['intensity'] = np.nan if intensity is None else intensity
+        for one in ('xyz', 't', 'line'):
+            rows[one] = getattr(points, one)
+        for one in ('score', 'detectors', 'rejected', 'reason'):
+            rows[one] = getattr(verdict, one)
+        rows['intensity'] = np.nan
+        if view is not None:
+            name = saved_columns(view.dtype.names or ()).get('intensity', '')
+            rows['intensity'] = view[name][where] if name else np.nan
         bits = np.where(rows['rejected'], REJECTED_BIT, 0)
         rows['bits'] = bits | np.where(rows['score'] > NEAR, NEAR_BIT, 0)
         if not self._pending:

@@ -231,11 +231,12 @@ def _columns(points: Any) -> dict[str, Any]:
         'why': points['why'],
         'added': points['added'],
     }
-    if np.isfinite(points['intensity']).any():
-        columns['intensity'] = points['intensity']
-    if points['t'].any():
+    if points['t'].any() and 'gps_time' not in points.dtype.names:
         columns['time'] = points['t']
-    return columns | {name: points[name] for name in SAVED if name in points.dtype.names}
+    there = [name for name in SAVED if name in points.dtype.names]
+    if not np.isfinite(points['intensity']).any():
+        there.remove('intensity')
+    return columns | {name: points[name] for name in there}
 
 
 def _frame(gathered: Gathered, number: int, origin: Floats, step: Floats) -> dict[str, Any]:

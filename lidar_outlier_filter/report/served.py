@@ -156,7 +156,7 @@ class PageServer:
             after = _number('after', asked.get('after', '-1'), -1, MAX_NUMBER)
             clouds = self._clouds.get(asked.get('topic', '')) or LiveClouds()
             return BYTES, clouds.since(after)
-        raise _nothing_at(path)
+        raise _unknown(path)
 
     def status(self) -> dict[str, Any]:
         """Say what may have changed, and is not in the clouds."""
@@ -190,7 +190,7 @@ def _number(what: str, text: str, least: int, most: int) -> int:
     raise _RequestError(what, must_be, shown(text), HTTPStatus.BAD_REQUEST)
 
 
-def _nothing_at(path: str) -> _RequestError:
+def _unknown(path: str) -> _RequestError:
     return _RequestError(
         'the path', 'one that the page asks for', shown(path), HTTPStatus.NOT_FOUND
     )
@@ -258,14 +258,12 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = MAX_IDLE_S
 
     def do_GET(self) -> None:
-        """Give the page, its frames or its status."""
+        """Send the page, its frames or its status."""
         try:
-            path, asked = self._asked()
-            kind, content = self.server.page.answer(path, asked)
+            kind, content = self.server.page.answer(*self._asked())
+            self._send(HTTPStatus.OK, kind, content)
         except _RequestError as err:
             self._refuse(err)
-        else:
-            self._send(HTTPStatus.OK, kind, content)
 
     def do_POST(self) -> None:
         """Set parameters."""
@@ -274,17 +272,16 @@ class _Handler(BaseHTTPRequestHandler):
         except _RequestError as err:
             self._refuse(err)
             with suppress(_RequestError):
-                self._content()  # or the answer might be lost: what is unread resets a connection
+                self._content()  # unread content would reset the connection before the answer
             return
         try:
             content = self._content()
             if path != '/set':
-                raise _nothing_at(path)
+                raise _unknown(path)
             refusal = self.server.page.change(content)
+            self._send(HTTPStatus.OK, JSON, json.dumps({'refusal': refusal}).encode())
         except _RequestError as err:
             self._refuse(err)
-        else:
-            self._send(HTTPStatus.OK, JSON, json.dumps({'refusal': refusal}).encode())
 
     def log_message(self, *_: object) -> None:
         """Log nothing: addresses hold the token."""

@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.errors import CloudError, RecordingError
 from lidar_outlier_filter.evaluation.labels import CLASSIFICATION, LABEL, read_codes
 from lidar_outlier_filter.files import points as columns
-from lidar_outlier_filter.files.cloud_file import open_cloud, read
+from lidar_outlier_filter.files.cloud_file import filled, open_cloud
 from lidar_outlier_filter.files.judged_file import UNITS
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.recordings.message_times import count_times
@@ -28,16 +28,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bytes, Ints, Singles
+    from lidar_outlier_filter.annotations import Bytes, Ints
     from lidar_outlier_filter.core.engine.chain import Chain
-    from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.files.cloud_file import CloudFile
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.recordings.recorded_clouds import RecordedCloud
 
-INTENSITIES = ('intensity', 'reflectivity', 'i')
-# What a page saves of selected points, beside their coordinates: its name and those in clouds.
+# Columns that a page shows of a point and saves, and their names in clouds, in small letters.
 SAVED = {
+    'intensity': ('intensity', 'reflectivity', 'i'),
     'class': (CLASSIFICATION,),
     'gps_time': ('gps_time',),
     'return_number': ('return_number', 'returnnumber'),
@@ -54,10 +53,9 @@ class ReportCloud(StreamCloud):
     number : of the cloud, from 0
     index : (N,) int64
         Index of each point in its message or file.
-    intensity : (N,) float32 or None
     code : (N,) int64 or None
         Label of each point.
-    saved : other columns, by the names of ``SAVED``
+    saved : columns by the names of ``SAVED``, as far as they are there
     truth : (N,) uint8
         Meaning of the labels: ``NO_TRUTH``, ``GOOD`` or ``BAD``.
 
@@ -65,7 +63,6 @@ class ReportCloud(StreamCloud):
 
     number: int
     index: Ints
-    intensity: Singles | None = None
     code: Ints | None = None
     saved: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     truth: Bytes = field(init=False)
@@ -201,8 +198,7 @@ class RecordedSource:
             return made
         view = structured(taken.msg).reshape(-1)
         names = view.dtype.names or ()
-        made.intensity = intensity_of(view, where)
-        made.saved = {name: view[one][where] for name, one in _saved(names).items()}
+        made.saved = {name: view[one][where] for name, one in saved_columns(names).items()}
         label = self._label or LABEL
         if self._label and self._label not in names:
             must_be = f'one of the fields {", ".join(names)}'
@@ -247,23 +243,21 @@ class FileSource:
         """
         self.name = path.name
         file = open_cloud(path)
-        names = columns.choose_coordinates(file, ())
-        loaded = columns.load(file, names, parameters, timed=True)
+        names, saved = columns.choose_coordinates(file, ()), saved_columns(file.columns)
+        loaded = columns.load(file, names, parameters, timed=True, more=[*saved.values()])
         if not loaded.lines:
             check_chain(parameters.chain, str(path), loaded.lack)
+        self._saved = {name: filled(loaded.more[one]) for name, one in saved.items()}
         loaded = columns.recovered(file, loaded, parameters)
         self.parameters, self._loaded = parameters, loaded.points
-        self._intensity, self._saved = _intensity(file), _read_saved(file)
         self._code = _truth(path, file, *truth) if named or _has_labels(file) else None
         without = 'so that it is judged without scan lines'
         if loaded.rings:
             without = f'{loaded.rings} rings are recovered from elevation'
         how = loaded.lines or f'{loaded.lack}, {without}'
-        units = [file.metres.get(name, 1.0) for name in names]
-        x, y, z = units + [1.0] * (3 - len(units))
-        self.found = SourceFacts(
-            1, len(file), convention=how, units=(x, y, z), unit=_unit_name((x, y, z))
-        )
+        x, y, z = [*(file.metres.get(name, 1.0) for name in names), 1.0][:3]
+        unit = _unit_name(x) if x == z else f'{_unit_name(x)}, z in {_unit_name(z)}'
+        self.found = SourceFacts(1, len(file), convention=how, units=(x, y, z), unit=unit)
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
         """Judge all points by each of the chains."""
@@ -273,50 +267,22 @@ class FileSource:
             cloud = ReportCloud(self._loaded, number=0, index=where)
             self.found.invalid = cloud.absent
             self.found.masked = int(np.count_nonzero(verdict.masked))
-            yield number, self._with_columns(cloud, verdict)
-
-    def _with_columns(self, cloud: ReportCloud, verdict: Verdict) -> ReportCloud:
-        cloud.verdict, cloud.index = verdict.take(cloud.where), cloud.where.astype(np.int64)
-        if self._intensity is not None:
-            cloud.intensity = self._intensity[cloud.where]
-        if self._code is not None:
-            cloud.code = self._code[cloud.where]
-        cloud.saved = {name: values[cloud.where] for name, values in self._saved.items()}
-        return cloud
+            cloud.verdict = verdict.take(where)
+            cloud.code = None if self._code is None else self._code[where]
+            cloud.saved = {name: values[where] for name, values in self._saved.items()}
+            yield number, cloud
 
 
-def intensity_of(view: NDArray[np.void], where: NDArray[np.intp]) -> Singles | None:
-    """Return the intensities of some points of a structured array; None if it has none."""
-    name = next((one for one in INTENSITIES if one in (view.dtype.names or ())), '')
-    if not name or view.dtype[name].kind not in 'iuf':
-        return None
-    return view[name][where].astype(np.float32)
-
-
-def _saved(names: Iterable[str]) -> dict[str, str]:
+def saved_columns(names: Iterable[str]) -> dict[str, str]:
     """Find the columns of ``SAVED`` among names."""
     lower = {name.lower(): name for name in names}
     found = {name: [lower[one] for one in usual if one in lower] for name, usual in SAVED.items()}
     return {name: there[0] for name, there in found.items() if there}
 
 
-def _read_saved(file: CloudFile) -> dict[str, NDArray[Any]]:
-    """Read what is saved of a file's points; what is missing there is NaN."""
-    there = _saved(file.columns)
-    parts = list(read(file, list(there.values()))) if there else []
-    return {name: np.concatenate([part[k] for part in parts]) for k, name in enumerate(there)}
-
-
-def _unit_name(units: tuple[float, float, float]) -> str:
-    """Name the unit of the coordinates; a size in metres if it has no name here."""
-    known = {size: name for name, size in UNITS.items()}
-
-    def name(size: float) -> str:
-        near = [text for one, text in known.items() if abs(one - size) <= 1e-9 * size]
-        return near[0] if near else f'× {size:g} m'
-
-    plane, up = name(units[0]), name(units[2])
-    return plane if plane == up else f'{plane}, z in {up}'
+def _unit_name(size: float) -> str:
+    """Name a unit of so many metres."""
+    return next((name for name, one in UNITS.items() if np.isclose(one, size, 1e-9)), f'{size:g} m')
 
 
 def _has_labels(file: CloudFile) -> bool:
@@ -330,11 +296,3 @@ def _truth(path: Path, file: CloudFile, labels: Path, column: str) -> Ints:
         must_be = f'of {len(file)} points, as {path.name}'
         raise RecordingError(f'the labels in {labels}', must_be, len(codes))
     return codes
-
-
-def _intensity(file: CloudFile) -> Singles | None:
-    lower = {name.lower(): name for name in file.columns}
-    name = next((lower[one] for one in INTENSITIES if one in lower), None)
-    if name is None:
-        return None
-    return np.concatenate([values.astype(np.float32) for (values,) in read(file, [name])])

@@ -139,7 +139,8 @@ async function showStatus() {
   }));
 }
 
-const number = (text) => (text.startsWith('nan') ? '–' : text);
+// Unknown values are NaN; a visibility that is not less than usual is infinite.
+const number = (text) => (text.startsWith('nan') ? '–' : text.replace(/^inf$/, 'as usual'));
 
 // Values of sectors are a table of their own: returns that are missing, and shares that are rejected.
 function sortValues(values) {
@@ -156,9 +157,10 @@ function sortValues(values) {
 
 function visibility(sectors, bands) {
   const row = (kind, cells) => node('tr', {}, ...cells.map((cell) => node(kind, {}, cell)));
-  const head = row('th', ['sector', 'missing', ...bands.map((from) => `rejected from ${from} m`)]);
+  const above = node('tr', {}, node('th', {}, ''), node('th', {}, ''), node('th', { colspan: bands.length }, 'rejected, by range in m'));
+  const head = row('th', ['sector', 'missing', ...bands.map((from) => `${from} +`)]);
   const rows = [...sectors].map(([sector, cells]) => row('td', [sector.replaceAll('°', '').replace(' to ', '–') + '°', ...cells]));
-  return node('table', { class: 'sectors' }, head, ...rows);
+  return node('table', { class: 'sectors' }, above, head, ...rows);
 }
 
 function showTopics(topics) {

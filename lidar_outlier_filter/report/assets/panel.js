@@ -7,7 +7,7 @@ import { BAD, LARGEST_SCORE, coordinates, lengthText, node } from 'data';
 import { count, percent } from 'charts';
 import { CELL } from 'groups';
 
-const ALONE = 3; // times the distance that is usual among its neighbours
+const ALONE = 3; // times the distance that is usual
 
 export function list(parent, rows) {
   parent.replaceChildren();
@@ -59,7 +59,7 @@ export function clearPoint(parent) {
 function place(header, { distances, rejectedNear, spacing }) {
   if (!distances.length) return 'alone: no other return is drawn';
   const nearest = `nearest return ${lengthText(header, distances[0], 1)}`;
-  if (distances[0] > ALONE * spacing || !Number.isFinite(spacing)) return `alone: ${nearest}`;
+  if (distances[0] > ALONE * spacing) return `alone: ${nearest}, where ${lengthText(header, spacing)} is usual`;
   return rejectedNear ? `among other rejected returns: ${rejectedNear} of its ${distances.length} nearest` : nearest;
 }
 
@@ -68,7 +68,7 @@ function why(header, point, detector, about) {
   const words = [];
   if (about.rejected) words.push(place(header, about));
   words.push(...point.features.map(([[name, text], added]) => `${text} (${name}, +${added.toFixed(2)})`));
-  if (detector && !point.features.length) words.push(`${detector.name} rejects a point that ${detector.rejects}`);
+  if (detector && !point.features.length) words.push(`${detector.name} rejects a point that ${detector.rejects.split('. ')[0]}`);
   if (!words.length) return [];
   const title = about.rejected ? 'Why' : 'What speaks for a rejection';
   return [node('h3', {}, title), node('ul', { class: 'why' }, ...words.map((text) => node('li', {}, text)))];

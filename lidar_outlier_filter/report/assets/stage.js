@@ -3,7 +3,7 @@
 
 // The picture and its controls, of recorded and live points: view, colours, keys, the chosen point.
 
-import { ALL, INTENSITY, MODES, at, describe, isRejected, measure, neighbours, node, samePointLine } from 'data';
+import { ALL, INTENSITY, MODES, at, describe, isRejected, measure, neighbours, node, samePointLine, visitSample } from 'data';
 import { colours, legend } from 'colours';
 import { Map2D, scaleBar } from 'map';
 import { element } from 'charts';
@@ -108,13 +108,25 @@ export class Stage {
       rejected: rejected(index),
       distances: near.map(([, d]) => d),
       rejectedNear: near.filter(([i]) => rejected(i)).length,
-      spacing: near.map(([i]) => neighbours(frame, i, 2).map(([k, d]) => (k === index ? Infinity : d))).map((two) => Math.min(...two)).sort((a, b) => a - b)[near.length >> 1],
+      spacing: this.spacing(frame, point.position),
       inLine: line.length,
     });
     view?.setMarks(0, frame, near.map(([i]) => i));
     const each = Math.ceil(line.length / MOST_MARKS);
     view?.setMarks(1, frame, line.filter((i, k) => k % each === 0 && !rejected(i)));
     this.placeRing();
+  }
+
+  // The usual distance from a kept point to the nearest one: of those that are about as far from the
+  // sensor as a position, where there is one at the origin.
+  spacing(frame, where) {
+    const range = this.data.header.hasRange === false ? 0 : Math.hypot(...where);
+    const found = [];
+    visitSample(frame, 400, (i, there) => {
+      const similar = !range || Math.abs(Math.hypot(...there) - range) < range / 4;
+      if (found.length < 24 && similar && !isRejected(frame, i, this.state.bit)) found.push(neighbours(frame, i, 1)[0]?.[1] ?? Infinity);
+    });
+    return found.sort((a, b) => a - b)[found.length >> 1] ?? Infinity;
   }
 
   clear() {
