@@ -12,9 +12,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical.detector import clusters, limit
+from lidar_outlier_filter.core.detectors.hierarchical.detector import (
+    components,
+    limit,
+    spanning_tree,
+)
 from lidar_outlier_filter.core.detectors.hierarchical.gabriel import gabriel_graph
-from lidar_outlier_filter.core.detectors.hierarchical.spanning_tree import spanning_tree
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_lab.results.pictures import INK, LEFT, LOST, PAPER, add_legend, save
 
@@ -59,11 +62,11 @@ def course(xyz: Floats, parameters: Hierarchical) -> Course:
     """Go through the steps, for a look at them; no two points may coincide."""
     phase = hierarchical.detect(xyz, parameters).phase
     neighbourhood = Neighbourhood(xyz, 1)
-    tree = spanning_tree(neighbourhood)
+    tree = spanning_tree(gabriel_graph(neighbourhood), len(xyz))
     kept = tree.length <= limit(tree.length, parameters.global_confidence)
-    label, size = clusters(len(xyz), tree, kept)
+    label = components(len(xyz), tree, kept)
     graphs, pruned = [], []
-    for cluster in np.flatnonzero(size >= parameters.min_cluster):
+    for cluster in np.flatnonzero(np.bincount(label) >= parameters.min_cluster):
         members = neighbourhood.order[label == cluster]
         inside = Neighbourhood(xyz[members], 1)
         graph = gabriel_graph(inside)

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import Delaunay
 
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
-from lidar_outlier_filter.core.detectors.hierarchical import gabriel, spanning_tree
+from lidar_outlier_filter.core.detectors.hierarchical import gabriel
 from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome, detect
 from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -235,7 +235,7 @@ def test_spanning_tree_is_that_of_the_triangulation(seed: int) -> None:
     ends, length = delaunay_edges(xyz)
     graph = coo_array((length, ends.T), (len(xyz), len(xyz)))
     expected = np.sort(minimum_spanning_tree(graph).data)
-    tree = spanning_tree.spanning_tree(Neighbourhood(xyz, 1))
+    tree = hierarchical.spanning_tree(gabriel.gabriel_graph(Neighbourhood(xyz, 1)), len(xyz))
     np.testing.assert_allclose(np.sort(tree.length), expected, rtol=1e-12)
 
 
@@ -245,15 +245,6 @@ def test_gabriel_graph_is_part_of_the_triangulation() -> None:
     neighbourhood = Neighbourhood(xyz, 1)
     edges = given(neighbourhood, gabriel.gabriel_graph(neighbourhood).ends)
     assert edges < {(int(p), int(q)) for p, q in delaunay_edges(xyz)[0]}
-
-
-def test_spanning_tree_joins_everything() -> None:
-    """One edge less than points, and one component, ties or not."""
-    for xyz in (grid(9, 9, 9), LINE, np.zeros((30, 3)), street(1, 3000)):
-        tree = spanning_tree.spanning_tree(Neighbourhood(xyz, 1))
-        assert len(tree.ends) == len(xyz) - 1
-        _, size = hierarchical.clusters(len(xyz), tree, np.ones(len(tree.ends), np.bool_))
-        assert size.tolist() == [len(xyz)]
 
 
 # Nothing but the points matters ----------------------------------------------------------------
@@ -294,20 +285,13 @@ def test_threads_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """However the work is cut up and shared out, the graphs are the same, edge by edge."""
     xyz = np.concatenate([street(5, 20_000), grid(15, 15, 15) + np.array([0.0, 0.0, 20.0])])
     neighbourhood = Neighbourhood(xyz, 1)
-    tree, graph = spanning_tree.spanning_tree(neighbourhood, 1), None
     outcome = detect(xyz, settings(30), 1)
     graph = gabriel.gabriel_graph(neighbourhood, 1)
-    for threads in (2, 3):
-        again = spanning_tree.spanning_tree(neighbourhood, threads)
-        np.testing.assert_array_equal(tree.ends, again.ends)
-        np.testing.assert_array_equal(
-            graph.ends, gabriel.gabriel_graph(neighbourhood, threads).ends
-        )
-        assert_same(outcome, detect(xyz, settings(30), threads))
-    monkeypatch.setattr(spanning_tree, 'CHUNK', 700)
     monkeypatch.setattr(gabriel, 'CHUNK', 333)
-    assert_same(outcome, detect(xyz, settings(30), 2))
-    np.testing.assert_array_equal(graph.ends, gabriel.gabriel_graph(neighbourhood, 2).ends)
+    for threads in (1, 2, 3):
+        again = gabriel.gabriel_graph(neighbourhood, threads)
+        np.testing.assert_array_equal(graph.ends, again.ends)
+        assert_same(outcome, detect(xyz, settings(30), threads))
 
 
 # What it says ----------------------------------------------------------------------------------

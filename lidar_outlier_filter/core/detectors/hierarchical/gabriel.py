@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.hierarchical.spanning_tree import Edges, lengths
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.neighbours.tree_steps import gap, height
@@ -33,6 +32,22 @@ CHUNK = 2048  # points that a thread takes at once
 PLANES = 64  # most that are kept for a point: those of the nearest candidates
 MANY = 256  # candidates: more have their planes among the points before, too
 SLACK = 1e-14  # of a product of lengths, or of a coordinate: more than its rounding
+
+
+class Edges(NamedTuple):
+    """E edges between N points.
+
+    Attributes
+    ----------
+    ends : (E, 2) int32
+        The points, in tree order.
+    length : (E,) float64
+        Metres.
+
+    """
+
+    ends: Index
+    length: Floats
 
 
 class _Scratch(NamedTuple):
@@ -76,7 +91,18 @@ def gabriel_graph(neighbourhood: Neighbourhood, threads: int = 0) -> Edges:
         return _edges(xyz, tree, levels, begin, end)
 
     ends = np.concatenate(pool.run(work, len(neighbourhood), CHUNK, threads))
-    return Edges(ends, lengths(xyz, ends))
+    return Edges(ends, _lengths(xyz, ends))
+
+
+@kernel
+def _lengths(xyz: Floats, ends: Index) -> Floats:
+    """Return the lengths of edges, metres."""
+    result = np.empty(len(ends))
+    for edge in range(len(ends)):
+        i, j = ends[edge]
+        dx, dy, dz = xyz[i, 0] - xyz[j, 0], xyz[i, 1] - xyz[j, 1], xyz[i, 2] - xyz[j, 2]
+        result[edge] = np.sqrt((dx * dx + dy * dy) + dz * dz)
+    return result
 
 
 @kernel
