@@ -219,7 +219,6 @@ class FilterParameters:
         for section in self.of_detectors:
             section.check()
         _check_together(self)
-        self.health.check()
         self.motion.check(len(self.inputs))
 
     def changed(self, values: Mapping[str, object]) -> FilterParameters:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.declaration import declare
@@ -68,14 +68,23 @@ class LoadParameters:
     )
 
 
+# Above these, and above the limit of the warning, the level is ERROR.
+ERROR_LIMITS = {
+    'delay': 1.5,
+    'unfiltered': 0.5,
+    'rejected': 0.9,
+    'untested': 1.0,
+    'silence': 10.0,
+}
+
+
 @dataclass(frozen=True)
 class HealthLimits:
-    """When the diagnostics warn, and when they report an error; each above its limit."""
+    """Limits above which the diagnostics warn, or report an error at :data:`ERROR_LIMITS`."""
 
     delay_warn: float = declare(
         0.9, '95th percentile of the delay of clouds, as a share of max_delay.', '', 0.0, 1000.0
     )
-    delay_error: float = declare(1.5, 'Likewise: an error.', '', 0.0, 1000.0)
     unfiltered_warn: float = declare(
         0.0,
         'Share of the clouds that were refused, lost on the way, dropped, too many to filter, or '
@@ -84,27 +93,14 @@ class HealthLimits:
         0.0,
         1.0,
     )
-    unfiltered_error: float = declare(0.5, 'Likewise: an error.', '', 0.0, 1.0)
     rejected_warn: float = declare(0.5, 'Share of the points that were rejected.', '', 0.0, 1.0)
-    rejected_error: float = declare(0.9, 'Likewise: an error.', '', 0.0, 1.0)
     untested_warn: float = declare(
         0.9, 'Share of the points that no detector could test.', '', 0.0, 1.0
     )
-    untested_error: float = declare(1.0, 'Likewise: an error.', '', 0.0, 1.0)
     silence_warn: float = declare(2.0, 'Time without a cloud.', 's', 0.0, 1e6)
-    silence_error: float = declare(10.0, 'Likewise: an error.', 's', 0.0, 1e6)
     blind: float = declare(
         0.5, 'Share of the usual returns of a sector that are missing: a warning.', '', 0.0, 1.0
     )
     visibility: float = declare(
         50.0, 'Visibility, where it is less: a warning; 0: never.', 'm', 0.0, 1000.0
     )
-
-    def check(self) -> None:
-        """Refuse a warning that comes after the error."""
-        warned = (one.name for one in fields(self) if one.name.endswith('_warn'))
-        for name in (one.removesuffix('_warn') for one in warned):
-            warn, error = getattr(self, f'{name}_warn'), getattr(self, f'{name}_error')
-            if warn > error:
-                must_be = f'at most health.{name}_error = {error:g}'
-                raise ParameterError(f'health.{name}_warn', must_be, f'{warn:g}')

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.parameters.node import ERROR_LIMITS
 from lidar_outlier_filter.pipeline.statistics import Statistics
 
 if TYPE_CHECKING:
@@ -277,7 +278,7 @@ class _Look:
         yield from ((WARN, str(slow)) for slow in tally.slow.values())
         # Whatever the limits are: delays are those of clouds that have an answer.
         if self.waits > max_delay:
-            level = ERROR if self.backlog.oldest > limits.delay_error * max_delay else WARN
+            level = ERROR if self.backlog.oldest > ERROR_LIMITS['delay'] * max_delay else WARN
             yield level, f'no answer for {self.waits:.1f} s, max_delay {max_delay:g} s'
         delay = _percentiles(tally.delays)[1]
         missed = {
@@ -314,10 +315,8 @@ class _Look:
                 f'{self.share("untested"):.1%} of the points are untested',
             ),
         ):
-            if value > getattr(limits, f'{name}_error'):
-                yield ERROR, text
-            elif value > getattr(limits, f'{name}_warn'):
-                yield WARN, text
+            if value > getattr(limits, f'{name}_warn'):
+                yield ERROR if value > ERROR_LIMITS[name] else WARN, text
 
     def values(self) -> dict[str, str]:
         """Name all: rates and times since the last look, counts since the start."""

@@ -141,8 +141,7 @@ def _alpha_beta_gamma(_parameters: FilterParameters) -> list[Grid]:
     name = 'alpha_beta_gamma.'
     return [
         tuple({f'{name}before': n, f'{name}after': n} for n in (3, 4, 5, 7, 10, 15)),
-        # The least that makes a prediction.
-        tuple({f'{name}order': n, f'{name}min_window': n + 2} for n in (1, 2)),
+        _each(f'{name}order', (1, 2)),
         _each(f'{name}sides', ('either', 'both')),
     ]
 

@@ -110,7 +110,6 @@ class Peer:
 # Near to Leslar et al. (2010), whose forms by the letter are on the pages of the papers.
 ONE_SURFACE = {
     'quadric.surfaces': 1,
-    'quadric.start': 'all',
     'quadric.significance': SMOOTHER['alpha_beta_gamma.significance'],
 }
 PATCH = {**ONE_SURFACE, 'quadric.window': 'patch'}

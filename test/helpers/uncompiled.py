@@ -57,10 +57,6 @@ from lidar_outlier_filter.core.points.points import Points  # noqa: E402
 from lidar_outlier_filter.parameters.declaration import walk  # noqa: E402
 from lidar_outlier_filter.parameters.filter import FilterParameters  # noqa: E402
 
-# What a choice needs.
-TOGETHER: dict[str, dict[str, object]] = {
-    model: {'quadric.start': 'all', 'quadric.surfaces': 1} for model in ('always', 'letter')
-}
 SIZES = (1, 7, 48)  # points of clouds that nobody has scanned
 
 
@@ -71,7 +67,7 @@ def settings(name: str) -> Iterator[dict[str, object]]:
         for item in walk(kind, f'{section}.'):
             for choice in item.choices:
                 if choice not in {item.default, 'filterpy'}:  # which calls no kernel of ours
-                    yield {item.name: choice} | TOGETHER.get(choice, {})
+                    yield {item.name: choice}
 
 
 def clouds() -> Iterator[Points]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -217,7 +217,6 @@ class Rule(NamedTuple):
     order: int
     significance: float
     sides: str
-    test: str
     min_window: int
 
 
@@ -239,21 +238,15 @@ def window_residual(
 
 
 @cache
-def critical_values(significance: float) -> tuple[float, float]:
-    """Critical values of one coordinate, and of all three.
-
-    ``isf(a)`` is ``ppf(1 - a)`` without the loss of a small a's digits.
-    """
-    return float(norm.isf(significance / 2)), sqrt(chi2.isf(significance, 3))
+def critical_value(significance: float) -> float:
+    """Two-sided: ``isf(a)`` is ``ppf(1 - a)`` without the loss of a small a's digits."""
+    return float(norm.isf(significance / 2))
 
 
-def window_score(residual: Floats, spread: Floats, significance: float, test: str) -> float:
-    """Statistic (17) over its critical value; ``spread`` (3,) is σ_δz of (16)."""
-    of_one, of_all = critical_values(significance)
+def window_score(residual: Floats, spread: Floats, significance: float) -> float:
+    """Statistic (17) of the worst coordinate over its critical value; ``spread`` (3,) is σ_δz."""
     standardized = [abs(r) / s for r, s in zip(residual, spread, strict=True)]
-    each = max(standardized) / of_one
-    joint = sqrt(sum(s**2 for s in standardized)) / of_all
-    return float({'each': each, 'joint': joint, 'both': max(each, joint)}[test])
+    return float(max(standardized) / critical_value(significance))
 
 
 def robust_sigma(residuals: Sequence[Floats], qs: Sequence[float], floor: float) -> Floats:
@@ -284,7 +277,7 @@ def point_score(points: Line, p: int, segment: Sequence[int], rule: Rule) -> tup
         if answer is None or isnan(points.unit[k, 0]):
             return nan
         spread = points.unit[k] * sqrt(points.variance[k] + answer[1])
-        return window_score(answer[0], spread, rule.significance, rule.test)
+        return window_score(answer[0], spread, rule.significance)
 
     around = of(centred_window(p, m, rule.before, rule.after))
     if rule.sides == 'either':
@@ -316,22 +309,13 @@ def all_residuals(
     return found
 
 
-def estimated_unit(
-    found: dict[int, tuple[Floats, float]], line: Ints, floor: float, part: int
-) -> Floats:
-    """Estimate σ (N, 3) of each line, or part of it, from the residuals of its points."""
+def estimated_unit(found: dict[int, tuple[Floats, float]], line: Ints, floor: float) -> Floats:
+    """Estimate σ (N, 3) of each line from the residuals of its points."""
     unit = np.full((len(line), 3), nan)
     for one in sorted(set(line.tolist())):
         of_line = [k for k in range(len(line)) if line[k] == one]
-        parts = max(1, len(of_line) // part) if part else 1
-        cuts = [len(of_line) * number // parts for number in range(parts + 1)]
-        groups = [of_line[low:high] for low, high in pairwise(cuts)]
-        for number, group in enumerate([of_line, *groups]):
-            usable = [found[k] for k in group if k in found]
-            sigma = robust_sigma([r for r, _ in usable], [q for _, q in usable], floor)
-            # A part with too few residuals has the σ of its line.
-            if number == 0 or not np.isnan(sigma[0]):
-                unit[group] = sigma
+        usable = [found[k] for k in of_line if k in found]
+        unit[of_line] = robust_sigma([r for r, _ in usable], [q for _, q in usable], floor)
     return unit
 
 
@@ -346,12 +330,10 @@ def alpha_beta_gamma(  # noqa: PLR0913  all there is to choose
     order: int,
     significance: float,
     sides: str,
-    test: str,
     sigma: float,
     sigma_floor: float,
     min_window: int,
     passes: int,
-    sigma_part: int = 0,
     own_sigma: Floats | None = None,
 ) -> tuple[Floats, NDArray[np.bool_], int]:
     """Scores (N,) (NaN: untested), rejected (N,) and the number of passes, the last one included.
@@ -360,7 +342,7 @@ def alpha_beta_gamma(  # noqa: PLR0913  all there is to choose
     ``sigma``, and ``sigma`` > 0 over the estimate from the line.
     """
     count = len(t_ns)
-    rule = Rule(before, after, order, significance, sides, test, min_window)
+    rule = Rule(before, after, order, significance, sides, min_window)
     members = [[i for i in range(count) if segment[i] == s] for s in sorted(set(segment.tolist()))]
     points = Line(t_ns, np.asarray(xyz, np.float64), np.ones(count), np.ones((count, 3)))
     if own_sigma is not None:
@@ -368,7 +350,7 @@ def alpha_beta_gamma(  # noqa: PLR0913  all there is to choose
     elif sigma > 0:
         points = points._replace(unit=np.full((count, 3), sigma))
     else:
-        unit = estimated_unit(all_residuals(points, members, rule), line, sigma_floor, sigma_part)
+        unit = estimated_unit(all_residuals(points, members, rule), line, sigma_floor)
         points = points._replace(unit=unit)
 
     scores = np.full(count, nan)

@@ -35,9 +35,7 @@ class Rules:
     floor: float = 0.005
     fewest: int = 12
     surfaces: int = 3
-    robust: bool = True
     always: bool = False
-    letter: bool = False
 
 
 @dataclass
@@ -137,13 +135,10 @@ def measure_plane(plane: Plane, points: Floats, variance: Floats) -> Fit:
 class Frame:
     """Points in the frame of a plane: x along, y across, z up; the models above a plane."""
 
-    def __init__(
-        self, plane: Plane, points: Floats, variance: Floats, *, letter: bool = False
-    ) -> None:
-        """Turn points and variances; by the letter, not: (19) goes by the axes of the cloud."""
-        turn = np.eye(3) if letter else plane.axes[::-1]
-        self.root = 1.0 if letter else sqrt(2)
-        self.least = 0.0 if letter else LEAST_VARIANCE
+    def __init__(self, plane: Plane, points: Floats, variance: Floats) -> None:
+        """Turn points and variances."""
+        turn = plane.axes[::-1]
+        self.root = sqrt(2)
         self.points = np.array([turn @ (p - plane.mean) for p in points])
         self.variance = [turn @ d @ turn.T for d in variance]
         self.rows = np.array([row(p, self.root) for p in self.points])
@@ -152,7 +147,7 @@ class Frame:
         """Slopes, and variances (30), which are held at a hundredth of their mean."""
         steep = [gradient(a, p, self.root) for p in self.points]
         sigma2 = np.array([g @ d @ g for g, d in zip(steep, self.variance, strict=True)])
-        least = self.least * np.mean(sigma2[kept])
+        least = LEAST_VARIANCE * np.mean(sigma2[kept])
         return np.array([sqrt(g @ g) for g in steep]), np.maximum(sigma2, least)
 
     def step(self, a: Floats, weights: Floats, size: int) -> Step | None:
@@ -228,7 +223,7 @@ def scores_of(fit: Fit, rules: Rules, growth: Growth) -> Floats | None:
         freedom += growth.freedom
     if freedom < 2:
         return None
-    apart = rules.robust and not growth.freedom
+    apart = not rules.always and not growth.freedom
     scores = []
     for i, v in enumerate(fit.residual):
         if i in kept and apart:
@@ -316,7 +311,7 @@ class Window:
                 if fit is not None:
                     noise = max(deviation(fit), floor)
                     freedom = len(fit.kept) - (fit.size - 1)
-            if fit is None or (rules.robust and noise > max(THICK, floor)):
+            if fit is None or (not rules.always and noise > max(THICK, floor)):
                 break
             score = np.minimum(score, fit.test)
             left = [i for i in range(n) if score[i] > 1]
@@ -325,7 +320,7 @@ class Window:
 
     def begin(self, left: Members, floor: float) -> Members:
         """Choose the points that a surface begins with."""
-        if not self.rules.robust:
+        if self.rules.always:
             return left
         rank = min(len(left), max(self.rules.fewest, ceil(SHARE * len(left)))) - 1
         suggestions = [left]
@@ -357,13 +352,9 @@ class Window:
 
     def grow(self, start: Members, left: Members, growth: Growth) -> Fit | None:
         """Grow a surface and raise its model as far as it pays."""
-        if not self.rules.robust:
-            self.frame = Frame(
-                self.plane(start), self.points, self.variance, letter=self.rules.letter
-            )
-            quadric = self.grow_quadric(start, left, growth)
-            if quadric is not None or self.rules.always:
-                return quadric
+        if self.rules.always:
+            self.frame = Frame(self.plane(start), self.points, self.variance)
+            return self.grow_quadric(start, left, growth)
         plane = self.settle(start, left, PLANE, np.zeros(10), growth)
         if plane is None or deviation(plane) <= growth.floor:
             return plane
@@ -373,7 +364,7 @@ class Window:
         paraboloid = self.settle(bent[0], left, PARABOLOID, bent[1], growth)
         if paraboloid is None:
             return plane
-        if not self.rules.robust or deviation(paraboloid) <= growth.floor:
+        if deviation(paraboloid) <= growth.floor:
             return paraboloid
         return self.rise(paraboloid, left, growth)
 
@@ -464,23 +455,22 @@ class Window:
         bent = is_better(solution.before, solution.after, len(kept) - 6, rules)
         a = up + np.append(solution.change, np.zeros(3))
         some = kept
-        if rules.robust:
-            before = sum(sorted(plane.residual[kept] ** 2 / plane.sigma2[kept])[:half])
-            after = inf
-            for number in range(CONCENTRATIONS + 1):
-                far = (self.frame.rows @ a) ** 2 / plane.sigma2
-                reach = sorted(far[kept])[half - 1]
-                some = [i for i in kept if far[i] <= reach]
-                after = sum(sorted(far[kept])[:half])
-                if number == CONCENTRATIONS:
-                    break
-                weights = np.zeros(len(self.points))
-                weights[some] = 1 / plane.sigma2[some]
-                solution = self.frame.step(up, weights, PARABOLOID)
-                if solution is None:
-                    return None
-                a = up + np.append(solution.change, np.zeros(3))
-            bent = bent or is_better(before, after, half - 6, rules)
+        before = sum(sorted(plane.residual[kept] ** 2 / plane.sigma2[kept])[:half])
+        after = inf
+        for number in range(CONCENTRATIONS + 1):
+            far = (self.frame.rows @ a) ** 2 / plane.sigma2
+            reach = sorted(far[kept])[half - 1]
+            some = [i for i in kept if far[i] <= reach]
+            after = sum(sorted(far[kept])[:half])
+            if number == CONCENTRATIONS:
+                break
+            weights = np.zeros(len(self.points))
+            weights[some] = 1 / plane.sigma2[some]
+            solution = self.frame.step(up, weights, PARABOLOID)
+            if solution is None:
+                return None
+            a = up + np.append(solution.change, np.zeros(3))
+        bent = bent or is_better(before, after, half - 6, rules)
         return (some, a / sqrt(a @ a)) if bent else None
 
 

@@ -15,7 +15,6 @@ from naive import alpha_beta_gamma as naive
 
 # Critical values as printed in any table, for a significance of 0.001.
 NORMAL = 3.290526731
-CHI2_3 = 16.266236196
 
 FIVE = [-2.0, -1.0, 0.0, 1.0, 2.0]
 ONES = [1.0] * 5
@@ -27,7 +26,6 @@ HAND: dict[str, Any] = {
     'order': 1,
     'significance': 0.001,
     'sides': 'both',
-    'test': 'each',
     'sigma': 1.0,
     'sigma_floor': 0.005,
     'min_window': 2,
@@ -270,23 +268,9 @@ def test_singular_windows(delta: list[float], order: int, *, singular: bool) -> 
 # The test ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ('residual', 'each', 'joint'),
-    [
-        ([3.0, -4.0, 0.0], 4 / NORMAL, 5 / sqrt(CHI2_3)),
-        ([-4.0, 0.0, 0.0], 4 / NORMAL, 4 / sqrt(CHI2_3)),
-    ],
-)
-def test_window_score(residual: list[float], each: float, joint: float) -> None:
-    """Largest coordinate, length, or what is worse of the two, in critical values; σ_δz is 1."""
-    for test, score in {'each': each, 'joint': joint, 'both': max(each, joint)}.items():
-        got = naive.window_score(np.array(residual), np.ones(3), 0.001, test)
-        assert got == pytest.approx(score, rel=1e-9)
-
-
 def test_window_score_divides_each_coordinate_by_its_own_sigma() -> None:
     """Standardised (1, 2, 1.5): the largest is the second."""
-    got = naive.window_score(np.array([5.0, 2.0, 3.0]), np.array([5.0, 1.0, 2.0]), 0.001, 'each')
+    got = naive.window_score(np.array([5.0, 2.0, 3.0]), np.array([5.0, 1.0, 2.0]), 0.001)
     assert got == pytest.approx(2 / NORMAL)
 
 
@@ -437,21 +421,6 @@ def test_estimated_sigma_is_the_lines_not_the_segments() -> None:
     assert scores[9] == pytest.approx(2 / sqrt(5 / 2) / NORMAL)
     scores, _, _ = naive.alpha_beta_gamma(t, xyz, segment, segment, **hand)
     assert np.isnan(scores).all()
-
-
-def test_estimated_sigma_of_a_part_of_the_line() -> None:
-    """Residuals of 1 m, then of 9 m: two parts of ten have a σ each, one of 20 that of both.
-
-    A point between two others differs from their mean; windows of one on a side see z0 ± 2 r.
-    """
-    z = [float(r * (-1) ** k) for r in (1, 9) for k in range(12)]
-    hand: dict[str, Any] = {'sigma': 0.0, 'before': 1, 'after': 1, 'passes': 1}
-    parts, _, _ = run(z, **hand, sigma_part=12)
-    whole, _, _ = run(z, **hand)
-    # 2 r ÷ √1.5 is every residual ÷ √(1 + q); its median is itself.
-    assert parts[4] == pytest.approx(1 / 1.4826 / NORMAL)
-    assert parts[18] == pytest.approx(1 / 1.4826 / NORMAL)
-    assert whole[4] < parts[4] < whole[18]
 
 
 def test_own_sigma_goes_before_the_parameter() -> None:

@@ -67,9 +67,9 @@ def test_diagnostics_say_what_was_done(ros: Ros, sweeps: list[PointCloud2]) -> N
 @pytest.mark.slow
 def test_once_in_a_second(ros: Ros) -> None:
     """Of real time; silent, then a warning, then an error."""
-    node = ros.filter('-p', 'health.silence_warn:=0.0', '-p', 'health.silence_error:=4.9')
+    node = ros.filter('-p', 'health.silence_warn:=0.0')
     node.start()
-    received = [(ros.diagnosis(), time.monotonic()) for _ in range(5)]
+    received = [(ros.diagnosis(), time.monotonic()) for _ in range(11)]
     times = np.array([at for _, at in received])
     assert np.median(np.diff(times)) == pytest.approx(1.0, abs=0.2)
     assert [found.level for found, _ in received][-2:] == [WARN, ERROR]
@@ -133,7 +133,7 @@ def test_statistics_are_a_table(ros: Ros, sweeps: list[PointCloud2]) -> None:
 
 def test_what_is_disabled_is_said(ros: Ros, sweeps: list[PointCloud2]) -> None:
     """A node that lets everything pass warns of it, until it filters again."""
-    node = ros.filter('-p', 'health.silence_warn:=1e5', '-p', 'health.silence_error:=1e5')
+    node = ros.filter('-p', 'health.silence_warn:=1e5')
     node.start()
     ros.call(SetBool, 'enable', SetBool.Request(data=False))
 

@@ -10,8 +10,6 @@ from xml.etree import ElementTree as ET
 import pytest
 from helpers import ROOT
 
-from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.node import HealthLimits
 from lidar_outlier_filter.pipeline.statistics import Kinds, Statistics
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, PROFILES, WARN, Backlog, Health
@@ -42,9 +40,7 @@ def test_what_has_happened_since_the_last_look() -> None:
     counts.poses = Kinds({'a pose': 3})
     health.spent(0.05)
     health.counted(counts)
-    level, _, values, plotted = look(
-        health, HealthLimits(unfiltered_warn=1.0, unfiltered_error=1.0)
-    )
+    level, _, values, plotted = look(health, HealthLimits(unfiltered_warn=1.0))
     assert level == OK
     assert values == {
         'clouds/s': '1.0',
@@ -182,9 +178,9 @@ def test_what_is_not_filtered() -> None:
 
 # Limits that complain of nothing.
 PATIENT = HealthLimits(
-    **{f'{name}_{level}': 1000.0 for name in ('delay', 'silence') for level in ('warn', 'error')},
+    delay_warn=1000.0,
+    silence_warn=1000.0,
     unfiltered_warn=1.0,
-    unfiltered_error=1.0,
 )
 
 
@@ -242,7 +238,7 @@ def test_more_than_all_is_all() -> None:
     health = Health()
     health.received(1)
     health.dropped(5)
-    assert look(health, HealthLimits(unfiltered_error=1.0))[0] == WARN
+    assert look(health, HealthLimits(unfiltered_warn=1.0))[0] == OK
 
 
 def test_the_delay_is_a_share_of_max_delay() -> None:
@@ -334,11 +330,3 @@ def test_remarks_are_warnings() -> None:
     assert (report.level, report.message) == (WARN, 'one thing; another')
     report = health.look(11.0, HealthLimits(), MAX_DELAY, NOTHING, ['one thing'])
     assert (report.level, report.message) == (ERROR, 'no cloud for 11 s; one thing')
-
-
-def test_a_warning_after_the_error_is_refused() -> None:
-    """The limit of the warning is at most that of the error."""
-    sentence = r'^health.delay_warn must be at most health.delay_error = 1.5, got 2$'
-    with pytest.raises(ParameterError, match=sentence):
-        FilterParameters().changed({'health.delay_warn': 2.0})
-    FilterParameters().changed({'health.delay_warn': 1.5})

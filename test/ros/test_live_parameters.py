@@ -148,7 +148,7 @@ def test_reset_puts_parameters_back(ros: Ros) -> None:
     node = ros.filter('-p', 'gap_factor:=3.0', parameters={'alpha_beta_gamma.after': 8})
     node.start()
     before = values(node)
-    changes = {'alpha_beta_gamma__order': 2, 'alpha_beta_gamma__min_window': 6}
+    changes = {'alpha_beta_gamma__order': 2, 'alpha_beta_gamma__before': 6}
     assert ros.set_together(gap_factor=2.0, **changes) == ''
     result: Future = Future()
 
@@ -160,7 +160,7 @@ def test_reset_puts_parameters_back(ros: Ros) -> None:
     while not node.count_subscribers('/parameter_events'):
         ros.executor.spin_once(0.05)
     answer = ros.call(Trigger, 'reset', Trigger.Request())
-    changed = ['gap_factor', 'alpha_beta_gamma.order', 'alpha_beta_gamma.min_window']
+    changed = ['gap_factor', 'alpha_beta_gamma.before', 'alpha_beta_gamma.order']
     assert (answer.success, answer.message) == (
         True,
         f'as at the start again: {", ".join(changed)}',

@@ -25,12 +25,11 @@ if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2
 
 
-# A window that is as small as order 1 allows.
+# Windows that are as small as order 1 allows.
 LINEAR = {
     'alpha_beta_gamma.order': 1,
-    'alpha_beta_gamma.min_window': 3,
-    'alpha_beta_gamma.before': 5,
-    'alpha_beta_gamma.after': 5,
+    'alpha_beta_gamma.before': 3,
+    'alpha_beta_gamma.after': 3,
 }
 CONFIG = ROOT / 'config'
 TYPES = {
@@ -102,7 +101,7 @@ def test_a_cloud_that_waits_keeps_its_form(ros: Ros) -> None:
         ('alpha_beta_gamma.before', -1, 'alpha_beta_gamma.before must be from 0 to 1000, got -1'),
         ('alpha_beta_gamma.before', 2.5, 'alpha_beta_gamma.before must be a whole number, got 2.5'),
         ('alpha_beta_gamma.sides', 'left', "sides must be one of 'both', 'either', got 'left'"),
-        ('alpha_beta_gamma.order', 2, 'min_window must be at least order + 2 = 4, got 3'),
+        ('alpha_beta_gamma.order', 2, 'at least order + 2 = 4, with sides: either, got 3 and 3'),
         ('block', 0.2, 'block must be 0.1 as at the start (read-only), got 0.2'),
         ('lof.treshold', 2.0, "names, got 'lof.treshold' (did you mean 'lof.threshold'?)"),
         ('unheard', 1, "a parameter must be one of those that `ros2 param list` names, got 'unhea"),
@@ -146,13 +145,13 @@ def test_all_or_nothing(ros: Ros) -> None:
     reason = ros.set_together(alpha_beta_gamma__before=6, gap_factor=0.5)
     assert reason == 'gap_factor must be from 1 to 1e+06, got 0.5'
     reason = ros.set_together(alpha_beta_gamma__before=1, alpha_beta_gamma__after=1)
-    assert reason.endswith('must be together at least min_window = 3, got 1 and 1')
+    assert reason.endswith('must be together at least order + 2 = 3, got 1 and 1')
     assert 'read-only' in ros.set_together(gap_factor=2.0, halo=0.02)
     assert "got 'unheard_of'" in ros.set_together(gap_factor=2.0, unheard_of=1)
     assert values(node) == before
-    # Order 2 alone is refused, as for it min_window is too small.
-    assert ros.set_together(alpha_beta_gamma__order=2, alpha_beta_gamma__min_window=4) == ''
-    changed = {'alpha_beta_gamma.min_window': 4, 'alpha_beta_gamma.order': 2}
+    # Order 2 alone is refused, as for it the windows are too small.
+    assert ros.set_together(alpha_beta_gamma__order=2, alpha_beta_gamma__before=4) == ''
+    changed = {'alpha_beta_gamma.before': 4, 'alpha_beta_gamma.order': 2}
     assert values(node) == before | changed
 
 
@@ -160,9 +159,9 @@ def test_one_by_one_each_stands_alone(ros: Ros) -> None:
     """Set one by one, what is right is taken though another is refused."""
     node = ros.filter(parameters=LINEAR)
     before = values(node)
-    reasons = ros.set(gap_factor=2.0, alpha_beta_gamma__order=2, alpha_beta_gamma__min_window=4)
+    reasons = ros.set(gap_factor=2.0, alpha_beta_gamma__order=2, alpha_beta_gamma__before=4)
     assert [bool(reason) for reason in reasons] == [False, True, False]
-    changed = {'gap_factor': 2.0, 'alpha_beta_gamma.min_window': 4}
+    changed = {'gap_factor': 2.0, 'alpha_beta_gamma.before': 4}
     assert values(node) == before | changed
 
 
@@ -172,7 +171,7 @@ def test_set_from_within(ros: Ros) -> None:
     wrong = Parameter('alpha_beta_gamma.order', value=2)
     right = Parameter('gap_factor', value=2)
     refused, accepted = node.set_parameters([wrong, right])
-    assert refused.reason == 'alpha_beta_gamma.min_window must be at least order + 2 = 4, got 3'
+    assert 'at least order + 2 = 4, with sides: either, got 3 and 3' in refused.reason
     assert accepted.successful
     assert values(node) == values(ros.filter(parameters=LINEAR | {'gap_factor': 2.0}))
 
@@ -275,8 +274,8 @@ def _plain(value: object) -> object:
         (['-p', 'chain:=[]'], 'chain must be a list of texts, got None'),
         (['-p', 'max_delay:=0.05'], r'max_delay must be at least block \+ halo \+ lateness'),
         (
-            ['-p', 'alpha_beta_gamma.order:=2', '-p', 'alpha_beta_gamma.min_window:=3'],
-            r'alpha_beta_gamma.min_window must be at least order \+ 2 = 4, got 3',
+            ['-p', 'alpha_beta_gamma.order:=2', '-p', 'alpha_beta_gamma.before:=3'],
+            r'at least order \+ 2 = 4, with sides: either, got 3 and 3',
         ),
     ],
 )

@@ -30,7 +30,6 @@ SMALL: dict[str, list[object]] = {
     'alpha_beta_gamma.before': [3, 5],
     'alpha_beta_gamma.after': [3, 5],
     'alpha_beta_gamma.order': [1],
-    'alpha_beta_gamma.min_window': [3],
     'alpha_beta_gamma.sides': ['either'],
     'sor.k': [5, 20],
     'lof.min_pts': [10],

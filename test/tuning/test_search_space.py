@@ -182,7 +182,7 @@ def test_kept_parameters_stay() -> None:
         ({}, ['chain'], "must be those of alpha_beta_gamma, got 'chain'"),
         ({'alpha_beta_gamma.order': ['x']}, (), "order must be a whole number, got 'x'"),
         ({'alpha_beta_gamma.significance': [2.0]}, (), 'significance must be from 1e-15 to 0.5'),
-        ({'alpha_beta_gamma.min_window': [99]}, (), 'alpha_beta_gamma must be possible together'),
+        ({'alpha_beta_gamma.before': [0]}, (), 'alpha_beta_gamma must be possible together'),
     ],
 )
 def test_refused_searches(wanted: dict[str, list[object]], kept: list[str], sentence: str) -> None:

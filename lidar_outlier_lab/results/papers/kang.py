@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -29,21 +30,30 @@ if TYPE_CHECKING:
     from lidar_outlier_lab.results.samples import Sample
 
 
+class Reading(NamedTuple):
+    """One way to read the paper: the neighbours are on the map, or in space."""
+
+    parameters: Elevation
+    on_map: bool = True
+
+    def of(self, k: int) -> Reading:
+        """Read it with so many neighbours."""
+        return self._replace(parameters=replace(self.parameters, k=k))
+
+
 LETTER = 'by the letter: histogram, x and y, low points'
 BARE = 'without the histogram: x and y, low points'
 OURS = '`elevation` by default: x and y, both sides, histogram'
 SPACE = 'x, y and z, low points'
 # Section 4 applies the histogram in both of its tests. Without it: gap 0.
-READINGS: Mapping[str, Elevation] = {
-    LETTER: FilterParameters().changed(METHODS['kang2018']).of(Elevation),
-    BARE: Elevation(sides='low', gap=0.0, sigma_floor=1e-6),
-    'x and y, both sides': Elevation(gap=0.0, sigma_floor=1e-6),
-    OURS: Elevation(sigma_floor=1e-6),
-    SPACE: Elevation(sides='low', gap=0.0, sigma_floor=1e-6, neighbours='space'),
-    'x, y and z, low points, histogram': Elevation(
-        sides='low', sigma_floor=1e-6, neighbours='space'
-    ),
-    'x, y and z, both sides': Elevation(gap=0.0, sigma_floor=1e-6, neighbours='space'),
+READINGS: Mapping[str, Reading] = {
+    LETTER: Reading(FilterParameters().changed(METHODS['kang2018']).of(Elevation)),
+    BARE: Reading(Elevation(sides='low', gap=0.0)),
+    'x and y, both sides': Reading(Elevation(gap=0.0)),
+    OURS: Reading(Elevation()),
+    SPACE: Reading(Elevation(sides='low', gap=0.0), on_map=False),
+    'x, y and z, low points, histogram': Reading(Elevation(sides='low'), on_map=False),
+    'x, y and z, both sides': Reading(Elevation(gap=0.0), on_map=False),
 }
 TABLE = (30, 60)  # neighbours
 CURVE = (5, 10, 20, 30, 45, 60, 90, 120)
@@ -112,15 +122,11 @@ def section(presets: Sequence[str], seed: int, folder: Path, progress: Progress)
     )
 
 
-def judge(xyz: Floats, parameters: Elevation) -> ReadingOutcome:
+def judge(xyz: Floats, reading: Reading) -> ReadingOutcome:
     """Apply one reading."""
     begin = perf_counter()
-    rejected = detect(xyz, parameters) > 1
+    rejected = detect(xyz, reading.parameters, on_map=reading.on_map) > 1
     return ReadingOutcome(rejected, perf_counter() - begin)
-
-
-def _with(parameters: Elevation, k: int) -> Elevation:
-    return Elevation(**{**vars(parameters), 'k': k})
 
 
 def _rows(sample: Sample) -> list[Sequence[str]]:
@@ -135,8 +141,8 @@ def _rows(sample: Sample) -> list[Sequence[str]]:
         )
     ]
     (xyz,) = sample.clouds
-    for name, parameters in READINGS.items():
-        found = [judge(xyz, _with(parameters, k)) for k in TABLE]
+    for name, reading in READINGS.items():
+        found = [judge(xyz, reading.of(k)) for k in TABLE]
         rejected, bad = found[0].rejected, sample.data.bad
         rows.append(
             (
@@ -155,10 +161,10 @@ def _sigmas(sample: Sample) -> list[Sequence[str]]:
     (xyz,) = sample.clouds
     rows: list[Sequence[str]] = []
     for name in (LETTER, BARE, SPACE):
-        parameters = READINGS[name]
-        low, high = body(xyz[:, 2], parameters.gap, parameters.share)
+        parameters, on_map = READINGS[name]
+        low, high = body(xyz[:, 2], parameters.gap)
         left = (xyz[:, 2] >= low) & (xyz[:, 2] <= high)
-        m = differences(xyz[left], parameters.k, on_map=parameters.neighbours == 'map')
+        m = differences(xyz[left], parameters.k, on_map=on_map)
         good = ~sample.data.bad[left]
         # Good points keep the neighbours that they have: gross errors may be among them.
         sigma, clean = float(np.std(m, ddof=1)), float(np.std(m[good], ddof=1))
@@ -170,11 +176,11 @@ def _ranges(sample: Sample) -> list[Sequence[str]]:
     """Say between which elevations points are: at first, after the histogram, after all steps."""
     (xyz,) = sample.clouds
     z, letter = xyz[:, 2], READINGS[LETTER]
-    low, high = body(z, letter.gap, letter.share)
+    low, high = body(z, letter.parameters.gap)
     kept = {
         'before': np.ones(len(z), np.bool_),
         'after the histogram': (z >= low) & (z <= high),
-        **{f'by the letter, k = {k}': ~judge(xyz, _with(letter, k)).rejected for k in TABLE},
+        **{f'by the letter, k = {k}': ~judge(xyz, letter.of(k)).rejected for k in TABLE},
         'x and y, both sides, histogram, k = 30': ~judge(xyz, READINGS[OURS]).rejected,
         'good points alone': ~sample.data.bad,
     }
@@ -204,7 +210,7 @@ def _curves(sample: Sample, folder: Path) -> tuple[str, str]:
     series: dict[str, list[float]] = {}
     rows = []
     for name in DRAWN:
-        found = [judge(xyz, _with(READINGS[name], k)).rejected for k in CURVE]
+        found = [judge(xyz, READINGS[name].of(k)).rejected for k in CURVE]
         series[name.replace('`', '')] = [float(100 * one.mean()) for one in found]
         rows.append((f'{name}: eliminated', *(percent(float(one.mean())) for one in found)))
         rows.append((f'{name}: found', *(percent(float(one[bad].mean())) for one in found)))

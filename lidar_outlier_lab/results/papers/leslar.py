@@ -36,17 +36,13 @@ TITLES = {
     'ab': 'Table 5: (a), then (b)',
 }
 SIGMAS = (0.03, 0.05, 0.1, 0.15, 0.17, 0.2, 0.25)  # metres
-PARTS = (25, 50, 100, 200)  # points
-# Of (b) and (c): our quadric has a norm that is the same however the axes point; (19) has not.
 QUADRICS: Mapping[str, Mapping[str, object]] = {
-    'norm (19) by the letter': {'quadric.model': 'letter'},
     'σ of a residual at least 5 mm': {'quadric.sigma_floor': 0.005},
 }
 FORMS: Mapping[str, Mapping[str, object]] = {
     **{key: METHODS[f'leslar2010_{key}'] for key in TITLES},
     **{f'(a), σ = {sigma} m': {**SMOOTHER, 'alpha_beta_gamma.sigma': sigma} for sigma in SIGMAS},
     '(a), σ of each line': SMOOTHER,
-    **{f'(a), σ of each {n} points': {**SMOOTHER, 'alpha_beta_gamma.sigma_part': n} for n in PARTS},
     **{
         f'({key}), {name}': {**METHODS[f'leslar2010_{key}'], **values}
         for name, values in QUADRICS.items()
@@ -55,7 +51,6 @@ FORMS: Mapping[str, Mapping[str, object]] = {
     '(c), at most the model that is needed': {
         'chain': ['quadric'],
         'quadric.surfaces': 1,
-        'quadric.start': 'all',
         'quadric.significance': 0.001,
     },
     '`quadric` as it is by default': {'chain': ['quadric']},
@@ -167,7 +162,6 @@ class Asphalt(NamedTuple):
 SIDE, STEP, EVERY, HEIGHT = 150, 0.05, 14, 0.1  # points, metres, points, metres
 NOISES = (0.003, 0.005, 0.008)  # metres
 ASPHALT_FORMS: Mapping[str, Mapping[str, Any]] = {
-    '`model: letter`, no floor': {'model': 'letter', 'sigma_floor': 1e-6},
     '`model: always`, no floor': {'model': 'always', 'sigma_floor': 1e-6},
     '`model: always`, floor 5 mm': {'model': 'always'},
     '`model: lowest`': {'sigma_floor': 1e-6},
@@ -194,7 +188,7 @@ def _asphalt() -> str:
             cells = [f'{1000 * noise:.0f} mm', name]
             for window in ('patch', 'section'):
                 parameters = replace(
-                    Quadric(window=window, start='all', surfaces=1, significance=0.001), **changed
+                    Quadric(window=window, surfaces=1, significance=0.001), **changed
                 )
                 near = Neighbourhood(strip.xyz, parameters.list_length)
                 rejected = quadric.detect(near, parameters) > 1

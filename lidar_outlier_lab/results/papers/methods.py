@@ -21,7 +21,6 @@ SMOOTHER: Mapping[str, object] = MappingProxyType(
         'alpha_beta_gamma.order': 2,
         'alpha_beta_gamma.before': 5,
         'alpha_beta_gamma.after': 5,
-        'alpha_beta_gamma.min_window': 4,
         'alpha_beta_gamma.significance': 0.001,
         'alpha_beta_gamma.passes': 1,
     }
@@ -30,8 +29,6 @@ A_PRIORI = 0.2  # metres: with it (a) finds about as much of cloud A as in the p
 
 _SMOOTHER: Mapping[str, object] = {**SMOOTHER, 'alpha_beta_gamma.sigma': A_PRIORI}
 _SURFACE: Mapping[str, object] = {
-    'quadric.surfaces': 1,
-    'quadric.start': 'all',
     'quadric.model': 'always',
     'quadric.significance': 0.001,
     # The paper knows none.
@@ -66,11 +63,9 @@ METHODS: Mapping[str, Mapping[str, object]] = MappingProxyType(
         'kang2018': {
             'chain': ['elevation'],
             'elevation.gap': 5.0,
-            'elevation.share': 0.001,
             'elevation.k': 30,
             'elevation.multiplier': 3.0,
             'elevation.sides': 'low',
-            'elevation.sigma_floor': 1e-6,
         },
         'all_three': {'chain': ['alpha_beta_gamma', 'quadric', 'lof']},
     }

@@ -181,7 +181,7 @@ def test_the_second_phase_has_no_vote() -> None:
         slow('quadric', {'quadric.window': 'patch', 'quadric.significance': 1e-3}),
         slow(
             'quadric',
-            {'quadric.start': 'all', 'quadric.surfaces': 1, 'quadric.significance': 1e-3},
+            {'quadric.surfaces': 1, 'quadric.significance': 1e-3},
         ),
         ('lof', {'lof.statistic': 'lof2', 'lof.threshold': 0.5}),
         ('sor', {'sor.statistic': 'sor2', 'sor.limit': 0.1}),

@@ -211,8 +211,8 @@ def test_clutter_can_be_lost() -> None:
 def test_the_letter_is_one() -> None:
     """The row of the page is the file of the method, with the histogram that section 4 has."""
     values = METHODS['kang2018']
-    assert FilterParameters().changed(values).of(Elevation) == kang.READINGS[kang.LETTER]
-    assert kang.READINGS[kang.LETTER].gap > 0
+    assert FilterParameters().changed(values).of(Elevation) == kang.READINGS[kang.LETTER].parameters
+    assert kang.READINGS[kang.LETTER].parameters.gap > 0
     page = (DOC / 'kang2018.md').read_text(encoding='utf-8')
     assert page.count(f'| {kang.LETTER} | ') == 2
 
@@ -255,8 +255,8 @@ def test_readings() -> None:
     assert rejected[kang.LETTER][7]
     assert not rejected[kang.LETTER][8]
     assert rejected[kang.OURS][[7, 8]].all()
-    assert kang._with(Elevation(sides='low'), 60) == Elevation(sides='low', k=60)
-    assert {one.neighbours for one in kang.READINGS.values()} == {'map', 'space'}
+    assert kang.Reading(Elevation(sides='low')).of(60).parameters == Elevation(sides='low', k=60)
+    assert {one.on_map for one in kang.READINGS.values()} == {True, False}
 
 
 # Pirotti ------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import chdtri, ndtri
+from scipy.special import ndtri
 
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma import kernels as smoother_kernels
 from lidar_outlier_filter.core.detectors.alpha_beta_gamma.kernels import (
@@ -133,9 +133,9 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
     everything = np.arange(len(points), dtype=np.int64)
     standard = residuals(series, everything, parameters)
     precision = _precision(standard, points, lines, parameters)
-    critical = critical_values(parameters.significance, parameters.test)
+    critical = critical_value(parameters.significance)
     either = parameters.sides == 'either'
-    score, rank = _scores(standard, precision, everything, *critical, either)
+    score, rank = _scores(standard, precision, everything, critical, either)
     rejected = np.zeros(len(points), np.bool_)
     failing = np.flatnonzero(score > 1)
     number = 1
@@ -144,7 +144,7 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
         rejected[worst] = True
         spoiled = _unlink(worst, series.before, series.after, before, after, rejected)
         standard = residuals(series, spoiled, parameters)
-        score[spoiled], rank[spoiled] = _scores(standard, precision, spoiled, *critical, either)
+        score[spoiled], rank[spoiled] = _scores(standard, precision, spoiled, critical, either)
         failing = _still_failing(failing, spoiled, score, rejected)
         number += 1
     rejected[failing] = True
@@ -152,15 +152,9 @@ def detect(points: Points, lines: Lines, parameters: AlphaBetaGamma) -> Outcome:
 
 
 @lru_cache(maxsize=64)
-def critical_values(significance: float, test: str) -> tuple[float, float]:
-    """Return the critical value of one coordinate and of all three, inf for one that is not tested.
-
-    One coordinate's is two-sided normal (17); three independent ones have χ² with three degrees of
-    freedom.
-    """
-    each = -float(ndtri(significance / 2)) if test != 'joint' else np.inf
-    joint = float(np.sqrt(chdtri(3, significance))) if test != 'each' else np.inf
-    return each, joint
+def critical_value(significance: float) -> float:
+    """Return the two-sided quantile of the normal distribution (17)."""
+    return -float(ndtri(significance / 2))
 
 
 def _series(points: Points, lines: Lines, pad: int) -> Series:
@@ -209,20 +203,16 @@ def _precision(
         return np.ones((3, len(points)))
     if parameters.sigma > 0:
         return np.full((3, len(points)), 1 / parameters.sigma)
-    return _line_precision(
-        standard[CENTRED], lines.first, parameters.sigma_floor, parameters.sigma_part
-    )
+    return _line_precision(standard[CENTRED], lines.first, parameters.sigma_floor)
 
 
 @kernel
 def _line_precision(
-    standard: NDArray[np.float64], first: NDArray[np.int64], floor: float, part: int
+    standard: NDArray[np.float64], first: NDArray[np.int64], floor: float
 ) -> NDArray[np.float64]:
     """Estimate 1/σ of each line and coordinate from its median absolute centred difference.
 
-    A line with too few differences for a median has NaN: its points stay untested. Where a part
-    has a number of points, the line falls into as many equal parts as have that many; a part with
-    too few differences has the σ of its line.
+    A line with too few differences for a median has NaN: its points stay untested.
     """
     result = np.full(standard.shape, np.nan)
     scratch = np.empty(standard.shape[1])
@@ -230,13 +220,6 @@ def _line_precision(
         for line in range(len(first) - 1):
             begin, end = first[line], first[line + 1]
             result[axis, begin:end] = _one_precision(standard[axis], begin, end, floor, scratch)
-            parts = (end - begin) // part if part > 0 else 1
-            for number in range(parts if parts > 1 else 0):
-                low = begin + (end - begin) * number // parts
-                high = begin + (end - begin) * (number + 1) // parts
-                value = _one_precision(standard[axis], low, high, floor, scratch)
-                if not np.isnan(value):
-                    result[axis, low:high] = value
     return result
 
 
@@ -260,8 +243,7 @@ def _scores(
     standard: NDArray[np.float64],
     precision: NDArray[np.float64],
     which: NDArray[np.int64],
-    critical_each: float,
-    critical_joint: float,
+    critical: float,
     either: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Score points by the centred window, or by the side they agree with better, and rank them.
@@ -274,11 +256,11 @@ def _scores(
     rank = np.full(len(which), np.nan)
     for m in range(len(which)):
         k = which[m]
-        centred = _window_score(standard[CENTRED], m, precision, k, critical_each, critical_joint)
+        centred = _window_score(standard[CENTRED], m, precision, k, critical)
         score = centred
         if either:
-            front = _window_score(standard[BEFORE], m, precision, k, critical_each, critical_joint)
-            behind = _window_score(standard[AFTER], m, precision, k, critical_each, critical_joint)
+            front = _window_score(standard[BEFORE], m, precision, k, critical)
+            behind = _window_score(standard[AFTER], m, precision, k, critical)
             front = centred if np.isnan(front) else front
             score = min(front, centred if np.isnan(behind) else behind)
         result[m] = score
@@ -293,20 +275,16 @@ def _window_score(
     m: int,
     precision: NDArray[np.float64],
     k: int,
-    critical_each: float,
-    critical_joint: float,
+    critical: float,
 ) -> float:
-    """Divide the statistics of one window by their critical values; the larger counts."""
+    """Divide the worst coordinate's statistic of one window by the critical value."""
     a = abs(standard[0, m]) * precision[0, k]
     b = abs(standard[1, m]) * precision[1, k]
     c = abs(standard[2, m]) * precision[2, k]
     # All three are NaN together, and max() would not show it.
     if np.isnan(a):
         return np.nan
-    score = max(a, b, c) / critical_each
-    if critical_joint < np.inf:
-        score = max(score, np.sqrt(a * a + b * b + c * c) / critical_joint)
-    return float(score)
+    return float(max(a, b, c) / critical)
 
 
 @kernel

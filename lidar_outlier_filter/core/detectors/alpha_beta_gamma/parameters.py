@@ -32,27 +32,11 @@ class AlphaBetaGamma(Section):
         'the window on one side is kept, so edges and corners stay.',
         choices=('both', 'either'),
     )
-    test: str = declare(
-        'each',
-        'each: the worst coordinate; joint: all three at once; both: the stricter of the two.',
-        choices=('each', 'joint', 'both'),
-    )
     sigma: float = declare(
         0.0, 'Standard deviation of a coordinate; 0: estimated from each line.', 'm', 0.0, 100.0
     )
     sigma_floor: float = declare(
         0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
-    )
-    sigma_part: int = declare(
-        0,
-        'Points of a part of a line whose standard deviation is estimated by itself, as noise may '
-        'grow along a line; 0: one estimate for the line.',
-        '',
-        0,
-        1_000_000,
-    )
-    min_window: int = declare(
-        3, 'Fewest other points in a window; with fewer a point stays untested.', '', 3, 1000
     )
     passes: int = declare(
         30, 'Most repetitions without the rejected; the last rejects all that is left.', '', 1, 1000
@@ -63,16 +47,20 @@ class AlphaBetaGamma(Section):
         choices=('kernel', 'filterpy'),
     )
 
+    @property
+    def min_window(self) -> int:
+        """Fewest other points in a window: one more than the unknowns of the motion.
+
+        With as many as unknowns all points of a window would fail alike.
+        """
+        return self.order + 2
+
     def check(self) -> None:
         """Refuse windows that are too short."""
-        if self.min_window < self.order + 2:
-            # With one point more than unknowns all of them fail alike: none is known to be wrong.
-            must_be = f'at least order + 2 = {self.order + 2}'
-            raise ParameterError('alpha_beta_gamma.min_window', must_be, self.min_window)
         got = f'{self.before} and {self.after}'
         if self.before + self.after < self.min_window:
-            must_be = f'together at least min_window = {self.min_window}'
+            must_be = f'together at least order + 2 = {self.min_window}'
             raise ParameterError('alpha_beta_gamma.before and after', must_be, got)
         if self.sides == 'either' and max(self.before, self.after) < self.min_window:
-            must_be = f'at most before or after, or there is no side to agree with ({got})'
-            raise ParameterError('alpha_beta_gamma.min_window', must_be, self.min_window)
+            must_be = f'one of them at least order + 2 = {self.min_window}, with sides: either'
+            raise ParameterError('alpha_beta_gamma.before and after', must_be, got)

@@ -6,9 +6,9 @@ Their section 3.3, with its numbers:
 
 1. The elevation histogram takes off what is set apart above and below. The paper does that by eye;
    here an empty stretch of elevations wider than ``gap`` sets points beyond it apart, if they are
-   at most ``share`` of all, or one. The stretch is between two points, not between two bins, so
+   at most a thousandth of all, or one. The stretch is between two points, not between two bins, so
    that it does not matter where bins begin.
-2. A kd-tree of x and y of the points that are left; ``neighbours: space`` has one of x, y and z.
+2. A kd-tree of x and y of the points that are left.
 3. M, the mean elevation of the k nearest in it, the point left out, less its own elevation. Others
    that are exactly as near as the k-th count too, so M does not depend on the order of the points.
 4. Mean and standard deviation σ of all M.
@@ -16,8 +16,8 @@ Their section 3.3, with its numbers:
 
 The paper's (5) is M - mean > 3σ. Taken by its letter it finds low points only, although its
 section 1 promises high ones too; it is ``sides: low``, its mirror image ``high``, and ``both``
-takes the absolute value. σ is at least ``sigma_floor``, so that on a flat floor roundings are no
-gross errors.
+takes the absolute value. σ is at least 5 mm, so that on a flat floor roundings are no gross
+errors.
 
 ``against: ground`` compares with a :mod:`.ground` surface instead, in metres.
 
@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 CHUNK = 1 << 14  # points that a thread takes at once
+SHARE = 0.001  # most of the points that are taken off as set apart, on each side
+SIGMA_FLOOR_M = 0.005  # least standard deviation that an estimate may give
 
 
 def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
@@ -51,7 +53,7 @@ def score(seen: DetectorInput, parameters: FilterParameters) -> Scores:
     return Scores(detect(seen.points.xyz, parameters.of(Elevation), seen.threads))
 
 
-def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
+def detect(xyz: Floats, parameters: Elevation, threads: int = 0, *, on_map: bool = True) -> Floats:
     """Test the elevation of every point.
 
     Parameters
@@ -59,6 +61,7 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
     xyz : (N, 3) float64, finite, metres, z up
     parameters : see :class:`~.elevation.parameters.Elevation`
     threads : at most so many, 0 for all cores; the scores do not depend on it
+    on_map : whether neighbours are the nearest in x and y, as in the paper, or in x, y and z
 
     Returns
     -------
@@ -102,20 +105,16 @@ def detect(xyz: Floats, parameters: Elevation, threads: int = 0) -> Floats:
         raise FilterError('coordinates', f'finite and at most {LARGEST:g} m', got)
     if against_ground:
         return _above_ground(xyz, parameters)
-    low, high = body(xyz[:, 2], parameters.gap, parameters.share)
+    low, high = body(xyz[:, 2], parameters.gap)
     beyond = np.maximum(low - xyz[:, 2], xyz[:, 2] - high)
     apart = beyond > 0
     score[apart] = beyond[apart] / parameters.gap
     left = ~apart
     if np.count_nonzero(left) <= parameters.k:
         return score
-    difference = differences(
-        xyz[left] if apart.any() else xyz,
-        parameters.k,
-        threads,
-        on_map=parameters.neighbours == 'map',
-    )
-    sigma = max(parameters.sigma_floor, float(np.std(difference, ddof=1)))
+    body_xyz = xyz[left] if apart.any() else xyz
+    difference = differences(body_xyz, parameters.k, threads, on_map=on_map)
+    sigma = max(SIGMA_FLOOR_M, float(np.std(difference, ddof=1)))
     off = (difference - np.mean(difference)) / (parameters.multiplier * sigma)
     score[left] = np.abs(off) if parameters.sides == 'both' else off
     if parameters.sides == 'high':
@@ -128,21 +127,22 @@ def _above_ground(xyz: Floats, parameters: Elevation) -> Floats:
     # SciPy's filters take a third of a second to import, and neighbours need none of them.
     from lidar_outlier_filter.core.detectors.elevation.ground import heights  # noqa: PLC0415
 
-    height = heights(xyz, parameters.cell, parameters.widest, parameters.slope)
+    height = heights(xyz, parameters.cell, parameters.widest)
     above, below = height, -parameters.depth_counts * height
     sides = {'high': above, 'low': below, 'both': np.maximum(above, below)}
     score: Floats = sides[parameters.sides] / parameters.height
     return score
 
 
-def body(elevation: Floats, gap: float, share: float) -> tuple[float, float]:
+def body(elevation: Floats, gap: float) -> tuple[float, float]:
     """Return the lowest and the highest elevation, metres, that are not set apart.
 
-    Seen from outside, the last empty stretch wider than ``gap`` counts that has at most ``share``
+    Seen from outside, the last empty stretch wider than ``gap`` counts that has at most ``SHARE``
     of the points, or one, beyond it. Of one or two points none is set apart; nor with a gap of 0.
+
     """
     count = len(elevation)
-    most = max(1, int(share * count))
+    most = max(1, int(SHARE * count))
     if gap == 0 or 2 * most >= count:
         return float(elevation.min()), float(elevation.max())
     outside = (most, count - 1 - most)

@@ -7,9 +7,9 @@
    without points lie between the nearest two rows in the same way.
 2. Openings by squares of 3, 5, 9, 17 … cells, each of what the last one left, until a square is as
    wide as the widest that stands on the ground.
-3. A cell that an opening of w cells lowers by more than ``RISE`` + slope · (w - w before) · cell,
-   at most ``MOST_RISE``, is no ground; for the first opening it is ``RISE``. The ground under such
-   cells is filled as in 1.
+3. A cell that an opening of w cells lowers by more than ``RISE`` + ``SLOPE`` · (w - w before) ·
+   cell, at most ``MOST_RISE``, is no ground; for the first opening it is ``RISE``. The ground under
+   such cells is filled as in 1.
 
 An opening takes off what is higher than its surroundings, and keeps what is lower: the paper leaves
 low points to others. Here a cell of the ground that lies more than ``PIT`` below its closing by
@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 
 RISE, MOST_RISE = 0.3, 3.0  # metres
 PIT = 0.5  # metres
+SLOPE = 0.3  # of the ground, rise ÷ run
 MOST_CELLS = 16  # for a point, and as many as in FREE_CELLS in any case
 FREE_CELLS = 1 << 22
 
 
-def heights(xyz: Floats, cell: float, widest: float, slope: float) -> Floats:
+def heights(xyz: Floats, cell: float, widest: float) -> Floats:
     """Return how high N points are above the ground, metres; negative below it.
 
     Between the centres of cells the ground is interpolated, along x and along y.
@@ -45,7 +46,6 @@ def heights(xyz: Floats, cell: float, widest: float, slope: float) -> Floats:
     xyz : (N, 3) float64, finite, metres, z up; N > 0
     cell : side of a cell, metres
     widest : of what stands on the ground, metres: openings go as far as that
-    slope : of the ground, rise ÷ run
 
     Raises
     ------
@@ -64,7 +64,7 @@ def heights(xyz: Floats, cell: float, widest: float, slope: float) -> Floats:
     if float(shape[0]) * float(shape[1]) > max(FREE_CELLS, MOST_CELLS * len(xyz)):
         must_be = f'large enough for at most {MOST_CELLS} cells a point'
         raise FilterError('elevation.cell', must_be, f'{shape[0]} × {shape[1]} of {cell:g} m')
-    ground = surface(lowest(at, xyz[:, 2], shape), cell, widest, slope)
+    ground = surface(lowest(at, xyz[:, 2], shape), cell, widest)
     height: Floats = xyz[:, 2] - ndimage.map_coordinates(
         ground, at.T - 0.5, order=1, mode='nearest'
     )
@@ -79,13 +79,13 @@ def lowest(at: Floats, z: Floats, shape: Ints) -> Floats:
     return filled(grid, np.isfinite(grid))
 
 
-def surface(grid: Floats, cell: float, widest: float, slope: float) -> Floats:
+def surface(grid: Floats, cell: float, widest: float) -> Floats:
     """Return the ground of a grid of lowest points."""
     ground, is_ground = grid, np.ones(grid.shape, np.bool_)
     before = width = 3
     while True:
         opened = ndimage.grey_opening(ground, (width, width))
-        rise = min(RISE + slope * (width - before) * cell, MOST_RISE)
+        rise = min(RISE + SLOPE * (width - before) * cell, MOST_RISE)
         is_ground &= ground - opened <= rise
         ground = opened
         if width * cell >= widest:

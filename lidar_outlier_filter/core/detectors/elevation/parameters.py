@@ -38,13 +38,7 @@ class Elevation(Section):
     widest: float = declare(
         40.0, 'Width of the widest that stands on the ground: a building, a crown.', 'm', 0.0, 1e4
     )
-    slope: float = declare(0.3, 'Slope of the ground, rise ÷ run.', '', 0.0, 10.0)
     k: int = declare(30, 'Neighbours whose mean elevation counts; ties count too.', '', 1, 1000)
-    neighbours: str = declare(
-        'map',
-        'map: the nearest in x and y (the paper); space: the nearest in x, y and z.',
-        choices=('map', 'space'),
-    )
     multiplier: float = declare(
         3.0, 'Standard deviations of all differences that one may differ.', '', 1e-6, 1000.0
     )
@@ -59,10 +53,4 @@ class Elevation(Section):
         'm',
         0.0,
         1e6,
-    )
-    share: float = declare(
-        0.001, 'Most of the points that are taken off as set apart, on each side.', '', 0.0, 0.4
-    )
-    sigma_floor: float = declare(
-        0.005, 'Least standard deviation that an estimate may give.', 'm', 1e-6, 100.0
     )

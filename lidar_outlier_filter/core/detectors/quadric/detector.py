@@ -12,7 +12,7 @@ from scipy.special import fdtri, stdtrit
 
 from lidar_outlier_filter.core.detectors.quadric import windows as quadric_windows
 from lidar_outlier_filter.core.detectors.quadric.kernels import empty_window
-from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
+from lidar_outlier_filter.core.detectors.quadric.parameters import MIN_POINTS, Quadric
 from lidar_outlier_filter.core.detectors.quadric.statistics import Rules
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.kernels import threads
@@ -76,7 +76,7 @@ def detect(
     >>> import numpy as np
     >>> from lidar_outlier_filter.core.detectors.quadric import detector as quadric
     >>> from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-    >>> from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
+    >>> from lidar_outlier_filter.core.detectors.quadric.parameters import MIN_POINTS, Quadric
     >>> x, y = np.divmod(np.arange(900.0), 30)
     >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
     >>> xyz[77, 2] = 6.0  # above a floor
@@ -88,7 +88,7 @@ def detect(
     """
     components = _components(variance, len(neighbourhood))
     score = np.full(len(neighbourhood), np.nan)
-    if len(neighbourhood) < parameters.min_points:
+    if len(neighbourhood) < MIN_POINTS:
         return score
     place = quadric_windows.sort_leaves(neighbourhood.xyz, neighbourhood.tree)
     xyz, order = neighbourhood.xyz[place], neighbourhood.order[place]
@@ -109,7 +109,7 @@ def _sections(
     room = int((tree.last - tree.first)[cores].max()) + quadric_windows.RIM * section
 
     def work(begin: int, end: int) -> tuple[NDArray[np.int64], Floats]:
-        window = empty_window(room, variance.shape[1], letter=rules.letter)
+        window = empty_window(room, variance.shape[1])
         return quadric_windows.judge_sections(
             xyz, variance, tree, levels, cores[begin:end], section, rules, window, score
         )
@@ -136,7 +136,7 @@ def _patches(
     rank[place] = np.arange(len(xyz))
 
     def work(begin: int, end: int) -> None:
-        window = empty_window(nearest.shape[1] + 1, variance.shape[1], letter=rules.letter)
+        window = empty_window(nearest.shape[1] + 1, variance.shape[1])
         quadric_windows.judge_patches(
             xyz, variance, nearest, place, rank, begin, end, rules, window, score
         )
@@ -150,11 +150,9 @@ def _rules(parameters: Quadric) -> Rules:
         critical,
         ratio,
         parameters.sigma_floor,
-        parameters.min_points,
-        parameters.surfaces,
-        parameters.start == 'robust',
-        parameters.model != 'lowest',
-        parameters.model == 'letter',
+        MIN_POINTS,
+        1 if parameters.model == 'always' else parameters.surfaces,
+        parameters.model == 'always',
     )
 
 

@@ -5,8 +5,7 @@
 The three are one model with 4, 7 or 10 of the parameters of (18), nested: the columns of B (23) are
 1, x, y, z, then x², xy, y², then xz, yz, z², where z is the normal of a plane through the points
 (a paraboloid stands on it). Products of two coordinates are multiplied by √2, so that the norm (19)
-is the same whichever way the axes point; a4, a5 and a6 of (18) are √2 times the ones here. By the
-letter of the paper they are multiplied by 1, and x, y and z are the axes of the cloud.
+is the same whichever way the axes point; a4, a5 and a6 of (18) are √2 times the ones here.
 """
 
 from __future__ import annotations
@@ -17,12 +16,14 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.quadric.kernels import (
     BEGIN,
+    LEAST_VARIANCE,
     LONG,
     MEAN,
     MIDDLE,
     MOMENTS,
     NORMAL,
     QUADRIC,
+    ROOT2,
     SIZES,
     WEIGHT,
     Window,
@@ -159,16 +160,9 @@ def _variance_along(variance: Floats, x: float, y: float, z: float) -> float:
 
 
 @inner_kernel
-def level(window: Window) -> None:
-    """Turn the frame of the plane into the axes of the cloud."""
-    window.plane[:MEAN] = 0.0
-    window.plane[NORMAL + 2] = window.plane[MIDDLE + 1] = window.plane[LONG] = 1.0
-
-
-@inner_kernel
 def fill_rows(window: Window, n: int) -> None:
     """Fill B (23) of all points, in the frame of the plane."""
-    xyz, plane, rows, root = window.xyz, window.plane, window.rows, window.root
+    xyz, plane, rows, root = window.xyz, window.plane, window.rows, ROOT2
     for i in range(n):
         a, b, c = xyz[0, i] - plane[MEAN], xyz[1, i] - plane[MEAN + 1], xyz[2, i] - plane[MEAN + 2]
         x = plane[LONG] * a + plane[LONG + 1] * b + plane[LONG + 2] * c
@@ -187,7 +181,7 @@ def measure_gradient(window: Window, n: int) -> None:
     at a hundredth of the mean of the kept points, or those few would decide all.
     """
     a, plane, rows, sigma2 = window.a, window.plane, window.rows, window.sigma2
-    root = window.root
+    root = ROOT2
     total, count = 0.0, 0
     for i in range(n):
         x, y, z = rows[i, 1], rows[i, 2], rows[i, 3]
@@ -204,7 +198,7 @@ def measure_gradient(window: Window, n: int) -> None:
         if window.kept[i]:
             total += sigma2[i]
             count += 1
-    least = window.least * total / count
+    least = LEAST_VARIANCE * total / count
     for i in range(n):
         sigma2[i] = max(sigma2[i], least)
 

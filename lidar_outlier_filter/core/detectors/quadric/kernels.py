@@ -31,9 +31,6 @@ class Window(NamedTuple):
 
     Attributes
     ----------
-    root, least : float
-        What products of two coordinates are multiplied by, and the part of the mean variance that
-        none is below: √2 and a hundredth; 1 and 0 are the paper by its letter.
     xyz : (3, M) float64
         Coordinates.
     variance : (M, C) float64
@@ -59,8 +56,6 @@ class Window(NamedTuple):
 
     """
 
-    root: float
-    least: float
     xyz: Floats
     variance: Floats
     rows: Floats
@@ -85,11 +80,9 @@ class Window(NamedTuple):
     vectors: Floats
 
 
-def empty_window(room: int, components: int, *, letter: bool = False) -> Window:
+def empty_window(room: int, components: int) -> Window:
     """Make room for windows of up to so many points, with so many components of variance."""
     return Window(
-        1.0 if letter else ROOT2,
-        0.0 if letter else LEAST_VARIANCE,
         np.zeros((3, room)),
         np.zeros((room, components)),
         np.zeros((room, QUADRIC)),

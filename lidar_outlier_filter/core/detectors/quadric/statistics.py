@@ -44,12 +44,9 @@ class Rules(NamedTuple):
         Least number of points that make a surface.
     surfaces : int
         Largest number of surfaces.
-    robust : bool
-        Whether a surface begins with the points nearest to a plane; else with all, as a quadric.
     always : bool
-        Whether nothing but a quadric is fitted, ambiguous or not, and every window is decided.
-    letter : bool
-        Whether its axes are those of the cloud, as the norm (19) by the letter wants.
+        Whether nothing but a quadric is fitted, to all points, ambiguous or not, and every window
+        is decided; else a surface begins with the points nearest to a plane.
 
     """
 
@@ -58,9 +55,7 @@ class Rules(NamedTuple):
     floor: float
     fewest: int
     surfaces: int
-    robust: bool
     always: bool
-    letter: bool
 
 
 class FittedSurface(NamedTuple):
@@ -116,7 +111,7 @@ def measure_tests(window: Window, n: int, size: int, rules: Rules, growth: Growt
     squares, freedom = _squares(window, n, size, growth)
     if freedom < 2:  # noqa: PLR2004  one is left without the point itself
         return False
-    apart = rules.robust and growth.freedom == 0
+    apart = not rules.always and growth.freedom == 0
     last = len(rules.critical) - 1
     critical = rules.critical[min(freedom, last)]
     critical_kept = rules.critical[min(freedom - 1, last)] if apart else critical
@@ -196,22 +191,21 @@ def is_bent(window: Window, n: int, rules: Rules) -> bool:
     before_half = _sum(scratch, half)
     before, after = _step_from_plane(window, n)
     bent = is_better(before, after, count - (PARABOLOID - 1), rules)
-    if rules.robust:
-        after_half = np.inf
-        for _ in range(CONCENTRATIONS):
-            reach = _rank_squares(window, n, half - 1)
-            for i in range(n):
-                far = window.residual[i] ** 2 / sigma2[i] > reach
-                window.weight[i] = 1 / sigma2[i] if window.kept[i] and not far else 0.0
-            if np.isnan(_step_from_plane(window, n)[0]):
-                return False
+    after_half = np.inf
+    for _ in range(CONCENTRATIONS):
         reach = _rank_squares(window, n, half - 1)
-        after_half = _sum(scratch, half)
-        bent = bent or is_better(before_half, after_half, half - (PARABOLOID - 1), rules)
-        if bent:
-            for i in range(n):
-                near = window.residual[i] ** 2 / sigma2[i] <= reach
-                window.kept[i] = window.kept[i] and near
+        for i in range(n):
+            far = window.residual[i] ** 2 / sigma2[i] > reach
+            window.weight[i] = 1 / sigma2[i] if window.kept[i] and not far else 0.0
+        if np.isnan(_step_from_plane(window, n)[0]):
+            return False
+    reach = _rank_squares(window, n, half - 1)
+    after_half = _sum(scratch, half)
+    bent = bent or is_better(before_half, after_half, half - (PARABOLOID - 1), rules)
+    if bent:
+        for i in range(n):
+            near = window.residual[i] ** 2 / sigma2[i] <= reach
+            window.kept[i] = window.kept[i] and near
     normalize(window, SIZES[1])
     return bent
 

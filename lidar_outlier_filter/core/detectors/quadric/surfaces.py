@@ -21,7 +21,6 @@ from lidar_outlier_filter.core.detectors.quadric.fits import (
     fill_rows,
     fit_plane,
     is_plane,
-    level,
     measure_heights,
     start_algebraic,
     weigh,
@@ -85,7 +84,7 @@ def judge(window: Window, n: int, rules: Rules) -> None:
         else:
             surface = _grow(window, n, rules, Growth(floor, np.inf, 0))
             noise, freedom = max(surface.deviation, floor), surface.support - (surface.size - 1)
-        if surface.size == 0 or (rules.robust and noise > max(THICK, floor)):
+        if surface.size == 0 or (not rules.always and noise > max(THICK, floor)):
             break
         left = 0
         for i in range(n):
@@ -132,7 +131,7 @@ def _begin(window: Window, n: int, left: int, floor: float, rules: Rules) -> boo
     Planes are suggested by all points left, and by runs of them without the worse half of each.
     The one that has a share of the points left nearest to it is fitted again to those.
     """
-    if not rules.robust:
+    if rules.always:
         window.kept[:n] = window.left[:n]
         return True
     rank = min(left, max(rules.fewest, int(np.ceil(SHARE * left)))) - 1
@@ -223,18 +222,12 @@ def _drop_worse_half(window: Window, begin: int, end: int) -> None:
 @inner_kernel
 def _grow(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a surface from the kept points, and raise its model as far as that pays."""
-    if not rules.robust:
+    if rules.always:
         for i in range(n):
             window.weight[i] = 1.0 if window.kept[i] else 0.0
         fit_plane(window, BEGIN[0], n)
-        if rules.letter:
-            level(window)
         fill_rows(window, n)
-        start = window.kept[:n].copy()
-        quadric = _grow_quadric(window, n, rules, growth)
-        if quadric.size > 0 or rules.always:
-            return quadric
-        window.kept[:n] = start
+        return _grow_quadric(window, n, rules, growth)
     plane = _settle(window, n, SIZES[0], rules, growth)
     if plane.size == 0 or plane.deviation <= growth.floor:
         return plane
@@ -253,7 +246,7 @@ def _rise(
     window: Window, n: int, paraboloid: FittedSurface, rules: Rules, growth: Growth
 ) -> FittedSurface:
     """Raise a paraboloid to a quadric if that pays and is not ambiguous."""
-    if not rules.robust or paraboloid.deviation <= growth.floor:
+    if paraboloid.deviation <= growth.floor:
         return paraboloid
     kept, test = window.kept[:n].copy(), window.test[:n].copy()
     weigh(window, n)
@@ -270,7 +263,7 @@ def _rise(
 def _grow_quadric(window: Window, n: int, rules: Rules, growth: Growth) -> FittedSurface:
     """Grow a quadric from the algebraic start, in the rows' frame; none if it is ambiguous.
 
-    By the letter of the paper every quadric is taken.
+    Where a quadric is always fitted, every one is taken.
     """
     if start_algebraic(window, n) > GAP or rules.always:
         quadric = _settle(window, n, SIZES[2], rules, growth)
