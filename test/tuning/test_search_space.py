@@ -139,9 +139,9 @@ def test_settings_are_all_that_are_possible() -> None:
     (search,) = searches(SMOOTHER)
     found = {tuple(setting.values()) for setting in search.settings}
     assert len(found) == 6 * 2 * 2 - 1
-    assert (3, 3, 1, 3, 'either') in found
-    assert (3, 3, 2, 4, 'either') not in found
-    assert (3, 3, 2, 4, 'both') in found
+    assert (3, 3, 1, 'either') in found
+    assert (3, 3, 2, 'either') not in found
+    assert (3, 3, 2, 'both') in found
 
 
 def test_wanted_values_replace_the_usual_ones() -> None:
@@ -182,7 +182,11 @@ def test_kept_parameters_stay() -> None:
         ({}, ['chain'], "must be those of alpha_beta_gamma, got 'chain'"),
         ({'alpha_beta_gamma.order': ['x']}, (), "order must be a whole number, got 'x'"),
         ({'alpha_beta_gamma.significance': [2.0]}, (), 'significance must be from 1e-15 to 0.5'),
-        ({'alpha_beta_gamma.before': [0]}, (), 'alpha_beta_gamma must be possible together'),
+        (
+            {'alpha_beta_gamma.before': [0], 'alpha_beta_gamma.after': [0]},
+            (),
+            'alpha_beta_gamma must be possible together',
+        ),
     ],
 )
 def test_refused_searches(wanted: dict[str, list[object]], kept: list[str], sentence: str) -> None:
