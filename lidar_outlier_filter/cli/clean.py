@@ -44,6 +44,10 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.report.worst import Worst
 
 CLEANED, OUTLIERS = '_cleaned', '_outliers'  # behind the name of a file
+EXAMPLES = """\
+examples:
+  lidar-outlier-filter clean street.laz --dry-run --picture worst.png
+  lidar-outlier-filter clean strips --output cleaned --ignore-classes 7,18"""
 
 
 def add_clean(commands: Commands) -> None:
@@ -53,136 +57,130 @@ def add_clean(commands: Commands) -> None:
         help='filter clouds that are files',
         description='Judge all points of a file together, and write a copy with every attribute '
         'kept. Reads and writes LAS, LAZ, PCD, PLY, PTX, CSV, Parquet, and tables of SQLite '
-        'databases; reads E57, and writes PLY of it. Beside each copy goes a log, .log and '
-        '.json. alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan '
-        'direction, angle or edges; others: columns such as time and ring); boosted_trees uses '
-        'them where there are some. Exit '
-        'status: 0 all done; 1 refused, nothing is written; 3 some of the files were '
-        'refused, or none of the points of one could be tested.',
+        'databases; reads E57, and writes PLY. Beside each copy goes a log, NAME.json. '
+        'alpha_beta_gamma needs a time and scan lines (LAS: gps_time, and the scan direction, '
+        'angle or edges; others: columns such as time and ring); boosted_trees uses them if there '
+        'are any. Exit status: 0 all done; 1 refused, nothing is written; 3 some of the files '
+        'were refused, or none of the points of one could be tested.',
+        epilog=EXAMPLES,
     )
-    parser.add_argument(
-        'files', type=Path, nargs='+', metavar='FILE', help='the clouds, or folders of them'
-    )
+    add = parser.add_argument
+    add('files', type=Path, nargs='+', metavar='FILE', help='clouds, or folders of clouds')
     _add_outputs(parser)
     _add_marks(parser)
-    _add_run(parser)
-    parser.add_argument(
-        '--columns', metavar='X,Y[,Z]', help='the two or three coordinates; default: x,y,z'
+    add(
+        '--strips',
+        action='store_true',
+        help='judge the points of each point_source_id (LAS) separately: the strips of a flight',
     )
-    parser.add_argument(
+    add(
+        '--jobs',
+        type=int,
+        metavar='N',
+        help='clean N files at once; default: as many as there are cores',
+    )
+    add(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='address of a Dask cluster whose workers clean whole files, as tcp://host:8786; with '
+        '--output DIR. They must reach all files by the same paths',
+    )
+    add(
+        '--tile',
+        type=float,
+        default=0.0,
+        metavar='METRES',
+        help='judge the cloud in square tiles of this side, to save memory; a tile should hold '
+        'about a million points. The verdicts are those of one piece, which is the default (0); '
+        'those of quadric depend on the side',
+    )
+    add(
+        '--columns',
+        metavar='X,Y[,Z]',
+        help='the two or three coordinates; default: x,y,z. Columns of a text file without a '
+        'header are called 1, 2, 3: --columns 1,2,3',
+    )
+    add(
         '--unit',
         choices=('m', 'cm', 'mm', 'ft', 'us-ft'),
         help='unit of the coordinates; default: as LAS and LAZ say, metres elsewhere',
     )
-    parser.add_argument(
-        '--table', metavar='NAME', help='table of a database; default: the only one'
-    )
+    add('--table', metavar='NAME', help='table of a database; default: the only one')
     add_chain_option(parser)
     add_parameter_options(parser)
     parser.set_defaults(run=_clean)
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Add the options on where to."""
-    parser.add_argument(
+    """Add the options that name outputs."""
+    add = parser.add_argument
+    add(
         '--output',
         type=Path,
         metavar='PATH',
-        help='new file, or a folder for it (for several files: a folder, which is made if there is '
-        'none); default: FILE_cleaned. A folder gains manifest.jsonl, a line for each file, and '
-        'archive.html',
+        help='new file, or a folder for it (for several files: a folder, which is created); '
+        'default: FILE_cleaned',
     )
-    parser.add_argument(
+    add(
         '--outliers',
         type=Path,
         metavar='FILE',
         help='new file for the rejected points (--rejected separate); default: FILE_outliers',
     )
-    parser.add_argument(
+    add(
         '--dry-run',
         action='store_true',
         help='write nothing; print what would be rejected, by detector, class and cause, and the '
         'largest groups',
     )
-    parser.add_argument(
+    add(
         '--picture',
         type=Path,
         metavar='FILE.png',
-        help='draw a map of what is rejected, and the largest groups from the side, as a new PNG; '
+        help='draw a map of rejected points, and the largest groups from the side, as a new PNG; '
         'also in a dry run',
     )
-    parser.add_argument(
+    add(
         '--resume',
         action='store_true',
-        help='go on where a run for the same output was broken off; a folder does so anyway, by '
-        'its manifest: what it proves to be done is left',
+        help='continue an interrupted run for the same output; for a folder this is the default',
     )
 
 
 def _add_marks(parser: argparse.ArgumentParser) -> None:
-    """Add the options on what becomes of rejected points, and which may be."""
-    parser.add_argument(
+    """Add the options on what becomes of rejected points, and which points may be."""
+    add = parser.add_argument
+    add(
         '--rejected',
         choices=('mark', 'remove', 'separate'),
         help='mark (default): by classification 7 in LAS, by columns outlier, outlier_score and '
         'outlier_detectors elsewhere, in a table of their own for a database, as missing '
-        'returns in PTX; remove; or separate: put into a file of their own',
+        'returns in PTX; remove; or separate: write them to a file of their own',
     )
-    parser.add_argument(
+    add(
         '--mark',
         choices=('class', 'noise', 'withheld'),
         default='class',
         help='how rejected points of LAS are marked: class (default): 7; noise: 7 or 18, as they '
-        'are below or above what is kept around; withheld: by this flag',
+        'are below or above the kept points around; withheld: by this flag',
     )
-    parser.add_argument(
+    add(
         '--scores',
         action='store_true',
-        help='add outlier_score and outlier_detectors, as extra bytes in LAS, and outlier_reason',
+        help='add outlier_score, outlier_detectors and outlier_reason, in LAS as extra bytes',
     )
-    parser.add_argument(
+    classes = 'C[,C…]'
+    add(
         '--only-classes',
-        metavar='C[,C…]',
-        help='classes of LAS whose points may be rejected; all others stay as they are',
+        metavar=classes,
+        help='LAS classes whose points may be rejected; all others stay as they are',
     )
-    parser.add_argument(
-        '--keep-classes', metavar='C[,C…]', help='classes of LAS whose points stay as they are'
-    )
-    parser.add_argument(
+    add('--keep-classes', metavar=classes, help='LAS classes whose points stay as they are')
+    add(
         '--ignore-classes',
-        metavar='C[,C…]',
-        help='classes of LAS, as 7,18 for known noise, whose points stay as they are, and are not '
+        metavar=classes,
+        help='LAS classes, as 7,18 for known noise, whose points stay as they are, and are not '
         'seen when others are judged',
-    )
-
-
-def _add_run(parser: argparse.ArgumentParser) -> None:
-    """Add the options on how the work is cut."""
-    parser.add_argument(
-        '--strips',
-        action='store_true',
-        help='judge the points of each point_source_id (LAS) alone: the strips of a flight',
-    )
-    parser.add_argument(
-        '--jobs',
-        type=int,
-        metavar='N',
-        help='clean so many of several files at once; default: as many as there are cores',
-    )
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='of a Dask cluster whose workers clean whole files, as tcp://host:8786; with --output '
-        'DIR. They must reach all files by the same paths',
-    )
-    parser.add_argument(
-        '--tile',
-        type=float,
-        default=0.0,
-        metavar='METRES',
-        help='judge the cloud in square tiles of this side, to save memory; so large that one '
-        'holds a million points or so. The answer is that of one piece, which is the default (0); '
-        'that of quadric depends on the side',
     )
 
 
@@ -191,13 +189,15 @@ def _clean(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.cli import clean_tables
     from lidar_outlier_filter.cli.archive_tables import status
 
-    parameters, wanted = _parameters(options), _wanted(options)
+    parameters = read_parameters(options.params, options.settings, options.chain)
+    if options.scores:
+        parameters['scores'] = True
     folder = _folder(options)
     tasks = _tasks(options, folder)
     _check(options, folder, len(tasks))
     picture = options.picture if options.picture is None or can_draw() else None
     look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=picture)
-    order = CleanOrder(parameters, wanted, look)
+    order = CleanOrder(parameters, _wanted(options), look)
     made: dict[FileTask, Made] = {}
     if len(tasks) == 1 and folder is None and not options.scheduler:
         entries, tried = [_clean_one(tasks[0], order, made)], tasks
@@ -208,6 +208,24 @@ def _clean(options: argparse.Namespace) -> int:
     clean_tables.show(tasks, entries, tried, order, made)
     found = status(entries)
     return INCOMPLETE if found == DONE and picture != options.picture else found
+
+
+def _wanted(options: argparse.Namespace) -> CleanOptions:
+    from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions
+
+    return CleanOptions(
+        rejected=options.rejected or (MARK if options.outliers is None else SEPARATE),
+        coordinates=names_in(options.columns or ''),
+        table=options.table,
+        tile=options.tile,
+        mark=options.mark,
+        strips=options.strips,
+        only=_classes(options, 'only'),
+        keep=_classes(options, 'keep'),
+        ignore=_classes(options, 'ignore'),
+        dry=options.dry_run,
+        unit=options.unit,
+    )
 
 
 @contextmanager
@@ -348,6 +366,7 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[FileTask]:
     """Name the outputs of all files, and of those in folders, which are searched."""
     from lidar_outlier_filter.archive.locations import find_files
     from lidar_outlier_filter.files.cloud_file import SUFFIXES
+    from lidar_outlier_filter.files.text import is_prose
 
     tasks = []
     for path in options.files:
@@ -356,6 +375,9 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[FileTask]:
             continue
         root = path.resolve()
         for one in find_files(root, SUFFIXES):
+            if is_prose(one):
+                say(f'{one} is skipped: it is text without columns of numbers')
+                continue
             inside = one.relative_to(root)
             depth = len(inside.parts)
             tasks.append(_task(one, options, folder / inside.parent, depth))
@@ -384,34 +406,11 @@ def _task(path: Path, options: argparse.Namespace, folder: Path | None, depth: i
     return FileTask(location, output, depth, outliers)
 
 
-def _parameters(options: argparse.Namespace) -> dict[str, object]:
-    """Read the parameters of the filter."""
-    values = read_parameters(options.params, options.settings, options.chain)
-    return values | {'scores': True} if options.scores else values
-
-
-def _wanted(options: argparse.Namespace) -> CleanOptions:
-    """Take from the options what is wanted."""
-    from lidar_outlier_filter.files.judged_file import MARK, SEPARATE, CleanOptions
-
-    return CleanOptions(
-        options.rejected or (MARK if options.outliers is None else SEPARATE),
-        names_in(options.columns or ''),
-        options.table,
-        options.tile,
-        options.mark,
-        options.strips,
-        _classes(options.only_classes, '--only-classes'),
-        _classes(options.keep_classes, '--keep-classes'),
-        _classes(options.ignore_classes, '--ignore-classes'),
-        options.dry_run,
-        options.unit,
-    )
-
-
-def _classes(text: str | None, option: str) -> tuple[int, ...]:
-    """Read classes, whole numbers with commas between."""
-    names = names_in(text or '')
+def _classes(options: argparse.Namespace, which: str) -> tuple[int, ...]:
+    """Read classes, whole numbers separated by commas."""
+    text = getattr(options, f'{which}_classes') or ''
+    names = names_in(text)
     if not all(name.isdecimal() for name in names):
-        raise ParameterError(option, 'whole numbers, with commas between', text)
+        must_be = 'whole numbers, with commas between'
+        raise ParameterError(f'--{which}-classes', must_be, text)
     return tuple(map(int, names))

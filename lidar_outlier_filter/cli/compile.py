@@ -29,6 +29,8 @@ def add_compile(commands: Commands) -> None:
         description='Compile the kernels of the default chain, and of the chains of the files that '
         'come with the package, side by side. They are kept beside the package where that can be '
         'written, else in the cache of the user, or in NUMBA_CACHE_DIR.',
+        epilog='examples:\n  lidar-outlier-filter compile\n'
+        '  lidar-outlier-filter compile --chain lof,sor',
     )
     parser.add_argument(
         '--chain', metavar='A,B', help='the detectors of another chain, instead of all these'

@@ -31,6 +31,8 @@ def add_evaluate(commands: Commands) -> None:
         help='compare what was rejected with the truth',
         description='Count what a run found and lost, against labels: in the clouds of its output, '
         'or in files beside them. With scores (scores: true) there are curves and detectors too.',
+        epilog='examples:\n  lidar-outlier-filter evaluate drive_cleaned\n'
+        '  lidar-outlier-filter evaluate street_cleaned.laz --labels truth.laz --codes 7,18',
     )
     parser.add_argument(
         'verdicts',

@@ -40,6 +40,8 @@ def add_info(commands: Commands) -> None:
         'clouds are read, how their scan lines lie, and what the defaults reject of the first '
         'seconds, how fast. Of a file of points: its columns and extent. Exit status: 0 all done; '
         '1 refused; 3 done, but messages that the recording counts were not found in it.',
+        epilog='examples:\n  lidar-outlier-filter info drive\n'
+        '  lidar-outlier-filter info street.laz',
     )
     parser.add_argument(
         'path',

@@ -1,9 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C and SIGTERM while a command works, and when its work is done."""
+"""Ctrl-C and SIGTERM: while a command starts, while it works, and when its work is done.
+
+It imports nothing heavy: until this module is imported, Python itself handles Ctrl-C.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -18,19 +22,48 @@ INTERRUPTED = 130  # exit status
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
+def start() -> int:
+    """Run the command line as a process of its own; return the exit status."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupt)
+    from lidar_outlier_filter.cli.compile_notice import say_what_is_compiled  # noqa: PLC0415
+
+    say_what_is_compiled()
+    from lidar_outlier_filter.cli.main import run  # noqa: PLC0415  as said above
+
+    try:
+        status = run()
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    ignore()
+    return status
+
+
+def _interrupt(_number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, but end the process at once while it imports modules.
+
+    From an import the exception may come as another one, or not at all. Nothing is written then.
+    """
+    while frame is not None:
+        if frame.f_code.co_filename == '<frozen importlib._bootstrap>':
+            os._exit(INTERRUPTED)
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
 def ignore() -> None:
-    """Ignore both signals, where all is written: the exit status is to say so."""
+    """Ignore both signals once all is written: the exit status reports success."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
 def stopping() -> Iterator[Callable[[], None]]:
-    """Give a function to call where work may stop; it leaves if SIGINT or SIGTERM has come.
+    """Give a function to call where work may stop; it leaves if SIGINT or SIGTERM was received.
 
-    An exception out of the signal's handler would come up anywhere: inside a compiled kernel or the
-    middleware, which swallow it or turn it into another. A second signal ends the process at once,
-    whatever runs. Once the work is done both are ignored.
+    An exception raised by the handler could come up anywhere: inside a compiled kernel or the
+    middleware, which swallow or replace it. A second signal ends the process at once. Once the work
+    is done, both are ignored.
     """
     received: list[int] = []
 
@@ -56,10 +89,10 @@ def stopping() -> Iterator[Callable[[], None]]:
 
 
 def _once(number: int, handler: Callable[[int, FrameType | None], None]) -> signal._HANDLER:
-    """Set a handler for one signal; the next one ends the process. Return the handler before.
+    """Set a handler for one signal only: the next one ends the process. Return the handler before.
 
-    The handler itself runs between two steps of Python only, which may be hours apart. So it is the
-    system that puts the default back, where it has a function for that.
+    Python runs a handler between two of its steps, which may be hours apart. So the system puts the
+    default back, where it has a function for that.
     """
     before = signal.signal(number, handler)
     import ctypes  # noqa: PLC0415  help needs none of it

@@ -34,6 +34,8 @@ def add_mask(commands: Commands) -> None:
         description='Write a mask for the parameter mask: what stays at the same direction and '
         'range while the vehicle moves. Beside it, a picture. Exit status: 0 all done; 1 refused, '
         'as of a recording in which the vehicle stands still.',
+        epilog='examples:\n  lidar-outlier-filter mask drive --output car.csv\n'
+        '  lidar-outlier-filter mask drive --output car.csv --reach 15',
     )
     parser.add_argument('recording', type=Path, metavar='RECORDING', help='of a drive')
     parser.add_argument(

@@ -51,6 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         usage='%(prog)s [-h] [--version] [--lifecycle] [--page [PORT]] [--ros-args ...]',
         allow_abbrev=False,
+        epilog='examples:\n'
+        '  outlier_filter_node --ros-args -r points:=/velodyne_points\n'
+        '  outlier_filter_node --page --ros-args --params-file my.yaml',
     )
     parser.add_argument('--version', action='version', version=__version__)
     parser.add_argument(

@@ -42,6 +42,8 @@ def add_replay(commands: Commands) -> None:
         'written, as where every cloud was refused; 3 written, but some clouds, or some '
         'recordings, were refused and have no answer, no point of a topic could be tested, or part '
         'of a damaged recording is lost. Recordings of an archive without clouds do not count.',
+        epilog='examples:\n  lidar-outlier-filter replay drive --output cleaned\n'
+        "  lidar-outlier-filter replay 'drives/*' --output cleaned --set chain=[lof,sor]",
     )
     parser.add_argument(
         'recording',

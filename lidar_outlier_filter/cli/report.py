@@ -43,6 +43,8 @@ def add_report(commands: Commands) -> None:
         'points in 3-D, a slider for the threshold of each detector, reasons, groups, histograms. '
         'Exit status: 0 all done; 1 refused, nothing is written; 3 written, but some clouds were '
         'refused.',
+        epilog='examples:\n  lidar-outlier-filter report drive --output drive.html\n'
+        '  lidar-outlier-filter report street.laz --points 2000000',
     )
     parser.add_argument(
         'data',

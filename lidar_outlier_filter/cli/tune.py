@@ -42,6 +42,8 @@ def add_tune(commands: Commands) -> None:
         'write a parameter file, and say what to expect of it: measured on stretches of the '
         'recording that were not learnt from. The truth is a field of the clouds, files beside '
         'them, or outliers that are injected into a clean recording.',
+        epilog='examples:\n  lidar-outlier-filter tune drive --output tuned.yaml\n'
+        '  lidar-outlier-filter tune drive --output tuned.yaml --set chain=[sor]',
     )
     parser.add_argument(
         'data',

@@ -8,6 +8,7 @@ Rows are copied as the bytes that they are; Python's own ``csv`` finds the numbe
 from __future__ import annotations
 
 import csv
+import re
 from codecs import BOM_UTF8
 from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
@@ -15,7 +16,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 import numpy as np
 
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, check_names, parse_number
+from lidar_outlier_filter.files.cloud_file import (
+    CHUNK,
+    FORMATS,
+    CloudFile,
+    check_names,
+    parse_number,
+)
 from lidar_outlier_filter.files.rows import append
 
 if TYPE_CHECKING:
@@ -38,6 +45,16 @@ class _Row(NamedTuple):
     fields: list[str]
     text: str
     line: int
+
+
+def is_prose(path: Path) -> bool:
+    """Return whether a file named as a text table is none: no number is in its first two rows."""
+    if FORMATS.get(path.suffix.lower(), ('', ''))[0] != 'text':
+        return False
+    with path.open(encoding='utf-8-sig', errors='surrogateescape') as stream:
+        lines = [stream.readline(LONGEST_LINE) for _ in range(2)]
+    words = re.split(rf'[{_SEPARATORS}\n]', ''.join(lines))
+    return not any(_is_number(word) for word in words)
 
 
 def open_file(path: Path, _table: str | None) -> TextFile:

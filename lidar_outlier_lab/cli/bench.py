@@ -22,6 +22,8 @@ def add_bench(commands: Commands) -> None:
         help='measure the speed of this machine',
         description='Compare the answers, then time detectors, the whole way of a cloud, its '
         'parts, and the peers that are installed on the same points, on one core and on two.',
+        epilog='examples:\n  lidar-outlier-filter bench\n'
+        '  lidar-outlier-filter bench --write doc/performance.md',
     )
     parser.add_argument(
         '--write', type=Path, metavar='PAGE', help='put the tables between markers into a page'

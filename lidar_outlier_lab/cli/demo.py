@@ -22,6 +22,7 @@ def add_demo(commands: Commands) -> None:
         help='simulate a drive, filter it, and compare with the truth',
         description='Leave simulated recordings, what the filter made of them, pictures, and a '
         'page to look at.',
+        epilog='examples:\n  lidar-outlier-filter demo --output demo\n  lidar-outlier-filter demo',
     )
     parser.add_argument(
         '--output',

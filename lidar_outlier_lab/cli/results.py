@@ -41,6 +41,8 @@ def add_results(commands: Commands) -> None:
         'peers that are installed, and put tables and pictures between markers into a page. What '
         'else is on the page stays as it is. Takes half an hour on two cores, and the papers '
         'another.',
+        epilog='examples:\n  lidar-outlier-filter results --quick\n'
+        '  lidar-outlier-filter results --sections papers',
     )
     parser.add_argument(
         '--output', type=Path, default=PAGE, metavar='FILE', help=f'the page; default: {PAGE}'

@@ -49,6 +49,8 @@ def add_simulate(commands: Commands) -> None:
         f'presets:\n{_listed({name: preset.sentence for name, preset in PRESETS.items()})}\n\n'
         f'weathers:\n{_listed(WEATHER_NAMES)}',
         formatter_class=_raw(),
+        epilog='examples:\n  lidar-outlier-filter simulate street-16 --output drive --seed 2\n'
+        '  lidar-outlier-filter simulate --onto drive --weather snow --output snowy',
     )
     parser.add_argument('preset', nargs='?', metavar='PRESET', help='one of those above')
     parser.add_argument(

@@ -48,6 +48,8 @@ def add_train(commands: Commands) -> None:
         'profile scanners, on simulated streets alone. With --survey, train those for clouds '
         'without scan lines. It takes about a quarter of an hour of processor time; with --profile '
         'or --survey a few minutes. Needs the extra "lab".',
+        epilog='examples:\n  lidar-outlier-filter train --data clean --output trees.json\n'
+        '  lidar-outlier-filter train --survey --output trees.json',
     )
     parser.add_argument(
         '--profile', action='store_true', help='for profile scanners, on simulated streets alone'

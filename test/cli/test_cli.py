@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import pty
+import shlex
 import shutil
 import signal
 import subprocess
@@ -20,8 +21,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.cli import terminal
-from lidar_outlier_filter.cli.main import main
+from lidar_outlier_filter.cli.main import commands_for, main
 from lidar_outlier_filter.cli.terminal import add_parameter_options, read_parameters
 from lidar_outlier_filter.recordings.bags import NewBag, Recording
 
@@ -75,6 +75,23 @@ def test_help_imports_nothing_heavy() -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert '--drop-input' in done.stdout
     assert done.stderr == 'set()'
+
+
+def test_every_command_ends_its_help_with_two_examples(capsys: Capture) -> None:
+    """Each can be parsed: no option in them is misspelt."""
+    parser = ArgumentParser()
+    commands = parser.add_subparsers()
+    for add in commands_for(()):
+        add(commands)
+    for name, command in commands.choices.items():
+        with pytest.raises(SystemExit, match='0'):
+            main([name, '--help'])
+        head, first, second = capsys.readouterr().out.splitlines()[-3:]
+        assert head == 'examples:'
+        for line in (first, second):
+            program, verb, *words = shlex.split(line)
+            assert (program, verb) == ('lidar-outlier-filter', name)
+            command.parse_args(words)
 
 
 @pytest.mark.parametrize('arguments', [[], ['dance'], ['replay']])
@@ -208,20 +225,6 @@ def test_refused_clouds_give_status_3(drive: Path, tmp_path: Path, capsys: Captu
     assert 'damaged_cleaned' in names(tmp_path)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(('period', 'steps'), [(0.0, [0, 1, 2]), (1e9, [0])])
-def test_progress_in_lines(
-    period: float, steps: list[int], monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    """Where there is no terminal and lines are asked for: the first step, then by the clock."""
-    monkeypatch.setattr(terminal, 'LINE_PERIOD', period)
-    with terminal.progress_bar('results', lines=True) as show:
-        for step in range(3):
-            show(step, 3, 'street')
-    expected = ''.join(f'results: street, {step} of 3\n' for step in steps)
-    assert capsys.readouterr().err == expected
-
-
 def test_progress_on_a_terminal_only(drive: Path, tmp_path: Path) -> None:
     """A terminal sees a bar, a file does not."""
     command = [*RUN, 'replay', str(drive), '--output']
@@ -277,3 +280,103 @@ def test_interrupted(drive: Path, tmp_path: Path, number: signal.Signals, status
     assert process.returncode == status
     assert 'Traceback' not in said
     assert names(tmp_path) == ['drive', 'long']
+
+
+@pytest.mark.parametrize('verb', ['clean', 'replay', 'report', 'info'])
+def test_an_empty_argument(verb: str, capsys: Capture) -> None:
+    """It would be the working folder."""
+    assert main([verb, '']) == 1
+    assert capsys.readouterr().err == "an argument must be not empty, got ''\n"
+
+
+@pytest.mark.parametrize(
+    'words',
+    ['info pipe.mcap', 'replay pipe.mcap', 'clean a.csv --set mask=pipe.mcap', 'tune a.csv'],
+)
+def test_named_pipes(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """To open one would wait for ever."""
+    monkeypatch.chdir(tmp_path)
+    for name in ('pipe.mcap', 'a.csv'):
+        os.mkfifo(name)
+    assert main(words.split()) == 1
+    assert 'must be a file or a folder, got a pipe or device' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('verb', ['clean', 'report', 'info'])
+def test_names_that_are_not_utf8(verb: str, tmp_path: Path, capsys: Capture) -> None:
+    """A file may have any bytes as its name; no traceback is printed."""
+    path = tmp_path / os.fsdecode(b'a\xff.csv')
+    path.write_text('x,y,z\n' + ''.join(f'{i},{i * i % 7},{i % 3}\n' for i in range(50)))
+    assert main([verb, str(path)]) in {0, 1}
+    assert 'Traceback' not in capsys.readouterr().err
+
+
+@pytest.fixture
+def here(drive: Path, recordings: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work where there are a recording, a folder of one, a file of points and a folder of one."""
+    folder = drive.parent
+    shutil.copytree(drive, folder / 'drives/a')
+    (folder / 'strips').mkdir()
+    for name in ('plane.laz', 'strips/a.laz'):
+        shutil.copy(recordings / 'clouds' / 'plane.laz', folder / name)
+    (folder / 'cloud.xyz').write_text('1.0 2.0 3.0\n2.0 3.0 4.0\n')
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'right'),
+    [
+        ('replay plane.laz', '; {} clean plane.laz filters a file of points'),
+        ('clean drive', '; {} replay drive filters a recording'),
+        ('clean drives', '; {} replay drives filters a folder of recordings'),
+        ('info drives', '; it is a folder of recordings, so name one: {} info drives/a'),
+        ('replay strips', '; {} clean strips filters a folder of files'),
+        ('info strips', '; it is a folder of files, so name one: {} info strips/a.laz'),
+        ('clean cloud.xyz', 'clean --columns 1,2,3, as it has no header, given'),
+        ('info nothing.laz', ', got none'),
+        ('clean plane.laz --set chain=lof,sor', "as in chain=[lof,sor], got 'lof,sor'"),
+    ],
+)
+@pytest.mark.usefixtures('here')
+def test_what_to_type_instead(wrong: str, right: str, capsys: Capture) -> None:
+    """One sentence says what to type; other refusals end with what was got."""
+    assert main(wrong.split()) == 1
+    said = capsys.readouterr().err
+    assert right.format('lidar-outlier-filter') in said
+    assert right.startswith((';', ',')) <= said.endswith(
+        right.format('lidar-outlier-filter') + '\n'
+    )
+    assert said.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('line', 'expected'),
+    [
+        ('rep', {'replay', 'report'}),
+        ('tr', {'train'}),
+        ('clean --keep', {'--keep-classes'}),
+        ('replay a --set sor.mult', {'sor.multiplier='}),
+        ('clean a --chain sor,lo', {'sor,lof'}),
+        ('clean a --mark ', {'class', 'noise', 'withheld'}),
+        ('info dr', {'drive_a/', 'drive_b.mcap'}),
+    ],
+)
+def test_completion(line: str, expected: set[str], tmp_path: Path) -> None:
+    """Verbs, options, choices, parameters, detectors and files are completed."""
+    (tmp_path / 'drive_a').mkdir()
+    (tmp_path / 'drive_b.mcap').touch()
+    words = f'lidar-outlier-filter {line}'
+    asked = {
+        '_ARGCOMPLETE': '1',
+        '_ARGCOMPLETE_STDOUT_FILENAME': str(tmp_path / 'answers'),
+        'COMP_LINE': words,
+        'COMP_POINT': str(len(words)),
+        'COMP_TYPE': '9',
+    }
+    command = [sys.executable, '-m', 'lidar_outlier_filter.cli.main']
+    subprocess.run(command, env={**os.environ, **asked}, check=True, cwd=tmp_path)
+    found = (tmp_path / 'answers').read_text('utf-8').split('\v')
+    assert {one.strip() for one in found} == expected

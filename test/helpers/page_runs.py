@@ -43,7 +43,7 @@ NOT_RUN: Mapping[str, str] = {
     "echo ' chain:": 'the same',
     'export FASTRTPS': 'needs an installed ROS; test_launch looks at the profile',
     'ssh ': 'needs another machine',
-    'eval "$(register-python-argcomplete': 'test_completion.py asks as a shell does',
+    'eval "$(register-python-argcomplete': 'test_cli.py asks as a shell does',
     'git clone ': 'needs the network',
     'lidar-outlier-filter replay my_recording --params my.yaml': 'the page shows the file',
     'rosdep ': 'needs apt',

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What works where there is no ROS: the library, and the commands for files and simulations."""
+"""What works without ROS, and without the extra ``lab``."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.drives import write_drive
 
 from lidar_outlier_filter import __version__
 
@@ -22,17 +23,25 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SESSION = ROOT / 'doc' / 'examples' / 'numpy_session.py'
-# Nothing of ROS can be imported in the processes of this file.
+# Some modules cannot be imported in the processes of this file.
 BLOCK = """
 import sys
 
-class WithoutRos:
+class Without:
     def find_spec(self, name, path=None, target=None):
         if name.partition('.')[0] in {blocked!r}:
             raise ModuleNotFoundError(f'No module named {{name!r}}', name=name)
 
-sys.meta_path.insert(0, WithoutRos())
+sys.meta_path.insert(0, Without())
 """
+LAB = {'matplotlib', 'PIL', 'sklearn'}
+SENTENCE = (
+    'the module {module} must be installed for this command: '
+    "pip install '.[lab]' in the project, got none"
+)
+NO_PICTURE = SENTENCE.format(module='matplotlib') + '; no picture is drawn\n'
+FAST = ['--set', 'chain=[alpha_beta_gamma]', '--set', 'scores=true']
+CSV = ['--set', 'chain=[sor]']
 COMMAND = """
 from lidar_outlier_filter.cli.main import main
 sys.exit(main(sys.argv[1:]))
@@ -55,11 +64,14 @@ def of_ros() -> set[str]:
     return found | used | {'rcl_interfaces', 'builtin_interfaces', 'geometry_msgs', 'tf2_ros'}
 
 
-def run(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run a program in a process without ROS."""
+def run(
+    code: str, *arguments: object, folder: Path | None = None, blocked: set[str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in a folder, without some modules; if none are named, without those of ROS."""
     given = [str(argument) for argument in arguments]
     return subprocess.run(
-        [sys.executable, '-c', BLOCK.format(blocked=of_ros()) + code, *given],
+        [sys.executable, '-c', BLOCK.format(blocked=blocked or of_ros()) + code, *given],
+        cwd=folder,
         capture_output=True,
         text=True,
         check=False,
@@ -129,14 +141,6 @@ for name in ('cloud_filter', 'whole_cloud'):
     assert output(code).split() == ['0', '0']
 
 
-def test_help() -> None:
-    """Every command has its help."""
-    text = output(COMMAND, '--help')
-    for command in ('clean', 'simulate', 'evaluate', 'tune'):
-        assert command in text
-        assert 'usage: ' in output(COMMAND, command, '--help')
-
-
 @pytest.mark.slow
 def test_commands(tmp_path: Path) -> None:
     """Simulate, clean, evaluate and tune, from end to end."""
@@ -196,3 +200,57 @@ def test_recordings_need_rosbags(arguments: list[str], tmp_path: Path) -> None:
         'the module rosbags must be installed for recordings (the page on installation has the '
         'line), got none\n'
     )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Make a folder with a recording and a file."""
+    write_drive(tmp_path / 'drive', 5)
+    rng = np.random.default_rng(1)
+    xyz = np.column_stack([rng.uniform(-9, 9, (600, 2)), rng.normal(0, 0.02, 600), np.zeros(600)])
+    xyz[::40, 2:] += [4, 1]
+    cloud = tmp_path / 'cloud.csv'
+    np.savetxt(cloud, xyz, delimiter=',', header='x,y,z,label', comments='', fmt='%.9g')
+    return tmp_path
+
+
+def test_without_the_lab(folder: Path) -> None:
+    """Recordings, files and arrays are cleaned, looked at and judged."""
+    commands = [
+        ['replay', 'drive', '--output', 'replayed', *FAST],
+        ['info', 'drive'],
+        ['report', 'drive', '--output', 'page.html', *FAST],
+        ['clean', 'cloud.csv', '--output', 'cleaned.csv', *CSV],
+        ['evaluate', 'cleaned.csv'],
+    ]
+    code = f"""
+from lidar_outlier_filter.cli.main import main
+print([main(words) for words in {commands}])
+"""
+    done = run(code, folder=folder, blocked=LAB)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == '[0, 0, 0, 0, 0]'
+
+
+@pytest.mark.parametrize(
+    ('status', 'sentence', 'command', 'left'),
+    [
+        (3, NO_PICTURE, ['clean', 'cloud.csv', '--picture', 'worst.png', *CSV], True),
+        (3, NO_PICTURE, ['report', 'drive', '--output', 'a', '--figures', 'b', *FAST], True),
+        (1, NO_PICTURE, ['report', 'drive', '--figures', 'figures'], False),
+        (1, 'matplotlib', ['evaluate', 'cloud.csv', '--output', 'out'], False),
+        (1, 'matplotlib', ['results', '--output', 'out.md'], False),
+        (1, 'matplotlib', ['demo', '--output', 'out'], False),
+        (1, 'sklearn', ['train', '--output', 'out.json'], False),
+    ],
+)
+def test_pictures_without_the_lab(
+    folder: Path, status: int, sentence: str, command: list[str], *, left: bool
+) -> None:
+    """What cannot be drawn is said once, before the work, and nothing else is lost."""
+    done = run(COMMAND, *command, folder=folder, blocked=LAB)
+    expected = sentence if ' ' in sentence else SENTENCE.format(module=sentence) + '\n'
+    assert (done.returncode, done.stderr.count('the module')) == (status, 1)
+    assert done.stderr.startswith(expected)
+    new = {path.name for path in folder.iterdir()} - {'drive', 'cloud.csv'}
+    assert bool(new) == left
