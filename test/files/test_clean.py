@@ -423,7 +423,7 @@ def test_seconds_of_one_file(folder: Path, capsys: Capture) -> None:
         (['{}/bun0.pcd', '--columns', 'x'], 'the coordinates must be two or three columns, got x'),
         (
             ['{}/bun0.pcd', '--chain', 'magic'],
-            "an argument must be not empty, got ''",
+            'chain must be a list, without repetition, of one of',
         ),
         (['{}/bun0.pcd', '--chain', ''], "an argument must be not empty, got ''"),
         (['{}/bun0.pcd', '--set', 'sor.k=0'], 'sor.k must be from 1 to 1000, got 0'),
