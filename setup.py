@@ -167,7 +167,7 @@ setup(
     cmdclass={'install': Install, 'develop': Develop},
     entry_points={
         'console_scripts': [
-            f'lidar-outlier-filter = {NAME}.cli.interrupts:start',
+            f'lidar-outlier-filter = {NAME}.cli:start',
             f'outlier_filter_node = {NAME}.cli.node:main',
         ],
         # Verbs of the one command that are not of the product.

@@ -1,13 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C and SIGTERM: while a command starts, while it works, and when its work is done.
-
-It imports nothing heavy: until this module is imported, Python itself handles Ctrl-C.
-"""
+"""Ctrl-C and SIGTERM while a command works, and when its work is done."""
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import threading
@@ -20,35 +16,6 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130  # exit status
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
-
-def start() -> int:
-    """Run the command line as a process of its own; return the exit status."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupt)
-    from lidar_outlier_filter.cli.compile_notice import say_what_is_compiled  # noqa: PLC0415
-
-    say_what_is_compiled()
-    from lidar_outlier_filter.cli.main import run  # noqa: PLC0415  as said above
-
-    try:
-        status = run()
-    except KeyboardInterrupt:
-        status = INTERRUPTED
-    ignore()
-    return status
-
-
-def _interrupt(_number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, but end the process at once while it imports modules.
-
-    From an import the exception may come as another one, or not at all. Nothing is written then.
-    """
-    while frame is not None:
-        if frame.f_code.co_filename == '<frozen importlib._bootstrap>':
-            os._exit(INTERRUPTED)
-        frame = frame.f_back
-    raise KeyboardInterrupt
 
 
 def ignore() -> None:

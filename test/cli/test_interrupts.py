@@ -17,7 +17,8 @@ from lidar_outlier_filter.cli.interrupts import SIGNALS, handlers_kept, ignore
 BEGIN = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from lidar_outlier_filter.cli.interrupts import start, stopping
+from lidar_outlier_filter.cli import start
+from lidar_outlier_filter.cli.interrupts import stopping
 def interrupt(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 """
