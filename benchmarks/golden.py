@@ -149,7 +149,7 @@ def of_presets(names: tuple[str, ...], threads: int = 0) -> dict[str, str]:
                 if sample.data.streamed:
                     verdicts = stream(clouds, parameters)
                 else:
-                    verdicts = [Chain(parameters).judge(concatenate(clouds))]
+                    verdicts = [Chain(parameters, whole=True).judge(concatenate(clouds))]
                 found[f'{sample.name}, {chain}'] = digest(verdicts)
                 print(f'{sample.name}, {chain}: {found[f"{sample.name}, {chain}"]}', flush=True)
     return found

@@ -10,10 +10,6 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.boosted_trees.explain.pattern_reasons import explain
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import find_either
-from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum import features
-from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.detector import compute_first
-from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.surface import K
-from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import concatenate
 from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.messages.truth import Cause, Kind
@@ -38,6 +34,8 @@ MOST = 10  # of each kind, for each sample
 APART = 1.0  # metres between two that are shown
 SHOWN, REACH = 240, 4.0  # points of a cutout at most, and how far they are, metres
 FEWEST = 60  # points of a cutout, however far
+NEIGHBOURS = 20  # that a surface is fitted to
+FITS = 3  # the later ones with the weights of the earlier residuals
 NAMED = 3  # contributions that are listed
 
 
@@ -104,7 +102,7 @@ def failures(sample: Sample, parameters: FilterParameters) -> list[Failure]:
                 lost,
                 words((Cause(code) if code or kind is None else kind).name),
                 float(verdict.score[i]),
-                *_features_of(around, here, parameters),
+                *_surface_of(around.xyz, here),
                 _reasons(around, here, lost=lost),
                 _cutout(points.xyz[block], here, bad[block], rejected[block]),
             )
@@ -119,15 +117,22 @@ def _block(points: Points, i: int, parameters: FilterParameters) -> NDArray[np.i
     return np.flatnonzero((points.t >= begin - halo) & (points.t < begin + length + halo))
 
 
-def _features_of(points: Points, i: int, parameters: FilterParameters) -> tuple[float, float]:
-    """Return how far a point is off the surface of its neighbours, and how even that is."""
-    if len(points) <= K:
+def _surface_of(xyz: Floats, i: int) -> tuple[float, float]:
+    """Return the distance of a point from the plane of its neighbours, and their σ from it."""
+    if len(xyz) <= NEIGHBOURS:
         return np.nan, np.nan
-    neighbourhood = Neighbourhood(points.xyz, K)
-    scan = features.see(neighbourhood, points, parameters.gap_factor)
-    _, result = compute_first(scan, parameters)
-    at = int(np.flatnonzero(neighbourhood.order == i)[0])
-    return float(result.around.off[at]), float(result.around.scale[at])
+    distance = np.linalg.norm(xyz - xyz[i], axis=1)
+    near = np.argsort(distance, kind='stable')[1 : NEIGHBOURS + 1]
+    there, weight = xyz[near] - xyz[i], np.ones(NEIGHBOURS)
+    off = sigma = np.nan
+    for _ in range(FITS):
+        middle = np.average(there, axis=0, weights=weight)
+        about = there - middle
+        _, axes = np.linalg.eigh((about * weight[:, None]).T @ about)
+        residual = np.abs(about @ axes[:, 0])
+        off, sigma = abs(float(middle @ axes[:, 0])), 1.4826 * float(np.median(residual))
+        weight = 1.0 / (1.0 + (residual / (3.0 * sigma + 1e-4)) ** 2) ** 2
+    return off, sigma
 
 
 def _reasons(points: Points, i: int, *, lost: bool) -> tuple[tuple[str, float], ...]:
@@ -150,7 +155,7 @@ def _cutout(xyz: Floats, i: int, bad: Bools, rejected: Bools) -> Cutout:
     near = np.argsort(distance, kind='stable')[:SHOWN]
     near = near[: max(int((distance[near] <= REACH).sum()), FEWEST)]
     there = xyz[near] - xyz[i]
-    shape = there[~bad[near]] if np.count_nonzero(~bad[near]) > K else there
+    shape = there[~bad[near]] if np.count_nonzero(~bad[near]) > NEIGHBOURS else there
     shape = shape - shape.mean(axis=0)
     _, axes = np.linalg.eigh(shape.T @ shape)
     return Cutout(there @ axes[:, [2, 0]], bad[near], rejected[near])
@@ -182,8 +187,8 @@ def section(presets: Sequence[str], seeds: Sequence[int], folder: Path, progress
         'seen from the side: right is the direction in which they extend most, up that in which '
         'they extend least, with scales of their own, in metres. Named are the features that '
         'speak most for the verdict, and what each adds to the log-odds of the trees '
-        '([their meaning](detectors/boosted_trees.md#why-a-point-is-rejected)); none are where the '
-        'weighted sum judged.',
+        '([their meaning](detectors/boosted_trees.md#why-a-point-is-rejected)); none are '
+        'named where there was no scan pattern.',
         *parts,
     )
 

@@ -106,11 +106,7 @@ def test_only_what_a_sensor_needs_is_compiled(recordings: Path, tmp_path: Path, 
     assert f'{boosted_trees}pattern.judge' in loaded
     others = ('profile_pattern', 'profile_scanner', 'profile_groups', 'profile_features')
     assert not [one for one in loaded if one.endswith(others)]
-    assert not [
-        one
-        for one in loaded
-        if one.startswith((f'{boosted_trees}weighted', f'{boosted_trees}surv'))
-    ]
+    assert not [one for one in loaded if one.startswith(f'{boosted_trees}surv')]
 
 
 def test_everything_else_is_copied(tmp_path: Path) -> None:

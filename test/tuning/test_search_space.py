@@ -45,11 +45,10 @@ FORMS: list[dict[str, object]] = [
         'sor.range_scaled': True,
         'sor.range_factor': 0.005,
     },
-    {'chain': ['boosted_trees'], 'boosted_trees_profile.passes': 1},
+    {'chain': ['boosted_trees']},
     {
         'chain': ['boosted_trees'],
         'boosted_trees.sensor': 'spinning',
-        'boosted_trees_spinning.passes': 1,
     },
 ]
 

@@ -79,15 +79,13 @@ _EVERY = (
         name='boosted_trees',
         bit=64,
         section=BoostedTrees,
-        score=f'{__package__}.boosted_trees.ways:detect',
-        neighbours=lambda parameters: parameters.of(BoostedTrees).list_length,
+        score=f'{__package__}.boosted_trees.methods:detect',
         lines='uses',
         columns=lambda parameters: parameters.of(BoostedTrees).columns,
-        tiled=f'{__package__}.boosted_trees.ways:REACHING',
-        rejects='is improbable by its features. Spinning sensors, and profile scanners whose '
-        'mirror turns evenly: trees on the scan pattern. Others: a weighted sum of distances, '
-        'prediction along the line, distance from the local surface and neighbours on other '
-        'lines; slanted groups in the air, too',
+        tiled=f'{__package__}.boosted_trees.methods:REACHING',
+        rejects='is an outlier by gradient-boosted trees: on the returns beside it in the scan '
+        'pattern (spinning sensors, and profile scanners with an evenly turning mirror), or else '
+        'on its nearest neighbours',
     ),
 )
 BUILTIN = {one.name: one for one in _EVERY}

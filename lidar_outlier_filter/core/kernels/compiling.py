@@ -50,7 +50,8 @@ def sample(sensor: str) -> Iterator[Points]:
         xyz = np.zeros((COUNT, 3))
         xyz[:, 0] = np.arange(COUNT)
         xyz[COUNT // 2, 2] = 10.0
-        points = Points(xyz, t, np.zeros(COUNT, np.int64), np.ones(COUNT, np.bool_))
+        # Two lines without a scan pattern: these are judged by their nearest neighbours.
+        points = Points(xyz, t, np.arange(COUNT) // (COUNT // 2), np.ones(COUNT, np.bool_))
         for order in (np.arange(COUNT), np.arange(COUNT)[::-1]):
             yield points.take(order)
         # In whole turns, around a scanner that moves on: these have a scan pattern.

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.detectors.boosted_trees.ways import Way, choose
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, choose
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import SECOND, Points
@@ -66,8 +66,8 @@ def test_trees_judge_what_others_moved() -> None:
     """As they judge the same points in the sensor's own frame."""
     parameters = FilterParameters()
     own, given = turn_of_a_head(), moved(turn_of_a_head())
-    way, _ = choose(DetectorInput(given, parameters, 20), parameters)
-    assert way is Way.PATTERN
+    method, _ = choose(DetectorInput(given, parameters, 20), parameters)
+    assert method is Method.PATTERN
     wanted, found = (Chain(parameters).judge(points).rejected for points in (own, given))
     assert np.count_nonzero(wanted) > 100
     assert np.mean(wanted != found) < 0.001

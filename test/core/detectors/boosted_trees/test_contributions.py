@@ -5,32 +5,14 @@
 from __future__ import annotations
 
 import numpy as np
-from helpers.roads import arm
 
 from lidar_outlier_filter.core.detectors.boosted_trees.explain.explanation import contributions
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method
 from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.ways import Way
 from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
-from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
-
-
-def test_sum_adds_up_to_the_score() -> None:
-    """Of every point that is not below 0; that of a slanted group is one part."""
-    points, slanted = arm(0)
-    parameters = FilterParameters()
-    seen = DetectorInput(points, parameters, 20)
-    every = np.ones(len(points), np.bool_)
-    found = contributions(seen, parameters, every)
-    assert found.way == Way.SUM.value
-    score = Chain(parameters).judge(points).score
-    total = np.maximum(found.added.sum(axis=0, dtype=np.float64), 0.0)
-    np.testing.assert_allclose(total, score, rtol=1e-5, atol=1e-5)
-    assert found.names[-1] == 'slanted'
-    assert (found.added[-1, slanted] > 1).any()
-    assert (found.added[:-1] != 0).any()
 
 
 def test_survey_adds_up_to_the_log_odds() -> None:
@@ -46,7 +28,7 @@ def test_survey_adds_up_to_the_log_odds() -> None:
     wanted = rng.random(len(xyz)) < 0.3
     wanted[:20] = True
     found = contributions(seen, parameters, wanted)
-    assert found.way == Way.SURVEY.value
+    assert found.way == Method.NEIGHBOURS.value
     odds, _ = survey.measure(xyz, look_around(xyz, np.arange(len(xyz))))
     total = found.added.sum(axis=0, dtype=np.float64) + found.average
     np.testing.assert_allclose(total, odds[wanted], atol=2e-4)

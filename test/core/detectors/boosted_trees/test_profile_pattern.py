@@ -29,9 +29,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups im
     find_groups,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
-from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum import detector
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.scan_lines import line_starts
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
@@ -296,10 +294,3 @@ def test_sensor_decides_the_way() -> None:
         }
         found = Chain(FilterParameters().changed(values)).judge(points)
         assert np.array_equal(found.score, wanted) == same
-    few = points.take(points.line < 1)
-    near = Neighbourhood(few.xyz, detector.neighbours())
-    parameters = FilterParameters()
-    assert_array_equal(
-        Chain(parameters).judge(few).score,
-        detector.detect(near, few, parameters).astype(np.float32),
-    )

@@ -12,8 +12,6 @@ import pytest
 from helpers import ROOT
 from helpers.profile_drives import Drive, prepared
 from helpers.profile_drives import pattern_of as profile_of
-from helpers.roads import arm, road
-from helpers.roads import sweep as snow
 from helpers.sweeps import pattern_of as spinning_of
 from helpers.sweeps import sweep
 
@@ -27,7 +25,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.models import (
     TreeModel,
     load,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.parameters import Weights
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, FEATURES
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import first_pass
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import (
@@ -41,13 +38,7 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import (
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
-from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.detector import neighbours
-from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.features import (
-    FEATURES as OF_SUM,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.features import compute, see
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -146,35 +137,9 @@ def test_only_what_trees_ask(asked: list[str], asked_again: list[str], expected:
     assert {REASON_NAMES.get(number, '') for number in found[there].tolist()} == {expected}
 
 
-def test_weighted_sum() -> None:
-    """The feature of the greatest addend."""
-    points, _ = road(3, lines=24)
-    parameters = FilterParameters()
-    scan = see(Neighbourhood(points.xyz, neighbours()), points, parameters.gap_factor)
-    weights = np.array([getattr(parameters.of(Weights), name) for name in OF_SUM])
-    addends = compute(scan, spinning=False).contributions * weights
-    expected = np.empty(len(points), np.int64)
-    expected[scan.neighbourhood.order] = addends.argmax(axis=1)
-    found = judged(points, boosted_trees_profile__passes=1, boosted_trees_profile__slanted=False)
-    assert names_of(found) == [
-        OF_SUM[k] if out else '' for k, out in zip(expected, found.rejected, strict=True)
-    ]
-    assert found.rejected.sum() > 10
-
-
-def test_later_passes_and_groups() -> None:
-    """Later passes give reasons, too; arms of barriers are rejected for their slope."""
-    points, slanted = arm(3)
-    found = judged(points)
-    assert 'slanted' in {
-        name for name, is_arm in zip(names_of(found), slanted, strict=True) if is_arm
-    }
-    assert 'company' in names_of(judged(snow(5)[0], boosted_trees__sensor='profile'))
-
-
 def test_scores_are_the_same_without_reasons() -> None:
     """Nothing is explained where scores are not published, and no score depends on it."""
-    for points in (sweep(6, 0.1), Drive(13).points, road(4)[0]):
+    for points in (sweep(6, 0.1), Drive(13).points):
         found, without = judged(points), judged(points, scores=False)
         assert found.score.tobytes() == without.score.tobytes()
         assert not without.reason.any()

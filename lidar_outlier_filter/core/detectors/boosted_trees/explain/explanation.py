@@ -1,9 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the default explains its scores, whichever way it judges; each feature in a few words.
-
-Trees add up to log-odds, a weighted sum to the score itself.
-"""
+"""How the default explains its scores by each method, with each feature in a few words."""
 
 from __future__ import annotations
 
@@ -16,15 +13,14 @@ from lidar_outlier_filter.core.detectors.boosted_trees.explain.pattern_reasons i
     contribute,
     explain,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.explain.reasons import OF_SUM, REASON_NAMES
+from lidar_outlier_filter.core.detectors.boosted_trees.explain.reasons import REASON_NAMES
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method, choose
 from lidar_outlier_filter.core.detectors.boosted_trees.models import SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.boosted_trees.parameters import BoostedTrees
 from lidar_outlier_filter.core.detectors.boosted_trees.survey import far as survey_far
 from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.survey import near as survey_near
 from lidar_outlier_filter.core.detectors.boosted_trees.survey.far import MOST, Far
-from lidar_outlier_filter.core.detectors.boosted_trees.ways import Way, choose, find_sum
-from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum.detector import PARTS
 from lidar_outlier_filter.core.detectors.explanation import Contributions, Explanation, ReasonName
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
@@ -139,17 +135,6 @@ _SURVEY = {
     'company8': 'share of suspects among 8 neighbours',
     'company60': 'share of suspects among 60 neighbours',
 }
-_SUM = {
-    'spacing': 'mean distance to the 3 nearest points',
-    'step': 'gap to the nearer neighbour on its scan line',
-    'lonely': 'mean distance to the 5 nearest points',
-    'amid': 'whether its neighbours are close together, and it is not',
-    'along': 'how far it leaves the course of its scan line',
-    'surface': 'height over the surface of its neighbours',
-    'alone': 'how few neighbours are on other scan lines',
-    'company': 'share of its neighbours that are rejected already',
-    'slanted': 'in a thin, straight, slanted group in the air',
-}
 
 
 def contributions(
@@ -159,22 +144,21 @@ def contributions(
 
     Parameters
     ----------
-    seen : what the default judged, more than 20 points
+    seen : what the default judged
     parameters : by which it did
     wanted : (N,) bool
 
     """
-    way, _ = choose(seen, parameters)
-    if way is Way.SURVEY:
-        return Contributions(way.value, survey_far.NAMES, *_of_survey(seen, wanted))
-    if way is Way.PATTERN:
-        sensor = parameters.of(BoostedTrees).sensor
-        found = explain(seen.points, seen.threads, sensor=sensor, wanted=wanted)
-        return Contributions(way.value, found.names, found.added[:, wanted], found.average[wanted])
-    parts = np.zeros((len(wanted), len(PARTS)))
-    find_sum(seen, parameters, parts=parts)
-    nothing = np.zeros(np.count_nonzero(wanted), np.float32)
-    return Contributions(way.value, PARTS, parts[wanted].T.astype(np.float32), nothing)
+    method, _ = choose(seen, parameters)
+    if method is Method.NEIGHBOURS:
+        return Contributions(method.value, survey_far.NAMES, *_of_survey(seen, wanted))
+    if method is Method.UNTESTED:
+        count = np.count_nonzero(wanted)
+        nothing = np.zeros((0, count), np.float32), np.zeros(count, np.float32)
+        return Contributions(method.value, (), *nothing)
+    sensor = parameters.of(BoostedTrees).sensor
+    found = explain(seen.points, seen.threads, sensor=sensor, wanted=wanted)
+    return Contributions(method.value, found.names, found.added[:, wanted], found.average[wanted])
 
 
 def _of_survey(seen: DetectorInput, wanted: Bools) -> tuple[Singles, Singles]:
@@ -214,12 +198,9 @@ def _of_places(xyz: Floats, wanted: Bools, threads: int) -> tuple[Singles, Singl
 
 
 EXPLANATION = Explanation(
-    reasons={
-        number: ReasonName(name, (_SUM if number >= OF_SUM else _PATTERN)[name])
-        for number, name in REASON_NAMES.items()
-    },
-    ways={Way.PATTERN.value: _PATTERN, Way.SURVEY.value: _SURVEY, Way.SUM.value: _SUM},
-    of_score=(Way.SUM.value,),
+    reasons={number: ReasonName(name, _PATTERN[name]) for number, name in REASON_NAMES.items()},
+    ways={Method.PATTERN.value: _PATTERN, Method.NEIGHBOURS.value: _SURVEY},
+    of_score=(),
     choose=lambda seen, parameters: choose(seen, parameters)[0].value,
     explain=contributions,
 )

@@ -25,7 +25,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern.values import (
     write_values,
 )
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees
-from lidar_outlier_filter.core.detectors.boosted_trees.weighted_sum import features as weighted
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import fill
@@ -34,22 +33,20 @@ from lidar_outlier_filter.core.scan_pattern.placed_pattern import LINES_AT_ONCE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from lidar_outlier_filter.annotations import Bools, Bytes, Floats, Singles
+    from lidar_outlier_filter.annotations import Bools, Bytes, Singles
     from lidar_outlier_filter.core.detectors.boosted_trees.models import TreeModel
     from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared
 
 # A number never changes its meaning, so each group has numbers to spare: of the window, of the
-# second pass, of profile scanners, and of the weighted sum. 0 is none.
-WINDOW, SECOND, OF_PROFILE, OF_SUM = 1, 65, 129, 193
+# second pass, and of profile scanners. 0 is none.
+WINDOW, SECOND, OF_PROFILE = 1, 65, 129
 LIKELY = ('range', 'glare', 'uneven', 'share', 'share_range')  # no reasons
-SLANTED = OF_SUM + len(weighted.FEATURES)  # a slanted group in the air
 REASON_NAMES = {
     first + k: name
     for first, names in (
         (WINDOW, FEATURES),
         (SECOND, AGAIN),
         (OF_PROFILE, PROFILE),
-        (OF_SUM, (*weighted.FEATURES, 'slanted')),
     )
     for k, name in enumerate(names)
     if name not in LIKELY
@@ -58,13 +55,8 @@ REASON_NAMES = {
 
 def number_rows(names: Sequence[str]) -> Bytes:
     """Return the numbers of the features of trees; 0 for those that are no reason."""
-    known = {name: number for number, name in REASON_NAMES.items() if number < OF_SUM}
+    known = {name: number for number, name in REASON_NAMES.items()}
     return np.array([known.get(name, 0) for name in names], np.uint8)
-
-
-def strongest_of_sum(contributions: Floats, weights: Floats) -> Bytes:
-    """Return the numbers (N,) of the features of a weighted sum that add most."""
-    return np.asarray(OF_SUM + (contributions * weights).argmax(axis=1), np.uint8)
 
 
 def strongest_of_trees(

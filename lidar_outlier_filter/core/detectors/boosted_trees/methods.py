@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The methods of the default detector, and the choice between them."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.boosted_trees.parameters import BoostedTrees
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import find_either, judge
+from lidar_outlier_filter.core.detectors.boosted_trees.survey import far
+from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
+from lidar_outlier_filter.core.detectors.declaration import Reaching
+from lidar_outlier_filter.core.detectors.scores import Scores
+from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.points.scan_lines import has_lines
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import FoundPattern
+    from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+
+
+class Method(Enum):
+    """How the default detector scores a cloud, in words for users."""
+
+    PATTERN = 'trees on the scan pattern'
+    NEIGHBOURS = 'trees on the neighbours of each point'
+    UNTESTED = 'no trees, untested: a single scan line without a scan pattern'
+
+
+def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, FoundPattern | None]:
+    """Choose the method for a cloud; return the scan pattern too, where there is one.
+
+    Without a scan pattern, the neighbours of a point are on other scan lines. A stretch of a stream
+    with one scan line has none, so its points stay untested.
+    """
+    points, sensor = seen.points, parameters.of(BoostedTrees).sensor
+    is_lined = has_lines(points) or points.ring is not None
+    if sensor == 'survey' or (seen.whole and not is_lined and sensor != 'free'):
+        return Method.NEIGHBOURS, None
+    found = seen.cached(('pattern', sensor), lambda: find_either(points, sensor, seen.threads))
+    if found is not None:
+        return Method.PATTERN, found
+    if seen.whole or np.ptp(points.line) > 0:
+        return Method.NEIGHBOURS, None
+    return Method.UNTESTED, None
+
+
+def detect(seen: DetectorInput, parameters: FilterParameters) -> Scores:
+    """Score every point by gradient-boosted trees.
+
+    Points with a scan pattern are compared with the returns next to them on their own scan line and
+    on the two lines on either side; points without, with their 8 and 60 nearest neighbours.
+
+    Parameters
+    ----------
+    seen : N valid points of a block, or of a whole cloud
+    parameters : ``boosted_trees``, ``scores``, ``threads``
+
+    Returns
+    -------
+    Scores
+        ``score`` (N,) float64, from 0: log-odds above -8 ÷ those of the model's threshold. NaN
+        where no method applies, or points have fewer than 8 others.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter.core.detectors.boosted_trees.methods import detect
+    >>> from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
+    >>> from lidar_outlier_filter.core.points.points import Points
+    >>> from lidar_outlier_filter.parameters.filter import FilterParameters
+    >>> x, y = np.divmod(np.arange(900.0), 30)
+    >>> xyz = np.column_stack([x, y, 0.01 * np.sin(x)])
+    >>> xyz[77, 2] = 6.0  # above a floor
+    >>> zeros = np.zeros(900, np.int64)
+    >>> points = Points(xyz, zeros, zeros, np.ones(900, np.bool_))
+    >>> parameters = FilterParameters()
+    >>> found = detect(DetectorInput(points, parameters, whole=True), parameters)
+    >>> np.flatnonzero(found.score > 1).tolist()
+    [77]
+
+    """
+    points, threshold = seen.points, parameters.of(BoostedTrees).threshold
+    method, found = choose(seen, parameters)
+    if method is Method.UNTESTED:
+        return Scores(np.full(len(points), np.nan), scaled=True, way=method.value)
+    if found is None:
+        around = look_around(points.xyz, np.arange(len(points)), parameters.threads)
+        odds, _ = survey.measure(points.xyz, around, parameters.threads)
+        return Scores(survey.score(odds, threshold), scaled=True, way=method.value)
+    reason = np.zeros(len(points), np.uint8) if parameters.scores else None
+    score = judge(found.pattern, threshold, seen.threads, profile=found.profile, reason=reason)
+    return Scores(score, reason=reason, scaled=True, way=method.value)
+
+
+# Without scan lines, as in tiles.
+REACHING = Reaching(
+    lambda xyz, where, parameters: look_around(xyz, where, parameters.threads),
+    lambda xyz, wanted, around, parameters: survey.measure(xyz, around, parameters.threads, wanted),
+    lambda odds, parameters: Scores(
+        survey.score(odds, parameters.of(BoostedTrees).threshold),
+        scaled=True,
+        way=Method.NEIGHBOURS.value,
+    ),
+    lambda: (far.MOST, far.STEPS),
+)

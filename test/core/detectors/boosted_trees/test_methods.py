@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The method is chosen by what a cloud shows, and points that no method can judge are untested."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.profile_drives import Drive
+from helpers.roads import road
+from helpers.sweeps import sweep
+
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.parameters.filter import FilterParameters
+
+if TYPE_CHECKING:
+    from lidar_outlier_filter.core.points.points import Points
+
+
+def unsteady() -> Points:
+    """Return lines of a mirror that swings: they have no scan pattern."""
+    points = road(3, lines=24)[0]
+    t = points.t + 3000 * (np.arange(len(points)) % 3)
+    return replace(points, t=t)
+
+
+def shapeless() -> Points:
+    """Return a cloud without times and lines."""
+    points = road(3, lines=24)[0]
+    zeros = np.zeros(len(points), np.int64)
+    return replace(points, t=zeros, line=zeros)
+
+
+@pytest.mark.parametrize(
+    ('points', 'whole', 'expected'),
+    [
+        (sweep(5, 0.1, columns=200), False, Method.PATTERN),
+        (Drive(11, 0.1).points, False, Method.PATTERN),
+        (unsteady(), False, Method.NEIGHBOURS),
+        (unsteady(), True, Method.NEIGHBOURS),
+        (shapeless(), True, Method.NEIGHBOURS),
+        (shapeless(), False, Method.UNTESTED),
+        (unsteady().take(np.arange(40)), False, Method.UNTESTED),
+        (unsteady().take(np.arange(40)), True, Method.NEIGHBOURS),
+    ],
+)
+def test_method(points: Points, whole: bool, expected: Method) -> None:  # noqa: FBT001
+    """It is counted by its name; without one, all points are undecided and none is rejected."""
+    chain = Chain(FilterParameters(), whole=whole)
+    verdict = chain.judge(points)
+    assert chain.ways == {expected.value: 1}
+    is_untested = expected is Method.UNTESTED
+    assert np.isnan(verdict.score).all() == is_untested
+    assert (verdict.undecided == (64 if is_untested else 0)).all()
+    assert not (verdict.rejected & np.isnan(verdict.score)).any()
+
+
+@pytest.mark.parametrize('count', [8, 9])
+def test_fewest_neighbours(count: int) -> None:
+    """Nine points have eight neighbours each; of eight none is judged."""
+    points = shapeless().take(np.arange(count))
+    score = Chain(FilterParameters(), whole=True).judge(points).score
+    assert np.isnan(score).all() == (count < 9)
