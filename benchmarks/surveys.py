@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Chains on surveys, with their defaults: what each finds and what it takes of the rest.
+"""Detectors, chains and peers on clouds without scan lines, with their defaults.
 
-    scripts/environment python benchmarks/surveys.py [--write] [--data ../shared/data]
+    scripts/environment python benchmarks/surveys.py [--write] [--data ../shared/data] [--only PAGE]
 
-One real cloud has low points that are known, two are thought to have no outlier, and one cloud of
-a town is simulated. A second table has the default and SOR on simulated surveys of five seeds, and
-on real clouds of which artefacts are known, or nothing. ``--write`` puts the first into the page on
-chains, the second into that of the default.
+Three tables: chains on three real clouds and a simulated town (``doc/chains.md``); the default and
+SOR on simulated surveys of five seeds and on real clouds (the page of the default); and filters of
+PDAL, Open3D, lidR and CloudCompare, reimplemented from their definitions, beside ours
+(``doc/development/default.md``).
 """
 # ruff: noqa: INP001, T201  a script, no package
 
@@ -19,30 +19,33 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import laspy
 import numpy as np
-from survey_peers import positions
 
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.files.cloud_file import open_cloud
-from lidar_outlier_lab.results.markdown import table, write
+from lidar_outlier_lab.results.markdown import paragraphs, table, write
+from lidar_outlier_lab.results.peers import distances
+from lidar_outlier_lab.results.real_clouds import labelled
 from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from lidar_outlier_filter.annotations import Bools, Floats
+    from lidar_outlier_lab.results.samples import Sample
+
+    Cloud = tuple[str, Floats, Bools]  # name, positions, which points are outliers
 
 DOC = Path(__file__).resolve().parents[1] / 'doc'
-PAGE, DEFAULT_PAGE = DOC / 'chains.md', DOC / 'detectors' / 'boosted_trees.md'
-SECTION, COMMAND = 'surveys', 'benchmarks/surveys.py --write'
+COMMAND = 'benchmarks/surveys.py --write'
 AXES = ('x', 'y', 'z')
 LOW = 285.0  # metres: what is lower in samp41 is below all ground
-PRESET, SEED = 'kang-urban', 601
-SIMULATED = ('kang-urban', 'kang-mountain', 'pirotti-sfm', 'pirotti-fcd', 'sotoodeh-hod')
-SEEDS = range(601, 606)
+PRESETS = ('kang-urban', 'kang-mountain', 'pirotti-sfm', 'pirotti-fcd', 'sotoodeh-hod')
+SEEDS, PEER_SEEDS = range(601, 606), (602, 603)
 ACTUAL = 'actual_scan_20240820_cloud.pcd'
 ARTEFACT = 65  # class of IGN's
+DEFAULT: dict[str, Any] = {'boosted_trees.sensor': 'survey'}
 CHAINS: dict[str, dict[str, Any]] = {
-    'the default': {'boosted_trees.sensor': 'survey'},
+    'the default': DEFAULT,
     '`sor`': {'chain': ('sor',)},
     '`hierarchical`': {'chain': ('hierarchical',)},
     '`elevation`': {'chain': ('elevation',)},
@@ -54,84 +57,17 @@ CHAINS: dict[str, dict[str, Any]] = {
     },
 }
 BOTH = {'default': CHAINS['the default'], '`sor`': CHAINS['`sor`']}
-
-
-def read(path: Path) -> Floats:
-    """Read all points (N, 3) of a file, metres."""
-    file = open_cloud(path)
-    units = [file.metres.get(axis, 1.0) for axis in AXES]
-    parts = [np.stack(columns, axis=1).astype(np.float64) for columns in file.read(AXES)]
-    return np.concatenate(parts) * units
-
-
-def clouds(data: Path) -> Iterator[tuple[str, Floats, Bools, Bools]]:
-    """Give the name of each cloud, its points, which are outliers, and which are surely good."""
-    real = data / 'clouds'
-    xyz = read(real / 'samp41-utm.pcd')
-    ground = {tuple(row) for row in read(real / 'samp41-utm-ground.pcd').round(3).tolist()}
-    is_ground = np.array([tuple(row) in ground for row in xyz.round(3).tolist()])
-    is_low = xyz[:, 2] < LOW
-    yield 'samp41', xyz, is_low, is_ground & ~is_low
-    for name in ('plane.laz', 'autzen_trim.laz'):
-        xyz = read(real / name)
-        yield name, xyz, np.zeros(len(xyz), np.bool_), np.ones(len(xyz), np.bool_)
-    for sample in simulated(PRESET, SEED):
-        yield sample.name, positions(sample), sample.data.bad, ~sample.data.bad
-
-
-def cell(rejected: Bools, bad: Bools, good: Bools) -> str:
-    """Say how many outliers are found, and what share of the good points is taken."""
-    lost = f'{100 * np.count_nonzero(rejected & good) / np.count_nonzero(good):.2g} %'
-    if not bad.any():
-        return lost
-    return f'{np.count_nonzero(rejected & bad)} of {np.count_nonzero(bad)} ({lost})'
-
-
-def of_chains(data: Path) -> str:
-    """Compare chains."""
-    found: dict[str, list[str]] = {name: [] for name in CHAINS}
-    head = ['chain']
-    for cloud, xyz, bad, good in clouds(data):
-        head.append(f'`{cloud}`')
-        for name, values in CHAINS.items():
-            rejected = detect_outliers(xyz, parameters=values).outlier
-            found[name].append(cell(rejected, bad, good))
-            print(cloud, name, found[name][-1], flush=True)
-    return table(head, [[name, *cells] for name, cells in found.items()])
-
-
-def of_default(data: Path) -> str:
-    """Compare the default with SOR on more clouds."""
-    head = ['cloud', *(f'{what}, {name}' for what in ('F1', 'found', 'lost') for name in BOTH)]
-    figures: dict[str, dict[str, list[Counts]]] = {}
-    for name, xyz, bad in many(data):
-        for judge, values in BOTH.items():
-            rejected = detect_outliers(xyz, parameters=values).outlier
-            sums = (rejected & bad, rejected, bad, ~bad)
-            counts = Counts(*(int(np.count_nonzero(one)) for one in sums))
-            figures.setdefault(name, {}).setdefault(judge, []).append(counts)
-        print(name, {judge: counts[-1] for judge, counts in figures[name].items()}, flush=True)
-    rows = [
-        [f'`{name}`', *(say([*one.values()][k]) for say in (f1, recall, lost) for k in range(2))]
-        for name, one in figures.items()
-    ]
-    return table(head, rows)
-
-
-def many(data: Path) -> Iterator[tuple[str, Floats, Bools]]:
-    """Give the name of each cloud, its points, and which are outliers, seed by seed."""
-    for preset in SIMULATED:
-        for seed in SEEDS:
-            for sample in simulated(preset, seed):
-                yield sample.name, positions(sample), sample.data.bad
-    real = data / 'clouds'
-    for path in sorted([*real.glob('*.laz'), real / 'source.ply', real / ACTUAL]):
-        xyz = read(path)
-        bad = np.zeros(len(xyz), np.bool_)
-        if path.suffix == '.laz':
-            bad = np.array(laspy.read(path).classification) == ARTEFACT
-        there = np.isfinite(xyz).all(axis=1)
-        yield path.name.partition('.')[0], xyz[there], bad[there]
+OURS = ('lof', 'sor', 'hierarchical', 'elevation')
+SIGMAS = {  # neighbours and standard deviations of statistical filters
+    'PDAL, statistical': (8, 2.0),
+    'Open3D, statistical': (19, 2.0),  # 20 with the point itself
+    'lidR, sor': (10, 3.0),
+    'CloudCompare, SOR': (6, 1.0),
+}
+MIN_K, RADIUS_M = 2, 1.0  # of PDAL's radius filter
+CELL_M, DROP_M = 10.0, 1.0  # of PDAL's filters.elm
+FEW_IVF, SIDE_IVF_M = 6, 5.0  # of lidR
+PEERS = ('default', *OURS, *SIGMAS, 'PDAL, radius', 'PDAL, elm', 'lidR, ivf')
 
 
 class Counts(NamedTuple):
@@ -143,8 +79,87 @@ class Counts(NamedTuple):
     good: int
 
 
+def read(path: Path) -> Floats:
+    """Read all points (N, 3) of a file, metres."""
+    file = open_cloud(path)
+    units = [file.metres.get(axis, 1.0) for axis in AXES]
+    parts = [np.stack(columns, axis=1).astype(np.float64) for columns in file.read(AXES)]
+    return np.concatenate(parts) * units
+
+
+def positions(sample: Sample) -> Floats:
+    """Return all points (N, 3) of a sample, metres."""
+    return np.concatenate([cloud.xyz for cloud in sample.data.clouds])
+
+
+def made(presets: Sequence[str], seeds: Sequence[int]) -> Iterator[Cloud]:
+    """Simulate clouds."""
+    for preset in presets:
+        for seed in seeds:
+            for sample in simulated(preset, seed):
+                yield sample.name, positions(sample), sample.data.bad
+
+
+def of_chains(data: Path) -> str:
+    """Compare chains on clouds whose good points are known."""
+    real = data / 'clouds'
+    xyz = read(real / 'samp41-utm.pcd')
+    ground = {tuple(row) for row in read(real / 'samp41-utm-ground.pcd').round(3).tolist()}
+    is_ground = np.array([tuple(row) in ground for row in xyz.round(3).tolist()])
+    is_low = xyz[:, 2] < LOW
+    clouds = [('samp41', xyz, is_low, is_ground & ~is_low)]
+    for name in ('plane.laz', 'autzen_trim.laz'):
+        xyz = read(real / name)
+        clouds.append((name, xyz, np.zeros(len(xyz), np.bool_), np.ones(len(xyz), np.bool_)))
+    clouds += [(name, xyz, bad, ~bad) for name, xyz, bad in made(PRESETS[:1], SEEDS[:1])]
+    rows = []
+    for chain, values in CHAINS.items():
+        cells = []
+        for _, xyz, bad, good in clouds:
+            rejected = detect_outliers(xyz, parameters=values).outlier
+            taken = f'{100 * np.count_nonzero(rejected & good) / np.count_nonzero(good):.2g} %'
+            found = f'{np.count_nonzero(rejected & bad)} of {np.count_nonzero(bad)} ({taken})'
+            cells.append(found if bad.any() else taken)
+        rows.append([chain, *cells])
+    return table(['chain', *(f'`{one[0]}`' for one in clouds)], rows)
+
+
+def of_default(data: Path) -> str:
+    """Compare the default with SOR on more clouds."""
+    figures: dict[str, dict[str, list[Counts]]] = {}
+    for name, xyz, bad in (*made(PRESETS, SEEDS), *real_clouds(data)):
+        for judge, values in BOTH.items():
+            rejected = detect_outliers(xyz, parameters=values).outlier
+            figures.setdefault(name, {}).setdefault(judge, []).append(counted(rejected, bad))
+        print(name, flush=True)
+    head = ['cloud', *(f'{what}, {name}' for what in ('F1', 'found', 'lost') for name in BOTH)]
+    rows = [
+        [f'`{name}`', *(say([*one.values()][k]) for say in (f1, recall, lost) for k in range(2))]
+        for name, one in figures.items()
+    ]
+    return table(head, rows)
+
+
+def real_clouds(data: Path) -> Iterator[Cloud]:
+    """Read real clouds; artefacts are known by their class, or not at all."""
+    real = data / 'clouds'
+    for path in sorted([*real.glob('*.laz'), real / 'source.ply', real / ACTUAL]):
+        xyz = read(path)
+        bad = np.zeros(len(xyz), np.bool_)
+        if path.suffix == '.laz':
+            bad = np.array(laspy.read(path).classification) == ARTEFACT
+        there = np.isfinite(xyz).all(axis=1)
+        yield path.name.partition('.')[0], xyz[there], bad[there]
+
+
+def counted(rejected: Bools, bad: Bools) -> Counts:
+    """Count what is found and lost."""
+    sums = (rejected & bad, rejected, bad, ~bad)
+    return Counts(*(int(np.count_nonzero(one)) for one in sums))
+
+
 def f1(some: Sequence[Counts]) -> str:
-    """Say the mean over seeds, and the least and the most."""
+    """Write the mean over seeds, the minimum and the maximum."""
     if not some[0].bad:
         return ''
     values = [2 * one.found / (one.rejected + one.bad) for one in some]
@@ -153,28 +168,110 @@ def f1(some: Sequence[Counts]) -> str:
 
 
 def recall(some: Sequence[Counts]) -> str:
-    """Say how many outliers are found, of all seeds."""
+    """Write how many outliers are found, of all seeds."""
     bad = sum(one.bad for one in some)
     return f'{sum(one.found for one in some)} of {bad}' if bad else ''
 
 
 def lost(some: Sequence[Counts]) -> str:
-    """Say the share of the good points that is lost, of all seeds."""
+    """Write the share of the good points that is lost, of all seeds."""
     share = sum(one.rejected - one.found for one in some) / sum(one.good for one in some)
     return f'{100 * share:.2g} %' if share else 'none'
+
+
+def of_peers(data: Path) -> str:
+    """Compare ours with the filters of other programs."""
+    figures: dict[str, dict[str, list[Counts]]] = {}
+    found = ((path.name, labelled(path)) for path in sorted((data / 'clouds').glob('*.laz')))
+    known = ((name, positions(one), one.data.bad) for name, one in found if one is not None)
+    for name, xyz, bad in (*made(PRESETS, PEER_SEEDS), *known):
+        for peer in PEERS:
+            counts = counted(by_peer(peer, xyz), bad)
+            figures.setdefault(name, {}).setdefault(peer, []).append(counts)
+        print(name, flush=True)
+    rows = [[f'`{name}`', *map(both_shares, one.values())] for name, one in figures.items()]
+    return paragraphs(
+        f'Simulated clouds are of the seeds {", ".join(map(str, PEER_SEEDS))}. Percent of the '
+        'outliers that are found / of the good points that are lost:',
+        table(['cloud', *PEERS], rows),
+    )
+
+
+def both_shares(some: Sequence[Counts]) -> str:
+    """Write what is found and lost in percent, means over seeds, to two significant digits."""
+    shares = [
+        (one.found / max(one.bad, 1), (one.rejected - one.found) / max(one.good, 1)) for one in some
+    ]
+    return ' / '.join(
+        np.format_float_positional(100 * share, 2, unique=False, fractional=False, trim='-')
+        for share in np.mean(shares, axis=0).tolist()
+    )
+
+
+def by_peer(peer: str, xyz: Floats) -> Bools:
+    """Reject as a filter does with its default settings."""
+    if peer in SIGMAS:
+        neighbours, sigmas = SIGMAS[peer]
+        mean = distances(xyz, neighbours).mean(axis=1)
+        return mean > mean.mean() + sigmas * mean.std(ddof=1)
+    if peer == 'PDAL, radius':
+        return distances(xyz, MIN_K)[:, -1] > RADIUS_M
+    if peer == 'PDAL, elm':
+        return minima(xyz, CELL_M, DROP_M)
+    if peer == 'lidR, ivf':
+        return isolated(xyz, SIDE_IVF_M, FEW_IVF)
+    values = DEFAULT if peer == 'default' else {'chain': (peer,)}
+    return detect_outliers(xyz, parameters=values).outlier
+
+
+def minima(xyz: Floats, cell: float, drop: float) -> Bools:
+    """In each cell, the lowest points up to the first that is less than ``drop`` below the next."""
+    number = np.floor((xyz[:, :2] - xyz[:, :2].min(axis=0)) / cell).astype(np.int64)
+    order = np.lexsort([xyz[:, 2], number[:, 1], number[:, 0]])
+    own = number[order]
+    begins = np.append(True, (own[1:] != own[:-1]).any(axis=1))
+    rises = np.append(np.diff(xyz[order, 2]) >= drop, False)
+    rises[np.append(begins[1:], True)] = False  # the last of its cell
+    ends = np.flatnonzero(~rises)  # of each run of rises
+    first = np.flatnonzero(begins)[np.cumsum(begins) - 1]
+    rejected = np.zeros(len(xyz), np.bool_)
+    rejected[order] = np.arange(len(xyz)) < ends[np.searchsorted(ends, first)]
+    return rejected
+
+
+def isolated(xyz: Floats, side: float, few: int) -> Bools:
+    """Reject where 27 voxels hold at most ``few`` points."""
+    voxel = np.floor((xyz - xyz.min(axis=0)) / side).astype(np.int64) + 1
+    count = voxel.max(axis=0) + 2
+    step = np.array([count[1] * count[2], count[2], 1])
+    number, inverse, held = np.unique(voxel @ step, return_inverse=True, return_counts=True)
+    total = np.zeros(len(number), np.int64)
+    for offset in np.ndindex(3, 3, 3):
+        wanted = number + (np.array(offset) - 1) @ step
+        at = np.minimum(np.searchsorted(number, wanted), len(number) - 1)
+        total += np.where(number[at] == wanted, held[at], 0)
+    return total[inverse] <= few
+
+
+PAGES = {
+    'chains': (DOC / 'chains.md', 'surveys', of_chains),
+    'default': (DOC / 'detectors' / 'boosted_trees.md', 'surveys', of_default),
+    'peers': (DOC / 'development' / 'default.md', 'survey-peers', of_peers),
+}
 
 
 def main() -> None:
     """Print the tables, or write them."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').partition('\n')[0])
     parser.add_argument('--data', type=Path, default=Path('../shared/data'), metavar='DIR')
-    parser.add_argument(
-        '--write', action='store_true', help=f'into {PAGE.name}, {DEFAULT_PAGE.name}'
-    )
+    parser.add_argument('--only', choices=PAGES, nargs='+', default=tuple(PAGES), metavar='PAGE')
+    parser.add_argument('--write', action='store_true', help='into the pages')
     options = parser.parse_args()
-    for page, text in ((DEFAULT_PAGE, of_default(options.data)), (PAGE, of_chains(options.data))):
+    for name in options.only:
+        page, section, make = PAGES[name]
+        text = make(options.data)
         if options.write:
-            write(page, SECTION, text, command=COMMAND)
+            write(page, section, text, command=COMMAND)
         else:
             print(text)
 

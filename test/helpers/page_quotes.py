@@ -164,25 +164,6 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             ),
         ],
     ),
-    'recovered rings': (
-        page_sources.recovered,
-        [
-            Quote(
-                'doc/detectors/boosted_trees.md',
-                f'| {title} | {{{name} equal}} | {{{name} known}} | {{{name} found}} '
-                f'| {{{name} near}} |',
-            )
-            for title, name in (
-                ('VLP-16', 'VLP-16'),
-                ('HDL-32E', 'HDL-32E'),
-                ('VLP-32C', 'VLP-32C'),
-                ('OS0-32', 'OS0-32'),
-                ('OS1-128', 'OS1-128'),
-                ('XT32', 'XT32'),
-                ('`lidar_link`, 32 rings', 'lidar_link'),
-            )
-        ],
-    ),
     'real snow': (
         page_sources.real_snow,
         [

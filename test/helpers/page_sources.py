@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from contextlib import chdir
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,13 +17,11 @@ from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.cli.terminal import REFUSED
 from lidar_outlier_filter.core.detectors.boosted_trees.models import PATTERN_MODEL, read_file
 from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import judge
-from lidar_outlier_filter.core.engine.whole_cloud import judge_whole, with_rings
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate
 from lidar_outlier_filter.evaluation.report import percent as exactly
-from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_lab.results.papers.counts import count
@@ -229,25 +226,6 @@ def _shipped() -> dict[str, float]:
             points += len(sweep)
         shares[sensor] = rejected / points
     return shares
-
-
-def recovered(_pages: Pages) -> Figures:
-    """Judge the first cloud of recordings with its rings, with recovered ones, and with none."""
-    parameters = FilterParameters()
-    figures: dict[str, str] = {}
-    for recording in known_recordings(DATA / 'bags'):
-        cloud = read_sweeps(recording, 1)[0]
-        nothing = np.zeros(len(cloud), np.int64)
-        mixed = np.random.default_rng(1).permutation(len(cloud))
-        bare = replace(cloud, t=nothing, line=nothing).take(mixed)
-        known = judge_whole(cloud, parameters).rejected[mixed]
-        found = judge_whole(with_rings(bare, parameters), parameters).rejected
-        near = judge_whole(bare, parameters).rejected
-        title = recording.sensor
-        figures[f'{title} equal'] = f'{100 * np.mean(known == found):.2f} %'
-        for how, rejected in (('known', known), ('found', found), ('near', near)):
-            figures[f'{title} {how}'] = f'{100 * np.mean(rejected):.3f} %'
-    return figures
 
 
 def real_snow(_pages: Pages) -> Figures:

@@ -386,7 +386,7 @@ def test_chain_replaced() -> None:
 
 def test_after_hurry_points_of_the_last_time_are_taken_untested() -> None:
     """A cloud that begins at the very time the stream was hurried at is answered, not refused."""
-    stream = TaggedStream(FilterParameters().changed({'chain': ['sor']}))
+    stream = TaggedStream(FilterParameters().changed({'chain': ['sor'], 'sor.multiplier': 9.0}))
     count = 50
     t = 1_000_000_000 + 10_000 * np.arange(count)
     xyz = np.stack([np.arange(count) + 1.0, np.ones(count), np.ones(count)], axis=1)

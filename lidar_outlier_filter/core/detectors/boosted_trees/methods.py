@@ -45,7 +45,7 @@ def choose(seen: DetectorInput, parameters: FilterParameters) -> tuple[Method, F
     found = seen.cached(('pattern', sensor), lambda: find_either(points, sensor, seen.threads))
     if found is not None:
         return Method.PATTERN, found
-    if seen.whole or np.ptp(points.line) > 0:
+    if seen.whole or (len(points) > 0 and np.ptp(points.line) > 0):
         return Method.NEIGHBOURS, None
     return Method.UNTESTED, None
 

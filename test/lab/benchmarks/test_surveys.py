@@ -16,7 +16,7 @@ from naive import low_points as naive
 @pytest.fixture(scope='module')
 def peers() -> dict[str, Any]:
     """Return what the program defines."""
-    return runpy.run_path(str(ROOT / 'benchmarks' / 'survey_peers.py'))
+    return runpy.run_path(str(ROOT / 'benchmarks' / 'surveys.py'))
 
 
 @pytest.mark.parametrize('seed', range(40))
@@ -28,11 +28,11 @@ def test_against_loops(peers: dict[str, Any], seed: int) -> None:
     places = [tuple(row) for row in xyz.tolist()]
     for cell, drop in ((5.0, 1.0), (3.0, 0.5), (50.0, 2.0)):
         np.testing.assert_array_equal(
-            peers['_minima'](xyz, cell, drop), naive.minima(places, cell, drop)
+            peers['minima'](xyz, cell, drop), naive.minima(places, cell, drop)
         )
     for side, few in ((2.0, 5), (5.0, 6)):
         np.testing.assert_array_equal(
-            peers['_isolated'](xyz, side, few), naive.isolated(places, side, few)
+            peers['isolated'](xyz, side, few), naive.isolated(places, side, few)
         )
 
 
@@ -41,6 +41,6 @@ def test_as_they_come(peers: dict[str, Any]) -> None:
     rng = np.random.default_rng(1)
     xyz = rng.uniform((0.0, 0.0, 0.0), (60.0, 60.0, 0.1), (5000, 3))
     xyz[0, 2] = -30.0
-    for way in (*peers['SIGMAS'], 'PDAL, radius', 'PDAL, elm', 'lidR, ivf'):
-        assert peers['shipped'](way, xyz)[0], way
-    assert peers['shipped']('PDAL, elm', xyz).sum() == 1
+    for peer in (*peers['SIGMAS'], 'PDAL, radius', 'PDAL, elm', 'lidR, ivf'):
+        assert peers['by_peer'](peer, xyz)[0], peer
+    assert peers['by_peer']('PDAL, elm', xyz).sum() == 1
