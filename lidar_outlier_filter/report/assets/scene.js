@@ -186,7 +186,7 @@ export class View {
 
   flyTo(where, size) {
     const target = new Vector3(...where.map((value, a) => value - this.centre[a]));
-    const away = Math.min(Math.max(2.2 * size, 5), 1.1 * this.radius);
+    const away = Math.min(Math.max(2.2 * size, 5), 2 * this.radius);
     const back = this.camera.position.clone().sub(this.controls.target).normalize();
     if (this.camera === this.flat) {
       this.flat.zoom = this.flat.top / (away / 2);

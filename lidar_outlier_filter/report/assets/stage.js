@@ -3,7 +3,7 @@
 
 // The picture and its controls, of recorded and live points: view, colours, keys, the chosen point.
 
-import { ALL, INTENSITY, MODES, at, describe, isRejected, measure, neighbours, node, samePointLine, visitSample } from 'data';
+import { ALL, INTENSITY, MODES, at, describe, isRejected, measure, neighbours, node, position, samePointLine, visitSample } from 'data';
 import { colours, legend } from 'colours';
 import { Map2D, scaleBar } from 'map';
 import { element } from 'charts';
@@ -144,12 +144,13 @@ export class Stage {
     if (there) [at('ring').style.left, at('ring').style.top] = there.map((value) => `${value}px`);
   }
 
-  // Fly to a box in metres, and far enough away to see what is around a point of it.
+  // Fly to a box in metres, so that what is around a point of it is in view, too.
   flyTo(low, high, number, index) {
     const frame = this.data.frames[number];
-    const around = neighbours(frame, index, 8);
-    const size = Math.max(...high.map((value, a) => value - low[a]), 2, around.length ? 2 * around[around.length - 1][1] : 0);
-    this.view?.flyTo(low.map((value, a) => (value + high[a]) / 2), size);
+    const around = neighbours(frame, index, 8).map(([i]) => position(frame, i, [0, 0, 0]));
+    const from = low.map((value, a) => Math.min(value, ...around.map((there) => there[a])));
+    const size = high.map((value, a) => Math.max(value, ...around.map((there) => there[a])) - from[a]);
+    this.view?.flyTo(from.map((value, a) => value + size[a] / 2), Math.max(...size, 2));
   }
 
   // --- What lies over the points: path, axes, scale bar, and what a tool draws ---
