@@ -114,7 +114,10 @@ def test_everything_else_is_copied(tmp_path: Path) -> None:
     source = write_drive(tmp_path / 'drive', map(cloud, range(12)))
     seen: list[tuple[int, int]] = []
     report = replay(
-        source, tmp_path / 'out', progress=lambda done, total: seen.append((done, total))
+        source,
+        tmp_path / 'out',
+        parameters={'chain': ['alpha_beta_gamma']},
+        progress=lambda done, total: seen.append((done, total)),
     )
     before, after = content(source), content(tmp_path / 'out')
     assert {topic: after[topic] for topic in before} == before
