@@ -15,7 +15,13 @@ if TYPE_CHECKING:
 
 
 # Blocks of one cloud, which no halo holds up; half of the queue is five clouds.
-SHORT = {'block': 0.01, 'halo': 0.0, 'max_delay': 60.0, 'load.clouds': 10}
+SHORT = {
+    'chain': ['alpha_beta_gamma'],
+    'block': 0.01,
+    'halo': 0.0,
+    'max_delay': 60.0,
+    'load.clouds': 10,
+}
 
 
 def send(ros: Ros, node: OutlierFilterNode, sensor: Sensor, count: int, first: int = 0) -> None:

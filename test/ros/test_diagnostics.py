@@ -69,7 +69,9 @@ def test_once_in_a_second(ros: Ros) -> None:
     """Of real time; silent, then a warning, then an error."""
     node = ros.filter('-p', 'health.silence_warn:=0.0')
     node.start()
-    received = [(ros.diagnosis(), time.monotonic()) for _ in range(11)]
+    received = [(ros.diagnosis(), time.monotonic())]
+    while received[-1][0].level != ERROR:
+        received.append((ros.diagnosis(), time.monotonic()))
     times = np.array([at for _, at in received])
     assert np.median(np.diff(times)) == pytest.approx(1.0, abs=0.2)
     assert [found.level for found, _ in received][-2:] == [WARN, ERROR]

@@ -189,7 +189,12 @@ def test_shed(ros: Ros) -> None:
 
 
 @pytest.mark.parametrize(
-    'parameters', [{}, {'chain': ['sor']}, {'chain': ['alpha_beta_gamma', 'sor'], 'vote': 2}]
+    'parameters',
+    [
+        {'chain': ['boosted_trees']},
+        {'chain': ['sor']},
+        {'chain': ['alpha_beta_gamma', 'sor'], 'vote': 2},
+    ],
 )
 def test_nothing_to_shed(ros: Ros, parameters: dict[str, object]) -> None:
     """Where the smoother alone could reject nothing, shedding is passing."""

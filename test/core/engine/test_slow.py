@@ -152,7 +152,7 @@ def test_live(ros: Ros, held: threading.Event, capfd: pytest.CaptureFixture[str]
     node.channels[0].receiver.take(line(0))
     sentence = SENTENCE.replace('0.01', '0.5')
     found = ros.diagnosis(lambda found: sentence in found.message)
-    assert found.level == 1
+    assert found.level >= 1  # an error where the cloud has waited too long, besides
     assert not held.is_set()
     held.set()
     node.finish()
