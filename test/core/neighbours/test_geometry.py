@@ -143,9 +143,7 @@ def test_no_shape_takes_long(name: str) -> None:
         return least
 
     streets = [shape('street', count)]
-    if (
-        name == 'boosted_trees'
-    ):  # its other method too: without a scan pattern
+    if name == 'boosted_trees':  # its other method too: without a scan pattern
         streets.append(FORMS['one time'](streets[0]))
     for one in streets:
         judge(one)
