@@ -23,10 +23,9 @@ from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.uploads import Upload, finish, upload
 from lidar_outlier_filter.disk.new_files import FOLDER, publish, publish_instead
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.recordings.bags import writable
+from lidar_outlier_filter.recordings.bags import LARGEST, writable
 from lidar_outlier_filter.recordings.remote_path import written
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -52,7 +51,6 @@ class ReplayOrder(Order[Task]):
     parameters: Mapping[str, object] = field(default_factory=dict)
     drop_input: bool = False
     salvage: bool = False
-    resume: bool = False
     largest: int = LARGEST
 
     @property

@@ -132,7 +132,7 @@ def replay_one(options: argparse.Namespace) -> ReplayReport:
 def _replay_here(
     task: Task, order: ReplayOrder, leave_if_asked: Callable[[], object], advance: Advance
 ) -> ReplayReport:
-    """Replay in this process; a killed run may have left what is beside the output."""
+    """Replay in this process."""
     from lidar_outlier_filter.archive.locations import staged
     from lidar_outlier_filter.archive.uploads import published
     from lidar_outlier_filter.recordings.replay import replay
@@ -146,7 +146,6 @@ def _replay_here(
             path,
             built,
             parameters=order.parameters,
-            resume=order.resume,
             **order.options,
             progress=progress,
             inform=say,
@@ -164,7 +163,6 @@ def _order(options: argparse.Namespace) -> ReplayOrder:
         parameters,
         options.drop_input,
         options.salvage,
-        options.resume and not is_archive(options.recording),  # which goes on by its manifest
         options.largest_message * MEGABYTE,
     )
 
@@ -204,8 +202,6 @@ def check_workers(options: argparse.Namespace) -> None:
     if options.jobs is not None and options.scheduler is not None:
         must_be = 'left out with --scheduler, whose cluster has its own processes'
         raise FilterError('--jobs', must_be, options.jobs)
-    if options.resume and options.scheduler is not None and not is_archive(options.recording):
-        raise FilterError('--resume', 'left out with --scheduler for one recording', 'given')
 
 
 def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:

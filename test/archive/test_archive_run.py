@@ -165,7 +165,7 @@ def test_ctrl_c_says_how_to_go_on(
     output = drives.with_name('drives_cleaned')
     sentence = f'interrupted: {number} of 2 recordings are done in {output}; the same command goes'
     assert sentence in capsys.readouterr().err
-    assert main(['replay', str(drives), '--resume', *FAST]) == 0
+    assert main(['replay', str(drives), *FAST]) == 0
     assert f'{2 - number - 1} replayed, {number} done before' in capsys.readouterr().out
 
 
