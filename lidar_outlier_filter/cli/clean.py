@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.archive_run import go_through, refuse_inside
 from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
@@ -35,8 +34,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Iterator
 
-    from lidar_outlier_filter.archive.manifest import Entry
-    from lidar_outlier_filter.archive.one_file import CleanOrder, FileTask
+    from lidar_outlier_filter.archive.one_file import FileTask
     from lidar_outlier_filter.archive.order import Made
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.cli.terminal import Advance, Commands
@@ -185,29 +183,47 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
 
 
 def _clean(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.archive.one_file import CleanOrder
-    from lidar_outlier_filter.cli import clean_tables
-    from lidar_outlier_filter.cli.archive_tables import status
-
     parameters = read_parameters(options.params, options.settings, options.chain)
     if options.scores:
         parameters['scores'] = True
-    folder = _folder(options)
-    tasks = _tasks(options, folder)
-    _check(options, folder, len(tasks))
+    _check(options)
     picture = options.picture if options.picture is None or can_draw() else None
     look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=picture)
+    folder = _folder(options)
+    if options.scheduler is not None:
+        _check_scheduler(options, folder)
+    if options.resume and folder is None:
+        raise ParameterError('--resume', 'with --output FOLDER', 'none')
+    if len(options.files) == 1 and folder is None and not options.scheduler:
+        status = _clean_one(options, parameters, look)
+    else:
+        status = _clean_many(options, folder, parameters, look)
+    return INCOMPLETE if status == DONE and picture != options.picture else status
+
+
+def _clean_many(
+    options: argparse.Namespace,
+    folder: Path | None,
+    parameters: dict[str, object],
+    look: _LookForWorst,
+) -> int:
+    """Clean several files, or those of folders, as an archive."""
+    from lidar_outlier_filter.archive.one_file import CleanOrder
+    from lidar_outlier_filter.cli import clean_tables
+    from lidar_outlier_filter.cli.archive_run import go_through
+    from lidar_outlier_filter.cli.archive_tables import status
+
+    tasks = _tasks(options, folder)
+    for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
+        if value and len(tasks) > 1:
+            raise ParameterError(name, 'given for one file', f'{len(tasks)} files')
     order = CleanOrder(parameters, _wanted(options), look)
     made: dict[FileTask, Made] = {}
-    if len(tasks) == 1 and folder is None and not options.scheduler:
-        entries, tried = [_clean_one(tasks[0], order, made)], tasks
-    else:
-        of_manifest = None if options.dry_run else folder
-        by = (partial(_workers, options), options.jobs or cores(), made.__setitem__)
-        entries, tried = go_through(tasks, order, of_manifest, 'cleaning', *by)
+    of_manifest = None if options.dry_run else folder
+    by = (partial(_workers, options), options.jobs or cores(), made.__setitem__)
+    entries, tried = go_through(tasks, order, of_manifest, 'cleaning', *by)
     clean_tables.show(tasks, entries, tried, order, made)
-    found = status(entries)
-    return INCOMPLETE if found == DONE and picture != options.picture else found
+    return status(entries)
 
 
 def _wanted(options: argparse.Namespace) -> CleanOptions:
@@ -240,37 +256,35 @@ def _workers(options: argparse.Namespace, _todo: object) -> Iterator[Workers | N
         yield workers
 
 
-def _clean_one(task: FileTask, order: CleanOrder, made: dict[FileTask, Made]) -> Entry:
-    """Clean a single file, with a bar for each step; where it is refused, all is."""
-    from lidar_outlier_filter.archive.manifest import How, begun
-    from lidar_outlier_filter.archive.order import Made
-    from lidar_outlier_filter.archive.run import noted
+def _clean_one(
+    options: argparse.Namespace, parameters: dict[str, object], look: _LookForWorst
+) -> int:
+    """Clean a single file, with a bar for each step."""
+    from lidar_outlier_filter.cli.clean_tables import show_one
     from lidar_outlier_filter.files.clean import clean_file
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
-    found: list[Any] = []
-
-    def look(judged: JudgedFile) -> None:
-        found.append(order.look(judged))
+    path = options.files[0]
+    output, outliers = _outputs(path, options)
+    found: list[Worst | None] = []
 
     def how_far() -> str:
-        return f'nothing is written to {task.output}; the same command begins anew'
+        return f'nothing is written to {output}; the same command begins anew'
 
     began = perf_counter()
     with saying_how_far(how_far), stopping() as leave_if_asked, ExitStack() as bars:
-        steps = _StepBars(task.path.name, leave_if_asked, bars)
         report = clean_file(
-            task.path,
-            task.cleaned,
-            FilterParameters().changed(order.parameters),
-            order.wanted,
-            outliers=task.outliers,
-            progress=steps,
-            slow=lambda slow: say(f'{task.path}: {slow}'),
-            inspect=look,
+            path,
+            output,
+            FilterParameters().changed(parameters),
+            _wanted(options),
+            outliers=outliers,
+            progress=_StepBars(path.name, leave_if_asked, bars),
+            slow=lambda slow: say(f'{path}: {slow}'),
+            inspect=lambda judged: found.append(look(judged)),
         )
-    made[task] = Made(report, [], found=found[0], seconds=perf_counter() - began)
-    return noted(begun(task, How('', '', '')), task, order, made[task])
+    show_one(path, report, perf_counter() - began, found[0])
+    return INCOMPLETE if report.is_untested else DONE
 
 
 class _StepBars:
@@ -321,6 +335,8 @@ def _folder(options: argparse.Namespace) -> Path | None:
     if output.exists() and not output.is_dir():
         raise ParameterError('--output of several files', 'a folder', output)
     for root in searched:
+        from lidar_outlier_filter.cli.archive_run import refuse_inside
+
         refuse_inside(output, root)
     if not options.dry_run:
         try:
@@ -331,23 +347,16 @@ def _folder(options: argparse.Namespace) -> Path | None:
     return output
 
 
-def _check(options: argparse.Namespace, folder: Path | None, count: int) -> None:
+def _check(options: argparse.Namespace) -> None:
     """Refuse options that do not go together."""
     from lidar_outlier_filter.disk.new_files import FILE, check_new
 
-    for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
-        if value and count > 1:
-            raise ParameterError(name, 'given for one file', f'{count} files')
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
     if options.picture:
         check_new(options.picture, FILE, ParameterError, '--picture')
     if options.jobs is not None and options.jobs < 1:
         raise ParameterError('--jobs', 'at least 1', options.jobs)
-    if options.scheduler is not None:
-        _check_scheduler(options, folder)
-    if options.resume and folder is None:
-        raise ParameterError('--resume', 'with --output FOLDER, which has the manifest', 'none')
 
 
 def _check_scheduler(options: argparse.Namespace, folder: Path | None) -> None:
@@ -385,25 +394,32 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[FileTask]:
 
 
 def _task(path: Path, options: argparse.Namespace, folder: Path | None, depth: int = 1) -> FileTask:
-    """Name the outputs after the file, beside it, where nothing else is said."""
+    """Name the outputs of one of several files."""
     from lidar_outlier_filter.archive.locations import Location, location_of
     from lidar_outlier_filter.archive.one_file import FileTask
-    from lidar_outlier_filter.files.cloud_file import copy_suffix
-    from lidar_outlier_filter.files.judged_file import SEPARATE
 
-    name = path.stem + CLEANED + copy_suffix(path)
-    output = options.output or path.with_name(name)
-    if folder is not None:
-        output = folder / name
-    else:
+    output, outliers = _outputs(path, options, folder)
+    if folder is None:
         depth = len(str(path).split('/'))  # nothing is common to all
-    outliers = options.outliers
-    if outliers is None and options.rejected == SEPARATE:
-        stem = output.stem.removesuffix(CLEANED)
-        outliers = output.with_name(stem + OUTLIERS + output.suffix)
-    there = path.is_file()  # whoever opens it says what is wrong
+    there = path.is_file()  # opening it says what is wrong
     location = location_of(path) if there else Location(path, 0, '', by_ranges=True)
     return FileTask(location, output, depth, outliers)
+
+
+def _outputs(
+    path: Path, options: argparse.Namespace, folder: Path | None = None
+) -> tuple[Path, Path | None]:
+    """Name the outputs after the file, beside it, unless names are given."""
+    from lidar_outlier_filter.files.cloud_file import copy_suffix
+
+    name = path.stem + CLEANED + copy_suffix(path)
+    output: Path = options.output or path.with_name(name)
+    if folder is not None:
+        output = folder / name
+    outliers: Path | None = options.outliers
+    if outliers is None and options.rejected == 'separate':
+        outliers = output.with_name(output.stem.removesuffix(CLEANED) + OUTLIERS + output.suffix)
+    return output, outliers
 
 
 def _classes(options: argparse.Namespace, which: str) -> tuple[int, ...]:

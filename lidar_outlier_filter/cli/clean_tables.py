@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.archive_tables import numbers, print_counts, say_lacks, table_of_all
 from lidar_outlier_filter.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -57,20 +56,50 @@ def show(
     order: CleanOrder,
     made: Mapping[FileTask, Made],
 ) -> None:
-    """Print what became of each file, the tables, and what was written."""
+    """Print what became of each of many files, the tables, and what was written."""
     from rich.console import Console
+
+    from lidar_outlier_filter.cli.archive_tables import print_counts, say_lacks, table_of_all
 
     for task, entry in zip(tasks, entries, strict=True):
         if task in made:
-            _say_how(task, made[task].report)
+            _say_how(task.path, made[task].report)
         else:
             say_lacks(task.location, entry)
+    Console().print(table_of_all(tasks, entries, tried, order))
+    reports = [made[task].report for task in tasks if task in made]
+    worst = {task.path: one.found for task, one in made.items() if one.found is not None}
+    _show_rejected(reports, worst)
+    print_counts(entries, tried, order)
+
+
+def show_one(path: Path, report: CleanReport, seconds: float, worst: Worst | None) -> None:
+    """Print what became of a single file, the tables, and what was written."""
+    from rich.console import Console
+
+    _say_how(path, report)
+    rare = ('invalid', 'ignored', 'untested', 'spared')
+    counts = {
+        'points': report.points,
+        **{name: getattr(report, name) for name in rare if getattr(report, name)},
+        'rejected': report.rejected,
+    }
+    by = report.rejected_by if len(report.rejected_by) > 1 else {}
+    names = [*counts, 'share', *(f'by {name}' for name in by), 'seconds', 'state']
+    table = numbers('file', *names)
+    cells = [f'{count:,}' for count in counts.values()]
+    cells.append(f'{report.rejected / max(report.points, 1):.3%}')
+    cells += [f'{count:,}' for count in by.values()]
+    table.add_row(path.name, *cells, f'{seconds:.1f}', 'untested' if report.is_untested else 'done')
+    Console().print(table)
+    _show_rejected([report], {} if worst is None else {path: worst})
+
+
+def _show_rejected(reports: Sequence[CleanReport], worst: Mapping[Path, Worst]) -> None:
+    """Print tables by class, cause and group, and what was written."""
+    from rich.console import Console
+
     console = Console()
-    now = [(task, made[task]) for task in tasks if task in made]
-    reports = [one.report for _, one in now]
-    worst = {task.path: one.found for task, one in now if one.found is not None}
-    if len(tasks) > 1 or entries[0].error is None:
-        console.print(table_of_all(tasks, entries, tried, order))
     if any(report.by_class for report in reports):
         console.print(_table_of_classes(reports))
     if any(report.rejected for report in reports):
@@ -80,16 +109,25 @@ def show(
     for report in reports:
         for written in report.outputs:
             console.print(f'written to {written}', markup=False, highlight=False, soft_wrap=True)
-    if len(tasks) > 1:
-        print_counts(entries, tried, order)
 
 
-def _say_how(task: FileTask, report: CleanReport) -> None:
+def numbers(first: str, *others: str) -> Table:
+    """Make a table of numbers behind a name."""
+    from rich.table import Table
+
+    made = Table(first, *others)
+    made.columns[0].overflow = 'fold'  # a name is never cut
+    for column in made.columns[1:]:
+        column.justify, column.no_wrap = 'right', True
+    return made
+
+
+def _say_how(path: Path, report: CleanReport) -> None:
     """Say in which way a file is not judged as it is."""
-    path = task.path
     if report.metres:
         sizes = ', '.join(f'{name} = {size:.10g} m' for name, size in report.metres.items())
-        say(f'{path} is not in metres ({sizes}): it is judged in metres')
+        crs = f'; its coordinate system is {report.crs}' if report.crs else ''
+        say(f'{path} is not in metres ({sizes}): it is judged in metres{crs}')
     if report.coarse:
         say(f'{path}: {report.coarse}')
     if report.rings:

@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.cli.main import main
-from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.points.heights import is_high
 from lidar_outlier_filter.core.points.mask import HEAD, NAMES
-from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.files.clean import clean_file
-from lidar_outlier_filter.files.judged_file import CleanOptions, spare
+from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
@@ -216,7 +214,7 @@ def test_strips_are_judged_alone(tmp_path: Path) -> None:
         (['--keep-classes', '300'], 'a class must be from 0 to 255, got 300'),
         (['--jobs', '0'], '--jobs must be at least 1, got 0'),
         (['--rejected', 'remove', '--mark', 'noise'], 'how rejected points are marked must be'),
-        (['--resume'], '--resume must be with --output FOLDER, which has the manifest, got none'),
+        (['--resume'], '--resume must be with --output FOLDER, got none'),
         (
             ['--output', 'b.copc.laz'],
             'the output must be LAZ without an octree, of which untwine or PDAL makes COPC, got',
@@ -228,27 +226,6 @@ def test_refused(cloud: Path, options: list[str], sentence: str, capsys: Capture
     assert main(['clean', str(cloud), *options]) == 1
     assert capsys.readouterr().err.startswith(sentence)
     assert [path.name for path in cloud.parent.iterdir()] == ['a.las']
-
-
-def test_classes_of_a_file_without(tmp_path: Path, capsys: Capture) -> None:
-    """Only LAS has classes."""
-    path = tmp_path / 'a.csv'
-    path.write_text('x,y,z\n' + '1,2,3\n' * 20)
-    assert main(['clean', str(path), '--keep-classes', '2']) == 1
-    assert f'the classes of {path} must be in the file' in capsys.readouterr().err
-
-
-def test_spared_points() -> None:
-    """Of some points those that are rejected become untested; all else of a verdict stays."""
-    verdict = Verdict.untested(4)
-    verdict.add(1, np.arange(4), Scores(np.array([0.5, 3.0, 0.25, 2.0])))
-    verdict.settle(1)
-    kept = np.array([True, True, False, False])
-    spared = spare(verdict, kept)
-    assert verdict.rejected.tolist() == [False, True, False, True]
-    assert spared.rejected.tolist() == [False, False, False, True]
-    np.testing.assert_array_equal(spared.score, np.array([0.5, np.nan, 0.25, 2.0], np.float32))
-    assert spared.detectors.tolist() == [0, 0, 0, 1]
 
 
 def test_high_and_low() -> None:

@@ -63,7 +63,11 @@ def test_coordinates(tmp_path: Path, names: str, wanted: str, expected: str) -> 
     ('names', 'wanted', 'sentence'),
     [
         ('a,b,c', '', 'got no numbers x and y and z in the columns a, b, c'),
-        ('x,b,c', '', 'must be with the numbers x, y and z, or clean --columns given, got no numb'),
+        (
+            'x,b,c',
+            '',
+            'with the numbers x, y and z, or clean --columns X,Y,Z given, got no numbers',
+        ),
         ('x,y,c', '', 'got no numbers z in the columns x, y, c'),
         ('a,b,c', 'a', 'the coordinates must be two or three columns, got a'),
         ('a,b,c', 'a,a', 'the coordinates must be two or three columns, got a, a'),
