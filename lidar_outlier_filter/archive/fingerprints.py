@@ -49,10 +49,12 @@ def agrees(path: RecordingPath, mark: FileMark, *, read: bool = False) -> bool:
     """Return whether a file has the fingerprint; ``read`` does not trust an equal state."""
     if isinstance(path, Path) and (path.is_symlink() or not path.is_file()):
         return False
-    size, state = file_state(path)
-    if size != mark.size:
+    try:
+        size, state = file_state(path)
+        is_same = state == mark.state and not read
+        return size == mark.size and (is_same or file_hash(path) == mark.sha256)
+    except FileNotFoundError:  # moved by a run at the same time
         return False
-    return (state == mark.state and not read) or file_hash(path) == mark.sha256
 
 
 def content_hash(location: Location) -> str:
@@ -65,7 +67,9 @@ def content_hash(location: Location) -> str:
         return location.state
     if path.is_file():
         return file_hash(path)
-    files = (f'{file.name} {file_hash(file)}\n' for file in sorted(path.iterdir()) if file.is_file())
+    files = (
+        f'{file.name} {file_hash(file)}\n' for file in sorted(path.iterdir()) if file.is_file()
+    )
     return sha256(''.join(files).encode(errors='surrogateescape')).hexdigest()
 
 
@@ -99,4 +103,6 @@ def _sources(module: str) -> str:
 
 
 def _hash_files(files: Iterable[Path]) -> str:
-    return sha256(''.join(f'{one.name} {file_hash(one)}\n' for one in sorted(files)).encode()).hexdigest()
+    return sha256(
+        ''.join(f'{one.name} {file_hash(one)}\n' for one in sorted(files)).encode()
+    ).hexdigest()

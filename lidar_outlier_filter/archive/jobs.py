@@ -15,6 +15,7 @@ from lidar_outlier_filter.archive.fingerprints import code, parameters_hash
 from lidar_outlier_filter.archive.locations import staged
 from lidar_outlier_filter.archive.sidecar import SUFFIX, Record
 from lidar_outlier_filter.files.clean import clean_file
+from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.replay import replay
 
@@ -22,9 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from lidar_outlier_filter.archive.locations import Location
-    from lidar_outlier_filter.core.engine.slow import SlowDetector
     from lidar_outlier_filter.files.clean import CleanReport
-    from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
+    from lidar_outlier_filter.files.judged_file import JudgedFile
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
@@ -92,9 +92,9 @@ class Job:
     ----------
     what, done, failed : the words for an input and its states
     parameters : of the filter, by flat name
-    options : other values that decide the bytes of an output
-    make : builds the outputs of a task in a folder
-    dry : whether nothing is written
+    options : other values that decide the bytes of an output; of :func:`replay`, for recordings
+    clean : what is done with files
+    inspect : called with each judged file
 
     """
 
@@ -102,9 +102,9 @@ class Job:
     done: str
     failed: str
     parameters: Mapping[str, object]
-    options: Mapping[str, object]
-    make: Callable[[Job, Task, Path, Note, Inform], Made]
-    dry: bool = False
+    options: Mapping[str, Any]
+    clean: CleanOptions = field(default_factory=CleanOptions)
+    inspect: Callable[[JudgedFile], object] = bool
 
     @cached_property
     def fingerprint(self) -> str:
@@ -115,6 +115,23 @@ class Job:
     def filter(self) -> FilterParameters:
         """All parameters."""
         return FilterParameters().changed(self.parameters)
+
+    @property
+    def dry(self) -> bool:
+        """Whether nothing is written."""
+        return self.clean.dry
+
+    def make(self, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
+        """Build the outputs of a task in a folder.
+
+        Raises
+        ------
+        FilterError
+            If the input cannot be read or judged, or an output cannot be written.
+
+        """
+        make = _replay if self.what == 'recording' else _clean
+        return make(self, task, folder, note, inform)
 
 
 def wanted(task: Task, job: Job) -> Record:
@@ -130,9 +147,9 @@ def wanted(task: Task, job: Job) -> Record:
     )
 
 
-def replay_job(parameters: Mapping[str, object], **options: object) -> Job:
+def replay_job(parameters: Mapping[str, object], options: Mapping[str, Any]) -> Job:
     """Return the job that replays recordings; ``options`` are those of :func:`replay`."""
-    return Job('recording', 'replayed', 'failed', parameters, options, _replay)
+    return Job('recording', 'replayed', 'failed', parameters, options)
 
 
 def clean_job(
@@ -141,8 +158,7 @@ def clean_job(
     inspect: Callable[[JudgedFile], object] = bool,
 ) -> Job:
     """Return the job that cleans files; ``inspect`` is called with each judged file."""
-    make = _Clean(options, inspect)
-    return Job('file', 'cleaned', 'refused', parameters, asdict(options), make, options.dry)
+    return Job('file', 'cleaned', 'refused', parameters, asdict(options), options, inspect)
 
 
 def _replay(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
@@ -153,7 +169,7 @@ def _replay(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> M
             path,
             built,
             parameters=job.parameters,
-            **job.options,  # type: ignore[arg-type]
+            **job.options,
             progress=lambda done, total: note(done / max(done, total, 1)),
             inform=inform,
         )
@@ -176,39 +192,30 @@ def _counts(topic: TopicReport) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True)
-class _Clean:
-    """Cleans a file."""
+def _clean(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
+    """Clean a file."""
+    path, found = Path(str(task.location.path)), list[object]()
 
-    options: CleanOptions
-    inspect: Callable[[JudgedFile], object]
+    @contextmanager
+    def hidden(paths: Sequence[Path]) -> Iterator[list[Path]]:
+        yield [folder / path.name for path in paths]
 
-    def __call__(self, job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
-        found: list[object] = []
+    def progress(done: int, total: int, step: str) -> None:
+        note((STEPS.index(step) + done / max(total, 1)) / len(STEPS))
 
-        @contextmanager
-        def hidden(paths: Sequence[Path]) -> Iterator[list[Path]]:
-            yield [folder / path.name for path in paths]
-
-        def slow(detector: SlowDetector) -> None:
-            inform(f'{task.location.path}: {detector}')
-
-        def progress(done: int, total: int, step: str) -> None:
-            note((STEPS.index(step) + done / max(total, 1)) / len(STEPS))
-
-        output, *outliers = (Path(str(path)) for path in task.outputs)
-        report = clean_file(
-            Path(str(task.location.path)),
-            output,
-            job.filter,
-            self.options,
-            outliers=outliers[0] if outliers else None,
-            progress=progress,
-            slow=slow,
-            inspect=lambda judged: found.append(self.inspect(judged)),
-            make=hidden,
-        )
-        return Made(count_file(report), json.loads(report.as_json()), report, found[0])
+    output, *outliers = (Path(str(one)) for one in task.outputs)
+    report = clean_file(
+        path,
+        output,
+        job.filter,
+        job.clean,
+        outliers=outliers[0] if outliers else None,
+        progress=progress,
+        slow=lambda detector: inform(f'{path}: {detector}'),
+        inspect=lambda judged: found.append(job.inspect(judged)),
+        make=hidden,
+    )
+    return Made(count_file(report), json.loads(report.as_json()), report, found[0])
 
 
 def count_file(report: CleanReport) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from html import escape
 from importlib.resources import files
 from itertools import islice
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -29,10 +28,9 @@ from lidar_outlier_filter.archive.oddness import (
     share,
     signed,
 )
-from lidar_outlier_filter.disk.new_files import publish, replaced
+from lidar_outlier_filter.archive.publish import workshop
+from lidar_outlier_filter.archive.storage import exists, read_all, write
 from lidar_outlier_filter.errors import FilterError, printable
-from lidar_outlier_filter.recordings.bags import writable
-from lidar_outlier_filter.recordings.remote_path import reached
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -64,11 +62,10 @@ def check_page(folder: RecordingPath) -> str:
 
     """
     path = folder / PAGE
-    if not path.exists() and not (isinstance(path, Path) and path.is_symlink()):
+    if not exists(path):
         return ''
-    with reached(path):
-        data = path.read_bytes() if isinstance(path, Path) else path.system.cat_file(path.key)
-    text = bytes(data).decode(errors='replace')
+    data = read_all([path])[0] if path.is_file() else b''
+    text = data.decode(errors='replace')
     before, mark, after = text.partition(_OPEN)
     bare = before + mark + after[_SEAL_LENGTH:]
     if not mark or sha256(bare.encode()).hexdigest() != after[:_SEAL_LENGTH]:
@@ -99,19 +96,16 @@ def write_page(records: Iterable[Record], folder: RecordingPath, what: str = 're
     text, before = page(found, what, reports), check_page(folder)
     if text == before:
         return
-    if not isinstance(folder, Path):
-        with TemporaryDirectory(prefix='.lidar_outlier_filter-') as scratch:
-            built = Path(scratch, PAGE)
-            built.write_text(text, 'utf-8')
-            (folder / PAGE).write_from(built)
-        return
-    with writable(folder / PAGE), replaced(folder / PAGE) as built:
-        built.write_text(text, 'utf-8')
+    with workshop(folder) as built:
+        try:
+            write(folder / PAGE, text, built, is_new=not before)
+        except FilterError:
+            if before or not check_page(folder):
+                raise
+            write(folder / PAGE, text, built)  # over that of a run at the same time
 
 
-def page(
-    records: Iterable[Record], what: str = 'recording', reports: Collection[str] = ()
-) -> str:
+def page(records: Iterable[Record], what: str = 'recording', reports: Collection[str] = ()) -> str:
     """Make the page for records; ``reports`` are the outputs that have one."""
     rows = compare(records)
     names = sorted({name for row in rows for name in row.rejected_by})
@@ -159,7 +153,8 @@ def _made_by(done: Sequence[Row]) -> Iterator[str]:
         texts.append(f'{len(runs) - MAX_NAMED} others')
     if days:
         span = days[0] if days[0] == days[-1] else f'{days[0]} to {days[-1]}'
-        yield f'<p class="note">{escape(f"done {span}, by version {'; '.join(texts)}")}</p>'
+        said = escape(f'done {span}, by version {"; ".join(texts)}')
+        yield f'<p class="note">{said}</p>'
 
 
 def _totals(
@@ -287,7 +282,9 @@ def _cells(
             if column is REJECTED:
                 yield f'<td data-sort="{value}">{_bar(row, colours, highest)}</td>'
     else:
-        kind, text, sort = ('failed',) * 2 + ('inf',) if row.is_failed else ('plain', 'no clouds', -1)
+        kind, text, sort = (
+            ('failed',) * 2 + ('inf',) if row.is_failed else ('plain', 'no clouds', -1)
+        )
         yield f'<td class="{kind}" data-sort="{sort}">{text}</td>'
         yield '<td></td>' * (len(columns) + 1)  # and that of the bars
     when = escape(row.record.finished)

@@ -20,7 +20,14 @@ from lidar_outlier_filter.archive import sidecar
 from lidar_outlier_filter.archive.fingerprints import agrees, content_hash, mark_of
 from lidar_outlier_filter.archive.jobs import Task
 from lidar_outlier_filter.archive.locations import METADATA, Location
-from lidar_outlier_filter.archive.storage import exists, file_state, files_below, read_all, remove, write
+from lidar_outlier_filter.archive.storage import (
+    exists,
+    file_state,
+    files_below,
+    read_all,
+    remove,
+    write,
+)
 from lidar_outlier_filter.disk.new_files import hidden_folder, publish_all
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.recordings.bags import writable
@@ -82,15 +89,19 @@ def look(task: Task, *, read: bool = False) -> Found:
         If a file that no run wrote, or that changed since, has the place of an output.
 
     """
-    noted, intended = sidecar.read(task.sidecar), sidecar.read(_intent(task))
+    # In this order: a run at the same time writes the sidecar before it removes the intent.
+    intended = sidecar.read(_intent(task))
+    noted = sidecar.read(task.sidecar)
     records = [record.outputs for record in (noted, intended) if record is not None]
     files: dict[str, RecordingPath] = {}
     for name, path in zip(task.names, task.outputs, strict=True):
         files.update(_files_at(path, name))
-    for name, path in files.items():
+    for name, path in [*files.items()]:
         marks = [outputs[name] for outputs in records if name in outputs]
         if not any(agrees(path, mark, read=read) for mark in marks):
-            raise _taken(path)
+            if exists(path):
+                raise _taken(path)
+            del files[name]  # moved by a run at the same time
     return Found(noted, intended, files)
 
 
@@ -130,15 +141,25 @@ def workshop(folder: RecordingPath) -> Iterator[Path]:
             yield Path(stack.enter_context(temporary))
             return
         with writable(folder):
-            (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
-            stack.callback(_remove_if_empty, folder / HIDDEN)
-            built = stack.enter_context(hidden_folder(folder / HIDDEN / 'task'))
+            built = _hidden_in(folder, stack)
         yield built
 
 
-def _remove_if_empty(folder: Path) -> None:
-    with suppress(OSError):
-        folder.rmdir()
+def _hidden_in(folder: Path, stack: ExitStack) -> Path:
+    """Make a hidden folder, again if another run that ends removes the one above it."""
+    while True:
+        (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):
+            return stack.enter_context(hidden_folder(folder / HIDDEN / 'task'))
+
+
+def tidy(folder: RecordingPath) -> None:
+    """Remove what killed runs, and workers that were ended, left hidden in a folder."""
+    if isinstance(folder, Path) and (folder / HIDDEN).is_dir():
+        with workshop(folder):
+            pass
+        with suppress(OSError):  # another run works
+            (folder / HIDDEN).rmdir()
 
 
 def publish(
@@ -170,7 +191,7 @@ def publish(
     try:
         with ExitStack() as undo:
             streams = [] if isinstance(task.folder, Path) else _send(task, files, undo)
-            write(_intent(task), sidecar.as_text(record, log))
+            write(_intent(task), sidecar.as_text(record, log), built)
             now = _check(task, before)
             if isinstance(task.folder, Path):
                 _rename(task, built, now)
@@ -182,13 +203,16 @@ def publish(
                 record = replace(record, outputs=marks)
             is_named = True
             undo.pop_all()
-        write(task.sidecar, sidecar.as_text(record, log), is_new=now.noted is None)
+        write(task.sidecar, sidecar.as_text(record, log), built, is_new=now.noted is None)
     except FilterError:
         with suppress(FilterError):  # the first one is raised
-            if (other := look(task).done(record, task)) is not None:
-                return other  # of a run that was faster
-            if not is_named:
-                remove(_intent(task))
+            found = look(task)
+            if (other := found.done(record, task)) is not None:  # of a run that was faster
+                if found.noted is not None:
+                    remove(_intent(task))
+                return other
+        if not is_named:
+            remove(_intent(task))
         raise
     remove(_intent(task))
     return record
@@ -220,8 +244,9 @@ def new_bag(path: RecordingPath) -> Iterator[Path]:
 def settle(task: Task, found: Found, record: Record) -> None:
     """Write the sidecar of a killed run whose outputs are complete, and remove its intent."""
     if record != found.noted:
-        (text,) = read_all([_intent(task)])
-        write(task.sidecar, text.decode(), is_new=found.noted is None)
+        with workshop(task.folder) as built:
+            (text,) = read_all([_intent(task)])
+            write(task.sidecar, text.decode(), built, is_new=found.noted is None)
     if found.intended is not None:
         remove(_intent(task))
 

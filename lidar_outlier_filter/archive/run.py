@@ -52,14 +52,14 @@ def attempt(task: Task, job: Job, record: Record, note: Note, inform: Inform) ->
     """
     began = perf_counter()
     if job.dry:
-        made = job.make(job, task, Path(), note, inform)
+        made = job.make(task, Path(), note, inform)
         return Result(replace(record, state=DONE, **made.counts), made)
     before = look(task)
     if (done := _done(task, record, before)) is not None:
         return Result(done)
     with workshop(task.folder) as built:
         try:
-            made = job.make(job, task, built, note, inform)
+            made = job.make(task, built, note, inform)
             record = replace(record, state=DONE, **made.counts)
         except NoCloudsError as err:
             made = Made({})
@@ -227,7 +227,8 @@ class _Run:
     def _each(
         self, tasks: Iterable[Task], at_once: Callable[[], int], suspects: list[Task] | None
     ) -> None:
-        waiting, running = deque(tasks), dict[Future[Result], Task]()
+        waiting = deque(tasks)
+        running: dict[Future[Result], Task] = {}
         while waiting or running:
             free = at_once() - len(running) if waiting else 0
             for _ in range(min(free, len(waiting))):
@@ -249,9 +250,7 @@ class _Run:
             self._progress.report(task, share)
 
         inform = self._calls.inform
-        return self._workers.executor.submit(
-            attempt_safely, task, self._job, record, note, inform
-        )
+        return self._workers.executor.submit(attempt_safely, task, self._job, record, note, inform)
 
     def _end(self, task: Task, future: Future[Result], suspects: list[Task] | None) -> None:
         try:

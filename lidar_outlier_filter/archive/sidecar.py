@@ -127,11 +127,14 @@ def read(path: RecordingPath) -> Record | None:
         If the file is no sidecar, or was changed since it was written.
 
     """
-    found = files_below(path)
-    if not found and not exists(path):
+    if not exists(path):
         return None
-    is_link = isinstance(path, Path) and path.is_symlink()
-    records = [] if is_link or [*found] != [path] else _parsed(found)
+    try:
+        found = files_below(path)
+        is_link = isinstance(path, Path) and path.is_symlink()
+        records = [] if is_link or [*found] != [path] else _parsed(found)
+    except FileNotFoundError:  # removed by a run at the same time
+        return None
     if not records:
         must_be = 'new, or an unchanged sidecar of an earlier run'
         raise FilterError('the output', must_be, f'{path}, which exists')

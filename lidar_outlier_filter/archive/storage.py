@@ -9,7 +9,7 @@ from hashlib import file_digest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.disk.new_files import new_output, replaced
+from lidar_outlier_filter.disk.new_files import publish
 from lidar_outlier_filter.recordings.bags import writable
 from lidar_outlier_filter.recordings.remote_path import RemotePath, reached, written
 
@@ -30,10 +30,10 @@ def exists(path: RecordingPath) -> bool:
 
 def file_state(path: RecordingPath) -> State:
     """Return the state of a file: ``mtime:`` and its time, or ``etag:`` and the mark of a store."""
+    if isinstance(path, Path):
+        stat = path.stat()
+        return stat.st_size, f'mtime:{stat.st_mtime_ns}'
     with reached(path):
-        if isinstance(path, Path):
-            stat = path.stat()
-            return stat.st_size, f'mtime:{stat.st_mtime_ns}'
         return _state_of(path.system.info(path.key))
 
 
@@ -54,7 +54,7 @@ def _state_of(info: Mapping[str, object]) -> State:
 
 def file_hash(path: RecordingPath) -> str:
     """Return the SHA-256 of a file."""
-    with reached(path), path.open('rb') as stream:
+    with path.open('rb') as stream, reached(path):
         return file_digest(stream, 'sha256').hexdigest()  # type: ignore[arg-type]
 
 
@@ -70,8 +70,10 @@ def read_all(paths: Iterable[RecordingPath]) -> list[bytes]:
     return [texts[path.key] for path in remote] if isinstance(texts, dict) else [texts]
 
 
-def write(path: RecordingPath, text: str, *, is_new: bool = False) -> None:
-    """Write a small file in one step; one that is new refuses to replace another.
+def write(path: RecordingPath, text: str, built: Path, *, is_new: bool = False) -> None:
+    """Write a small file in one step, by way of the hidden folder ``built``.
+
+    One that is new refuses to replace another.
 
     Raises
     ------
@@ -83,12 +85,17 @@ def write(path: RecordingPath, text: str, *, is_new: bool = False) -> None:
         with written(path):
             path.system.pipe_file(path.key, text.encode())
         return
+    hidden = built / path.name
     with writable(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with (new_output if is_new else replaced)(path) as built, built.open('wb') as stream:
+        with hidden.open('wb') as stream:
             stream.write(text.encode())
             stream.flush()
             os.fsync(stream.fileno())
+        if is_new:
+            publish(hidden, path)
+        else:
+            hidden.replace(path)
 
 
 def remove(path: RecordingPath) -> None:

@@ -169,7 +169,8 @@ def _client(
 
     def count() -> int:
         try:
-            return max(1, sum(client.nthreads().values()))
+            threads: dict[str, int] = client.nthreads()
+            return max(1, sum(threads.values()))
         except (OSError, TimeoutError, CancelledError) as err:
             raise workers.gone() from err
 

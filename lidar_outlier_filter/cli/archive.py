@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.cli.archive_tables import show, status
 from lidar_outlier_filter.cli.interrupts import stopping
@@ -107,7 +107,7 @@ def replay_archive(options: argparse.Namespace) -> int:
     if is_searched:
         refuse_inside(folder, root)
     parameters = read_parameters(options.params, options.settings, options.chain)
-    job = replay_job(parameters, **_replay_options(options))
+    job = replay_job(parameters, _replay_options(options))
     tasks = []
     for location in locations:
         name = str(location.path)[len(str(root)) :].lstrip('/')
@@ -144,6 +144,7 @@ def replay_one(options: argparse.Namespace) -> ReplayReport:
                 built,
                 parameters=parameters,
                 **_replay_options(options),
+                resume=options.resume,
                 progress=progress,
                 inform=say,
             )
@@ -151,7 +152,7 @@ def replay_one(options: argparse.Namespace) -> ReplayReport:
     return replace(report, output=output)
 
 
-def _replay_options(options: argparse.Namespace) -> dict[str, object]:
+def _replay_options(options: argparse.Namespace) -> dict[str, Any]:
     return {
         'topics': tuple(options.topics),
         'drop_input': options.drop_input,
@@ -210,6 +211,7 @@ def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the r
 
     """
     from lidar_outlier_filter.archive.page import PAGE, check_page, write_page
+    from lidar_outlier_filter.archive.publish import tidy
     from lidar_outlier_filter.archive.run import Calls, pending, refuse_taken_names, run_all
     from lidar_outlier_filter.archive.sidecar import FAILED, read_folder
 
@@ -230,30 +232,22 @@ def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the r
         said = f'{count} of {len(tasks)} {job.what}s are done'
         return f'{said}; the same command continues with the others'
 
-    if todo:
-        with ExitStack() as stack:
-            stack.enter_context(saying_how_far(how_far))
-            stack.callback(_tidy, todo)
-            leave = stack.enter_context(stopping())
-            shown = stack.enter_context(_progress(name))
-            workers = stack.enter_context(_workers(options, todo, job))
-            run_all(todo, job, workers, Calls(shown, leave, _once(), note))
-    records |= done
-    if folder is not None and has_page:
-        failed = [record for record in records.values() if record.state == FAILED]
-        written = {record.source: record for record in (*read_folder(folder), *failed)}
-        write_page(written.values(), folder, job.what)
+    with ExitStack() as tidying:
+        for path in {task.folder for task in tasks} if not job.dry else ():
+            tidying.callback(tidy, path)
+        if todo:
+            with ExitStack() as stack:
+                stack.enter_context(saying_how_far(how_far))
+                leave = stack.enter_context(stopping())
+                shown = stack.enter_context(_progress(name))
+                workers = stack.enter_context(_workers(options, todo, job))
+                run_all(todo, job, workers, Calls(shown, leave, _once(), note))
+        records |= done
+        if folder is not None and has_page:
+            failed = [record for record in records.values() if record.state == FAILED]
+            written = {record.source: record for record in (*read_folder(folder), *failed)}
+            write_page(written.values(), folder, job.what)
     return [records[task] for task in tasks], todo
-
-
-def _tidy(tasks: Sequence[Task]) -> None:
-    """Remove what workers that were ended left."""
-    from lidar_outlier_filter.archive.publish import HIDDEN, workshop
-
-    for folder in {task.folder for task in tasks}:
-        if isinstance(folder, Path) and (folder / HIDDEN).exists():
-            with workshop(folder):
-                pass
 
 
 @contextmanager
@@ -296,7 +290,9 @@ def _progress(name: str) -> Iterator[Callable[[Progress], None]]:
 
     def text(progress: Progress) -> str:
         current = progress.last.rpartition('/')[2]
-        shown = f'{name}: {progress.number} of {progress.total}{_rate(progress, monotonic() - began)}'
+        shown = (
+            f'{name}: {progress.number} of {progress.total}{_rate(progress, monotonic() - began)}'
+        )
         return f'{shown}; {current}' if current else shown
 
     def show_line(progress: Progress) -> None:

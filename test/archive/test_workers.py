@@ -22,15 +22,15 @@ from helpers.clusters import (
     worker_processes,
 )
 from helpers.drives import FAST, die_at_first, die_of, faults_of_a_cloud, hashes, write_drive
+from lidar_outlier_filter.archive.hands import ByWhom
+from lidar_outlier_filter.archive.manifest import opened_manifest
+from lidar_outlier_filter.archive.one_recording import ReplayOrder
+from lidar_outlier_filter.archive.task import Task
 
 from lidar_outlier_filter.archive import hands, worker_start
 from lidar_outlier_filter.archive import workers as module
-from lidar_outlier_filter.archive.hands import ByWhom
 from lidar_outlier_filter.archive.locations import location_of
-from lidar_outlier_filter.archive.manifest import opened_manifest
-from lidar_outlier_filter.archive.one_recording import ReplayOrder
 from lidar_outlier_filter.archive.run import pending, run_all, run_alone
-from lidar_outlier_filter.archive.task import Task
 from lidar_outlier_filter.archive.workers import cluster_workers, local_workers
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk.new_files import hidden_folder
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.archive.manifest import Entry
     from lidar_outlier_filter.archive.step import Step
+
     from lidar_outlier_filter.archive.workers import Workers
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings('ignore:.*:ResourceWarning')]

@@ -13,10 +13,6 @@ import fsspec
 import pytest
 from helpers.drives import write_drive
 from helpers.stores import Store, running_store
-
-from lidar_outlier_filter.archive import one_recording, run, uploads
-from lidar_outlier_filter.archive.fingerprints import content_hash
-from lidar_outlier_filter.archive.locations import path_at
 from lidar_outlier_filter.archive.manifest import (
     BROKEN_OFF,
     Entry,
@@ -25,6 +21,10 @@ from lidar_outlier_filter.archive.manifest import (
     begun,
     opened_manifest,
 )
+
+from lidar_outlier_filter.archive import one_recording, run, uploads
+from lidar_outlier_filter.archive.fingerprints import content_hash
+from lidar_outlier_filter.archive.locations import path_at
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.replay import replay
@@ -32,8 +32,9 @@ from lidar_outlier_filter.recordings.replay import replay
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.archive.task import Task
+
+    from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
     Capture = pytest.CaptureFixture[str]
