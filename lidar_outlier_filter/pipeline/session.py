@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.declaration import Tiled
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.blocks import Stream
 from lidar_outlier_filter.core.engine.chain import Chain
@@ -390,7 +389,7 @@ def _drops(cloud: _FilteredCloud) -> bool:
 def _short(chain: Chain) -> Chain | None:
     """Leave all but those that judge each line by itself, which are fast; None: none is left."""
     parameters = chain.parameters
-    names = tuple(name for name in parameters.chain if DETECTORS[name].tiled is Tiled.BY_LINE)
+    names = tuple(name for name in parameters.chain if DETECTORS[name].lines == 'needs')
     if len(names) < max(parameters.vote, 1):
         return None
     return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))

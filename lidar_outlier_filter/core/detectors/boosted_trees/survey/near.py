@@ -67,7 +67,7 @@ from lidar_outlier_filter.core.neighbours.floor import write_depth
 from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
+    from lidar_outlier_filter.annotations import Bools, Floats, Index, Ints, Singles
     from lidar_outlier_filter.core.neighbours.floor import Floor
 
 FEW = 3  # of them
@@ -100,9 +100,8 @@ class Near(NamedTuple):
         Distance to the eighth, metres.
     around : Floor
         What the whole cloud is like.
-    lead : (N,) float64
-        Of some points, which :func:`write_leads` looked at, that lead to more than sixty: how far
-        what was looked at may be, metres. NaN of all others.
+    lead : (N,) bool
+        Which points are known, by :func:`write_leads`, to lead to more than sixty others.
 
     """
 
@@ -110,7 +109,7 @@ class Near(NamedTuple):
     index: Index  # type: ignore[assignment]  # nobody misses that of tuples
     radius: Floats
     around: Floor
-    lead: Floats
+    lead: Bools
 
 
 class NearBuffers(NamedTuple):
@@ -127,8 +126,6 @@ class NearBuffers(NamedTuple):
     work : (K, LANES) float64
     moment, mean, value, vector : (6, 3, 3 or 4, LANES) float64
         Of a plane.
-    extent : (LANES,) float64
-        How far what counts may be from the point, metres.
     reached : (ROOM,) int64
         Points that steps lead to, in the order in which they were found.
     table : (TABLE + 1,) int64
@@ -145,7 +142,6 @@ class NearBuffers(NamedTuple):
     mean: Floats
     value: Floats
     vector: Floats
-    extent: Floats
     reached: Ints
     table: Ints
 
@@ -159,28 +155,17 @@ def make_buffers() -> NearBuffers:
         np.empty((3, K, LANES)),
         *(lists[0], lists[1], lists[2]),
         *(np.empty((6, LANES)), np.empty((3, LANES)), np.empty((3, LANES)), np.empty((4, LANES))),
-        *(np.empty(LANES), np.empty(ROOM, np.int64), np.zeros(TABLE + 1, np.int64)),
+        *(np.empty(ROOM, np.int64), np.zeros(TABLE + 1, np.int64)),
     )
 
 
 @kernel
-def write_leads(near: Near, looked_at: Ints, lead: Floats) -> None:
-    """Write how far what leads from some points to more than sixty others may be, where it does.
-
-    Parameters
-    ----------
-    near : without any lead
-    looked_at : (M,) int64
-        The points.
-    lead : (N,) float64
-        Is written where there is one.
-
-    """
+def write_leads(near: Near, some: Ints, lead: Bools) -> None:
+    """Write which of some points lead to more than sixty others; none is known in ``near``."""
     buffers = make_buffers()
-    for p in looked_at:
-        _, closed = _count_steps(near, p, 0, buffers)
-        if closed == CLOSED:
-            lead[p] = buffers.extent[0]
+    for p in some:
+        _, closed = _count_steps(near, p, buffers)
+        lead[p] = closed == CLOSED
 
 
 @inner_kernel
@@ -189,7 +174,7 @@ def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) 
     for lane in range(LANES):
         p = points[lane]
         gather(near.xyz, near.radius, p, near.index[p], lane, buffers.offset, buffers.radii)
-        values[8, lane], values[20, lane] = _count_steps(near, p, lane, buffers)
+        values[8, lane], values[20, lane] = _count_steps(near, p, buffers)
         values[19, lane] = near.radius[p] / near.around.typical
         x, y, z = near.xyz[p, 0], near.xyz[p, 1], near.xyz[p, 2]
         write_depth(near.around, x, y, z, DEPTH, lane, values)
@@ -243,7 +228,7 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
 
 
 @inner_kernel
-def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[int, int]:
+def _count_steps(near: Near, p: int, buffers: NearBuffers) -> tuple[int, int]:
     """Count the other points that two steps from p lead to, and all that any number of them does.
 
     Of the points that so many steps lead to, those found last are taken first: they are far out,
@@ -254,48 +239,35 @@ def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[i
     table[TABLE] += MARK
     mark, count, done = table[TABLE], 1, 0
     _put(table, mark, mark + p)
-    reached[0], buffers.extent[lane] = p, 0.0
+    reached[0] = p
     while done < min(count, K + 1):
-        count = _step(near, p, reached[done], count, mark, lane, buffers)
+        count = _step(near, reached[done], count, mark, buffers)
         done += 1
     two, begin, end, at = count - 1, done, count, count
     # What leads to a point leads to all that this one leads to.
     for i in range(count):
-        o = reached[i]
-        if not np.isnan(near.lead[o]):
-            covered = _distance(near.xyz, p, o) + near.lead[o]
-            buffers.extent[lane] = max(buffers.extent[lane], covered)
+        if near.lead[reached[i]]:
             return two, CLOSED
     while begin < at and count < CLOSED:
         at -= 1
-        count = _step(near, p, reached[at], count, mark, lane, buffers)
+        count = _step(near, reached[at], count, mark, buffers)
         if at == begin:
             begin, end, at = end, count, count
     return two, min(count, CLOSED)
 
 
 @inner_kernel
-def _step(
-    near: Near, p: int, one: int, count: int, mark: int, lane: int, buffers: NearBuffers
-) -> int:
+def _step(near: Near, one: int, count: int, mark: int, buffers: NearBuffers) -> int:
     """Put the neighbours of a point that were not reached before behind so many that were.
 
-    Return how many these are now; the extent of p becomes such that it covers the step.
+    Return how many these are now.
     """
     for m in range(K):
         o = near.index[one, m]
         # Without a branch: nobody can predict which points are new.
         buffers.reached[count] = o
         count += _put(buffers.table, mark, mark + o)
-    covered = _distance(near.xyz, p, one) + near.radius[one]
-    buffers.extent[lane] = max(buffers.extent[lane], covered)
     return count
-
-
-@inner_kernel
-def _distance(xyz: Floats, p: int, o: int) -> float:
-    x, y, z = xyz[o, 0] - xyz[p, 0], xyz[o, 1] - xyz[p, 1], xyz[o, 2] - xyz[p, 2]
-    return float(np.sqrt((x * x + y * y) + z * z))
 
 
 @inner_kernel
