@@ -145,11 +145,11 @@ def test_no_shape_takes_long(name: str) -> None:
     streets = [shape('street', count)]
     if name == 'boosted_trees':  # its other method too: without a scan pattern
         streets.append(FORMS['one time'](streets[0]))
-    for one in streets:
-        judge(one)
+    for cloud in streets:
+        judge(cloud)
 
     def usual() -> float:
-        return max(seconds(one, 0.0) for one in streets)
+        return max(seconds(cloud, 0.0) for cloud in streets)
 
     longest = LONGEST * usual()
     for one in SHAPES:
