@@ -82,7 +82,12 @@ setup(
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*', LAB, f'{LAB}.*']),
     package_data={
-        NAME: ['py.typed', 'core/detectors/boosted_trees/*.json', 'report/assets/*'],
+        NAME: [
+            'py.typed',
+            'core/detectors/boosted_trees/*.json',
+            'report/assets/*',
+            'archive/assets/*',
+        ],
         LAB: ['py.typed'],
     },
     data_files=shared_files(),

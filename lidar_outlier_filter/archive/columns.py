@@ -5,15 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.archive.oddness import percent, share
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Sequence
 
-    from lidar_outlier_filter.archive.oddness import DriveCounts
+    from lidar_outlier_filter.archive.oddness import Row
 
 
 @dataclass(frozen=True)
@@ -22,29 +21,21 @@ class Column:
 
     Attributes
     ----------
-    name : above it
-    value : of a recording or a file
-    text : of a value, on the page
-    format : of a value, in the terminal; empty: the terminal has no such column
-    is_of_files : whether files have it, too: each is one cloud
-    is_rare : whether the terminal leaves it out where all are 0
+    name : its heading
+    value : of a row
+    text : of a value
+    is_rare : whether a terminal omits it if all values are 0
 
     """
 
     name: str
-    value: Callable[[DriveCounts], float]
+    value: Callable[[Row], float]
     text: Callable[[float], str]
-    format: str = ''
-    is_of_files: bool = False
     is_rare: bool = False
-
-    def is_of(self, what: str) -> bool:
-        """Return whether it is of ``what``: a recording or a file."""
-        return self.is_of_files or what == 'recording'
 
 
 def length(seconds: float) -> str:
-    """Write a time as people do."""
+    """Write a time in hours, minutes or seconds."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     if hours:
@@ -52,65 +43,49 @@ def length(seconds: float) -> str:
     return f'{minutes} min {rest:02} s' if minutes else f'{seconds:.3g} s'
 
 
-def _whole(value: float) -> str:
-    return f'{value:,}'
+def _count(name: str, key: str = '', *, is_rare: bool = False) -> Column:
+    return Column(name, lambda row: row.sums[key or name], '{:,}'.format, is_rare)
 
 
-def _one_decimal(value: float) -> str:
-    return f'{value:.1f}'
-
-
-def rejected(drive: DriveCounts) -> float:
-    """Return the share of the points that is rejected."""
-    return share(drive.rejected, drive.points)
-
-
-REJECTED = Column('rejected', rejected, percent, '.2%', is_of_files=True)
-COLUMNS = (
-    Column('length', lambda drive: drive.duration, length),
-    Column('clouds', lambda drive: drive.messages, _whole, ','),
-    Column('refused', lambda drive: drive.refused, _whole, ',', is_rare=True),
-    Column('gaps', lambda drive: drive.gaps, _whole, ',', is_rare=True),
-    Column('points', lambda drive: drive.points, _whole, ',', is_of_files=True),
+POINTS, UNTESTED = _count('points'), Column('untested', lambda r: r.of_points('untested'), percent)
+REJECTED = Column('rejected', lambda row: row.of_points('rejected'), percent)
+OF_RECORDINGS = (
+    Column('length', lambda row: row.record.duration, length),
+    _count('clouds', 'messages'),
+    _count('refused', is_rare=True),
+    _count('gaps', is_rare=True),
+    POINTS,
     REJECTED,
+    UNTESTED,
     Column(
-        'untested',
-        lambda drive: share(drive.untested, drive.points),
-        percent,
-        '.2%',
-        is_of_files=True,
+        '× real time',
+        lambda row: share(row.record.duration, row.record.seconds),
+        '{:.1f}'.format,
     ),
-    Column('× real time', lambda drive: share(drive.duration, drive.seconds), _one_decimal, '.1f'),
 )
+OF_FILES = (POINTS, REJECTED, UNTESTED)
 
 
-# In a terminal.
-OF_FILES = (
-    Column('points', lambda drive: drive.points, _whole, ','),
-    *(
-        Column(name, attrgetter(name), _whole, ',', is_rare=True)
-        for name in ('invalid', 'ignored', 'untested', 'spared')
-    ),
-    Column('rejected', lambda drive: drive.rejected, _whole, ','),
-    Column('share', rejected, percent, '.3%'),
-)
-SECONDS = Column('seconds', lambda drive: drive.seconds, _one_decimal, '.1f')
+def on_page(what: str) -> Sequence[Column]:
+    """Return the columns of the page."""
+    return OF_RECORDINGS if what == 'recording' else OF_FILES
 
 
-def in_terminal(drives: Iterable[DriveCounts], what: str) -> list[Column]:
-    """List the columns that a terminal shows of some recordings or files."""
-    some = list(drives)
-    columns = [column for column in COLUMNS if column.format]
+def in_terminal(rows: Sequence[Row], what: str) -> list[Column]:
+    """Return the columns of a terminal, where files have counts, also by detector."""
+    columns: list[Column] = [*OF_RECORDINGS]
     if what == 'file':
-        columns = [*OF_FILES, *_by_detector(some), SECONDS]
-    return [one for one in columns if not (one.is_rare and not any(map(one.value, some)))]
+        names = dict.fromkeys(name for row in rows for name in row.rejected_by)
+        columns = [
+            POINTS,
+            *(_count(name, is_rare=True) for name in ('invalid', 'ignored', 'untested', 'spared')),
+            _count('rejected'),
+            Column('share', lambda row: row.of_points('rejected'), '{:.3%}'.format),
+            *(_by(name) for name in names if len(names) > 1),
+            Column('seconds', lambda row: row.record.seconds, '{:.1f}'.format),
+        ]
+    return [one for one in columns if not one.is_rare or any(map(one.value, rows))]
 
 
-def _by_detector(drives: Iterable[DriveCounts]) -> list[Column]:
-    """List what each detector rejects; a single one rejects what all reject."""
-    names = dict.fromkeys(name for drive in drives for name in drive.rejected_by)
-    return [_rejected_by(name) for name in names if len(names) > 1]
-
-
-def _rejected_by(name: str) -> Column:
-    return Column(f'by {name}', lambda drive: drive.rejected_by[name], _whole, ',')
+def _by(name: str) -> Column:
+    return Column(f'by {name}', lambda row: row.rejected_by[name], '{:,}'.format)

@@ -1,87 +1,108 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What an output was made of: the hash of its recording, of the parameters, the code, the model."""
+"""Fingerprints of inputs, outputs, parameters and code."""
 
 from __future__ import annotations
 
 import json
 from functools import cache
-from hashlib import file_digest, sha256
+from hashlib import sha256
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import lidar_outlier_filter
+from lidar_outlier_filter.archive.storage import file_hash, file_state
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.kernels import kernel_cache
 from lidar_outlier_filter.core.points.mask import content_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from lidar_outlier_filter.archive.locations import Location
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
-WITHOUT_EFFECT = ('threads', 'save_to')  # on verdicts
-_JUDGE = 'lidar_outlier_filter.recordings.replay'
+WITHOUT_EFFECT = ('threads', 'save_to')  # parameters that do not change outputs
+# Folders of the package whose code decides the bytes of an output.
+ROOMS = ('core', 'files', 'messages', 'parameters', 'pipeline', 'recordings')
+
+
+class FileMark(NamedTuple):
+    """The fingerprint of one file: bytes, SHA-256, and the state that spares reading it again.
+
+    ``state`` is the time of modification on a file system, the ETag on a store.
+    """
+
+    size: int
+    sha256: str
+    state: str
+
+
+def mark_of(path: RecordingPath) -> FileMark:
+    """Read a file and return its fingerprint."""
+    size, state = file_state(path)
+    return FileMark(size, file_hash(path), state)
+
+
+def agrees(path: RecordingPath, mark: FileMark, *, read: bool = False) -> bool:
+    """Return whether a file has the fingerprint; ``read`` does not trust an equal state."""
+    if isinstance(path, Path) and (path.is_symlink() or not path.is_file()):
+        return False
+    try:
+        size, state = file_state(path)
+        is_same = state == mark.state and not read
+        return size == mark.size and (is_same or file_hash(path) == mark.sha256)
+    except FileNotFoundError:  # moved by a run at the same time
+        return False
 
 
 def content_hash(location: Location) -> str:
-    """Return what changes with the content: SHA-256 of the files, or the mark of a store.
+    """Return the SHA-256 of an input, for a folder of its names and hashes; on a store its state.
 
-    A folder is hashed by the names and the hashes of its files.
+    A file of a store is not read a second time for this.
     """
-    if not isinstance(location.path, Path):
+    path = location.path
+    if not isinstance(path, Path):
         return location.state
-    if location.path.is_file():
-        return _file_hash(location.path)
-    total = sha256()
-    for file in sorted(location.path.iterdir()):
-        if file.is_file():
-            total.update(f'{file.name} {_file_hash(file)}\n'.encode())
-    return total.hexdigest()
+    if path.is_file():
+        return file_hash(path)
+    files = (
+        f'{file.name} {file_hash(file)}\n' for file in sorted(path.iterdir()) if file.is_file()
+    )
+    return sha256(''.join(files).encode(errors='surrogateescape')).hexdigest()
 
 
-def _file_hash(path: Path) -> str:
-    with path.open('rb') as stream:
-        return file_digest(stream, 'sha256').hexdigest()
-
-
-def parameters_hash(parameters: FilterParameters, **options: object) -> str:
-    """Hash the values that decide what is written, and others' detectors of the chain."""
-    options['detectors'] = _code_of(name for name in parameters.chain if not _is_own(name))
+def parameters_hash(parameters: FilterParameters, options: Mapping[str, object]) -> str:
+    """Hash the parameters and options that decide the bytes of an output."""
     values = {k: v for k, v in parameters.flat().items() if k not in WITHOUT_EFFECT}
     values['mask'] = content_of(parameters)
-    return sha256(json.dumps([values, options], sort_keys=True).encode()).hexdigest()
+    homes = (DETECTORS[name].home for name in parameters.chain)
+    plugins = sorted({home for home in homes if not home.startswith(lidar_outlier_filter.__name__)})
+    said = json.dumps([values, options, [_sources(home) for home in plugins]], sort_keys=True)
+    return sha256(said.encode()).hexdigest()
 
 
 @cache
-def version(judge: str = _JUDGE) -> str:
-    """Return the version of the package with the hash of the code that judges: of a module."""
-    code = [kernel_cache.stamp(judge), *_code_of(name for name in DETECTORS if _is_own(name))]
-    return f'{lidar_outlier_filter.__version__}+{sha256("".join(code).encode()).hexdigest()[:12]}'
-
-
-def _code_of(names: Iterable[str]) -> list[str]:
-    """Hash the code of detectors: nothing imports them but who asks for their declarations."""
-    return [kernel_cache.stamp(DETECTORS[name].home) for name in names]
-
-
-def _is_own(name: str) -> bool:
-    return DETECTORS[name].home.startswith(f'{lidar_outlier_filter.__name__}.')
+def code() -> str:
+    """Return the version of the package with a hash of the code and models that judge."""
+    root = Path(str(lidar_outlier_filter.__file__)).parent
+    files = [file for room in ROOMS for file in (root / room).rglob('*')]
+    own = _hash_files(file for file in files if file.suffix in {'.py', '.json'})
+    return f'{lidar_outlier_filter.__version__}+{own[:12]}'
 
 
 @cache
-def model_hash() -> str:
-    """Hash the files of the trained models."""
-    folder = Path(str(lidar_outlier_filter.__file__)).parent / 'core'
-    total = sha256()
-    for path in sorted(folder.rglob('*.json')):
-        total.update(f'{path.name} {_file_hash(path)}\n'.encode())
-    return total.hexdigest()
+def _sources(module: str) -> str:
+    """Hash the source of a plug-in: its module, or all modules of its package."""
+    spec = find_spec(module)
+    folders = spec.submodule_search_locations if spec is not None else None
+    if folders:
+        return _hash_files(file for one in folders for file in Path(one).rglob('*.py'))
+    return _hash_files([Path(spec.origin)] if spec is not None and spec.origin else [])
 
 
-def judging_code(judge: str = _JUDGE) -> str:
-    """Return what two processes have in common that judge alike: the code and the models."""
-    others = ''.join(_code_of(name for name in DETECTORS if not _is_own(name)))
-    added = f'+{sha256(others.encode()).hexdigest()[:12]}' if others else ''
-    return f'{version(judge)}+{model_hash()[:12]}{added}'
+def _hash_files(files: Iterable[Path]) -> str:
+    return sha256(
+        ''.join(f'{one.name} {file_hash(one)}\n' for one in sorted(files)).encode()
+    ).hexdigest()

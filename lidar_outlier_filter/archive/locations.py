@@ -1,9 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where recordings lie: folders of this machine, and whatever fsspec opens, such as ``s3://``.
+"""Find recordings and files, on this machine or on a store that fsspec opens, such as ``s3://``.
 
-Credentials and addresses of a store are those of fsspec and of its file system, from the
-environment or their own files.
+Credentials and endpoints of a store are those of fsspec and of its file system.
 """
 
 from __future__ import annotations
@@ -13,38 +12,34 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.errors import CloudError, RecordingError
+from lidar_outlier_filter.archive.storage import files_below
+from lidar_outlier_filter.errors import CloudError, FilterError, RecordingError
 from lidar_outlier_filter.recordings.remote_path import RemotePath, reached
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from lidar_outlier_filter.archive.storage import State
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
-METADATA = 'metadata.yaml'  # in the folder of a recording of ROS 2
+METADATA = 'metadata.yaml'  # in the folder of a ROS 2 recording
 SUFFIXES = ('.mcap', '.db3', '.bag')
-MOST_STAGED = 64 * 2**30  # bytes of a recording that is copied to this machine
-
-
-class _State(NamedTuple):
-    """The size of a file in bytes, and what changes with its content."""
-
-    size: int
-    mark: str
+MAX_STAGED_BYTES = 64 * 2**30
+PATTERN = '*?['
 
 
 @dataclass(frozen=True)
 class Location:
-    """A recording that was found: where, how large, and which state of it.
+    """A recording or file that was found.
 
     Attributes
     ----------
     path : what :class:`Recording` opens
     size : bytes of all its files
-    state : ``etag:`` and the store's mark of the content, or ``mtime:`` and the times of its files
-    by_ranges : whether it can be read where it lies; else :func:`staged` copies it first
+    state : changes with the content: ``mtime:`` and times, or ``etag:`` and the mark of a store
+    by_ranges : whether it is read where it lies; otherwise :func:`staged` copies it first
     is_folder : whether it is a folder of files
 
     """
@@ -52,16 +47,16 @@ class Location:
     path: RecordingPath
     size: int
     state: str
-    by_ranges: bool
+    by_ranges: bool = True
     is_folder: bool = False
 
     def check_unchanged(self, what: str = 'recording') -> None:
-        """Refuse a recording, or whatever it is, that is no longer the one that was found.
+        """Refuse a recording or file that changed since it was found.
 
         Raises
         ------
         RecordingError
-            If its size, a time or a mark of the store has changed.
+            If its size or its state differs.
 
         """
         now = location_of(self.path)
@@ -71,44 +66,43 @@ class Location:
 
 
 def path_at(address: str) -> RecordingPath:
-    """Return the path for an address: one of this machine, or ``PROTOCOL://…``.
+    """Return the path of an address: a path of this machine, or ``PROTOCOL://…``.
 
     Raises
     ------
-    RecordingError
-        If nothing is installed that opens it.
+    FilterError
+        If it is empty, or nothing is installed that opens it.
 
     """
+    if not address:
+        raise FilterError('a path', 'given', "''")
     if '://' not in address:
         return Path(address)
     try:
-        from fsspec.core import url_to_fs  # noqa: PLC0415  paths of this machine need none
+        from fsspec.core import url_to_fs  # noqa: PLC0415  an extra
     except ModuleNotFoundError as err:
         must_be = 'installed for such addresses (pip install lidar_outlier_filter[archive,s3])'
         raise RecordingError('the module fsspec', must_be, address) from err
     with reached(address):
         system, key = url_to_fs(address, use_listings_cache=False)
-    if 'file' in system.protocol:
-        return Path(key)
-    return RemotePath(system, key.rstrip('/'))
+    return Path(key) if 'file' in system.protocol else RemotePath(system, key.rstrip('/'))
 
 
 def find(addresses: Iterable[str]) -> list[Location]:
     """Find the recordings at addresses: each a recording, a folder of recordings, or a pattern.
 
-    A folder is searched to its depth. What begins with a dot is passed over.
+    Folders are searched recursively; hidden files are skipped.
 
     Raises
     ------
     RecordingError
-        If there is none at an address, or the address cannot be reached.
+        If an address has no recording, or cannot be reached.
 
     """
     found: dict[str, Location] = {}
     for address in addresses:
-        path = path_at(address)
         with reached(address):
-            locations = [location for one in _matching(path) for location in _recordings(one)]
+            locations = [one for path in _matching(path_at(address)) for one in _recordings(path)]
         if not locations:
             must_be = 'a recording, a folder of recordings, or a pattern for some'
             raise RecordingError(f'what is at {address}', must_be, 'no recording')
@@ -117,7 +111,7 @@ def find(addresses: Iterable[str]) -> list[Location]:
 
 
 def find_files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
-    """Find the files of a folder, to its depth, whose names end so; see :func:`find`.
+    """Find the files of a folder that have one of the suffixes; see :func:`find`.
 
     Raises
     ------
@@ -137,21 +131,8 @@ def find_files(folder: Path, suffixes: Sequence[str]) -> list[Path]:
     return found
 
 
-def listed(folder: RecordingPath) -> dict[str, Location]:
-    """Describe all recordings in a folder, to its depth, by their paths; none if it is not there.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be reached.
-
-    """
-    with reached(folder):
-        return {str(one.path): one for one in _recordings(folder)} if folder.is_dir() else {}
-
-
 def location_of(path: RecordingPath) -> Location:
-    """Describe a recording as it is now.
+    """Describe a recording or file as it is now.
 
     Raises
     ------
@@ -159,26 +140,18 @@ def location_of(path: RecordingPath) -> Location:
         If it cannot be reached.
 
     """
-    with reached(path):
-        return _location(path, _files(path))
+    return _location(path, files_below(path))
 
 
 @contextmanager
-def staged(
-    location: Location, scratch: Path | None = None, most: int = MOST_STAGED
-) -> Iterator[RecordingPath]:
-    """Give a path by which a recording can be read; copy it to this machine where it must be.
-
-    Parameters
-    ----------
-    location : the recording
-    scratch : folder for the copy, which is removed at the end; None: the system's
-    most : bytes that a copy may have
+def staged(location: Location, most: int = MAX_STAGED_BYTES) -> Iterator[RecordingPath]:
+    """Give a path by which a recording can be read; copy it to this machine if necessary.
 
     Raises
     ------
     RecordingError
-        If it has more bytes, cannot be reached, or has changed since it was found.
+        If the copy would have more than ``most`` bytes, or the recording cannot be reached or has
+        changed since it was found.
 
     """
     if isinstance(location.path, Path) or location.by_ranges:
@@ -187,17 +160,17 @@ def staged(
     if location.size > most:
         must_be = f'of at most {most} bytes, to be copied to this machine'
         raise RecordingError(f'the recording {location.path}', must_be, location.size)
-    with TemporaryDirectory(prefix='.lidar_outlier_filter-', dir=scratch) as folder:
+    with TemporaryDirectory(prefix='.lidar_outlier_filter-') as folder:
         target = Path(folder, location.path.name)
         with reached(location.path):
-            _copy(location.path, target)
+            location.path.system.get(location.path.key, str(target), recursive=location.is_folder)
         location.check_unchanged()
         yield target
 
 
 def _matching(path: RecordingPath) -> list[RecordingPath]:
-    """Return the path, or what fits it, if it is a pattern and nothing has it as its name."""
-    if not any(letter in str(path) for letter in '*?[') or path.exists():
+    """Return the path, or what matches if it is a pattern and no name."""
+    if not any(letter in str(path) for letter in PATTERN) or path.exists():
         return [path]
     found: list[RecordingPath]
     if isinstance(path, Path):
@@ -208,10 +181,10 @@ def _matching(path: RecordingPath) -> list[RecordingPath]:
 
 
 def _recordings(path: RecordingPath) -> Iterator[Location]:
-    """Describe a recording, or those below a folder."""
-    files = _files(path)
+    """Describe a recording, or the recordings below a folder."""
+    files = files_below(path)
     folders = {str(file.parent) for file in files if file.name == METADATA}
-    groups: dict[str, dict[RecordingPath, _State]] = {}
+    groups: dict[str, dict[RecordingPath, State]] = {}
     for file, state in files.items():
         inside = str(file)[len(str(path)) :].lstrip('/')
         if any(part.startswith('.') for part in inside.split('/')):
@@ -224,46 +197,13 @@ def _recordings(path: RecordingPath) -> Iterator[Location]:
         yield _location(next(iter(group)).parent, group)
 
 
-def _location(path: RecordingPath, files: dict[RecordingPath, _State]) -> Location:
+def _location(path: RecordingPath, files: Mapping[RecordingPath, State]) -> Location:
     """Describe a recording by its files."""
     states = sorted((file.name, *state) for file, state in files.items())
-    size = sum(state.size for state in files.values())
-    by_ranges = all(file.suffix in {'.mcap', '.yaml'} for file in files)
-    if isinstance(path, Path):
-        kind, by_ranges = 'mtime', True
-    else:
-        kind = 'etag'
-    mark = states[0][-1] if len(states) == 1 else sha256(repr(states).encode()).hexdigest()
-    return Location(path, size, f'{kind}:{mark}', by_ranges, path not in files)
-
-
-def _files(path: RecordingPath) -> dict[RecordingPath, _State]:
-    """List all files of a folder, to its depth, with their states; or the one file."""
-    if isinstance(path, Path):
-        inside = sorted(path.rglob('*')) if path.is_dir() else [path]
-        stats = {file: file.stat() for file in inside if file.is_file()}
-        return {
-            file: _State(stat.st_size, f'{stat.st_mtime_ns} {stat.st_ino}')
-            for file, stat in stats.items()
-        }
-    found = path.system.find(path.key, detail=True)
-    return {
-        RemotePath(path.system, key): _State(int(info['size']), _mark(info))
-        for key, info in sorted(found.items())
-    }
-
-
-def _mark(info: Mapping[str, object]) -> str:
-    """Return what a store changes with the content of a file."""
-    names = ('ETag', 'etag', 'version_id', 'LastModified', 'mtime', 'created')
-    return next((str(info[name]).strip('"') for name in names if info.get(name)), '')
-
-
-def _copy(source: RemotePath, target: Path) -> None:
-    if not source.is_dir():
-        source.system.get_file(source.key, str(target))
-        return
-    target.mkdir()
-    for file in source.iterdir():
-        if file.is_file():
-            source.system.get_file(file.key, str(target / file.name))
+    state = states[0][-1] if states else ''
+    if len(states) > 1:
+        kind, total = state.partition(':')[0], repr(states).encode(errors='surrogateescape')
+        state = f'{kind}:{sha256(total).hexdigest()}'
+    by_ranges = isinstance(path, Path) or all(file.suffix in {'.mcap', '.yaml'} for file in files)
+    size = sum(size for size, _ in files.values())
+    return Location(path, size, state, by_ranges, path not in files)

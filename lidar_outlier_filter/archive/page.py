@@ -2,264 +2,294 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of an archive: which of its recordings or files were odd.
 
-One file, no network, a table without JS.
+One file that loads nothing; its table works without scripts.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from hashlib import sha256
 from html import escape
-from itertools import chain, islice
-from typing import TYPE_CHECKING, Any
+from importlib.resources import files
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from lidar_outlier_filter.archive.columns import COLUMNS, REJECTED, length, rejected
+from lidar_outlier_filter.archive.columns import REJECTED, length, on_page
 from lidar_outlier_filter.archive.oddness import (
-    FEWEST,
-    LEAST_OF_CLOUDS,
-    LEAST_OF_POINTS,
     LIMIT,
+    MIN_COMPARED,
+    MIN_OF_CLOUDS,
+    MIN_OF_POINTS,
     SIGMA,
-    DriveCounts,
-    drives,
+    compare,
     percent,
     share,
     signed,
 )
-from lidar_outlier_filter.archive.page_style import COLOURS, SCRIPT, STYLE
-from lidar_outlier_filter.disk.new_files import replaced
+from lidar_outlier_filter.archive.publish import tidy, workshop
+from lidar_outlier_filter.archive.storage import exists, read_all, write
+from lidar_outlier_filter.errors import FilterError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-    from pathlib import Path
 
     from lidar_outlier_filter.archive.columns import Column
+    from lidar_outlier_filter.archive.oddness import Row
+    from lidar_outlier_filter.archive.sidecar import Record
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
-BARS = 400  # at most, in the picture over the table
-HEIGHT = 60  # of the picture
-SHOWN = 1000  # rows at first: a browser takes seconds to lay out ten times as many
-MOST_WAYS = 3  # versions and parameters that are named
-REPORT = '_report.html'  # behind the name of an output: the page that `report` writes on it
-# Sums that files have not: each is one cloud.
-OF_RECORDINGS = ('length', 'clouds', 'clouds refused', '× real time')
+PAGE = 'archive.html'
+MARK = '<meta name="generator" content="lidar_outlier_filter {}">'
+_OPEN, _SEAL_LENGTH = MARK.partition('{}')[0], 64
+MAX_BARS = 400
+HEIGHT, FAILED_HEIGHT = 60, 6  # of the chart, and of a failed recording's bar
+MAX_SHOWN = 1000  # rows at first: ten times as many take a browser seconds
+MAX_NAMED = 3  # versions and parameters
+REPORT = '_report.html'  # after the name of an output: the page of `report`
+# From Okabe and Ito: distinct for the colour-blind, on light and dark.
+COLOURS = ('#0072b2', '#e69f00', '#009e73', '#cc79a7', '#56b4e9', '#d55e00', '#b8a900')
 
 
-def write_page(entries: Iterable[Mapping[str, Any]], path: Path, what: str = 'recording') -> None:
-    """Write the page for the lines of a manifest; another one is replaced at the end.
-
-    ``what`` is ``recording``, or ``file`` where each is one cloud.
+def check_page(folder: RecordingPath) -> str:
+    """Return the page of an earlier run; '' if there is none.
 
     Raises
     ------
-    OSError
-        If it cannot be written.
+    FilterError
+        If the file of this name is another's, or was edited.
 
     """
-    lines = list(entries)
-    names = {line['output'] for line in lines}
-    reports = {name for name in names if (path.parent / f'{name}{REPORT}').is_file()}
-    text = page(lines, what, reports)
-    if path.is_file() and path.read_bytes() == text.encode():
+    path = folder / PAGE
+    if not exists(path):
+        return ''
+    data = read_all([path])[0] if path.is_file() else b''
+    text = data.decode(errors='replace')
+    before, mark, after = text.partition(_OPEN)
+    bare = before + mark + after[_SEAL_LENGTH:]
+    if not mark or sha256(bare.encode()).hexdigest() != after[:_SEAL_LENGTH]:
+        must_be = 'new, or an unchanged page of an earlier run'
+        raise FilterError('the output', must_be, f'{path}, which exists')
+    return text
+
+
+def write_page(records: Iterable[Record], folder: RecordingPath, what: str = 'recording') -> None:
+    """Write the page for records into the folder of their outputs; an earlier one is replaced.
+
+    Parameters
+    ----------
+    records : in any order
+    folder : of the outputs
+    what : ``recording``, or ``file`` if each is one cloud
+
+    Raises
+    ------
+    FilterError
+        If another file has its name, or it cannot be written.
+
+    """
+    found = sorted(records, key=lambda record: record.source)
+    reports: set[str] = set()
+    if isinstance(folder, Path):
+        reports = {one.output for one in found if (folder / f'{one.output}{REPORT}').is_file()}
+    text, before = page(found, what, reports), check_page(folder)
+    if text == before:
         return
-    with replaced(path) as built:
-        built.write_bytes(text.encode())
+    with workshop(folder) as built:
+        try:
+            write(folder / PAGE, text, built, is_new=not before)
+        except FilterError:
+            if before or not check_page(folder):
+                raise
+            write(folder / PAGE, text, built)  # over that of a run at the same time
+    tidy(folder)
 
 
-def page(
-    entries: Iterable[Mapping[str, Any]], what: str = 'recording', reports: Collection[str] = ()
-) -> str:
-    """Make the page for the lines of a manifest; ``reports`` are the outputs that have one."""
-    found = drives(entries)
-    names = sorted({name for drive in found for name in drive.rejected_by})
+def page(records: Iterable[Record], what: str = 'recording', reports: Collection[str] = ()) -> str:
+    """Make the page for records; ``reports`` are the outputs that have one."""
+    rows = compare(records)
+    names = sorted({name for row in rows for name in row.rejected_by})
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(names)}
-    done = [drive for drive in found if drive.done]
-    return '\n'.join(
+    done = [row for row in rows if row.is_done]
+    text = '\n'.join(
         [
             '<!DOCTYPE html>',
             '<html lang="en"><head><meta charset="utf-8">',
+            MARK.format(''),
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             '<title>Archive</title>',
-            f'<style>{STYLE}</style></head><body>',
-            f'<h1>{_count(len(found), what)}</h1>',
+            f'<style>{_asset("page.css")}</style></head><body>',
+            f'<h1>{len(rows):,} {what}{"" if len(rows) == 1 else "s"}</h1>',
             *_made_by(done),
-            *_totals(found, done, colours, what),
-            *_picture(found, what),
-            *_table(found, colours, what, reports),
+            *_totals(rows, done, colours, what),
+            *_chart(rows, what),
+            *_table(rows, colours, what, reports),
             *_explanation(len(done), what),
-            f'<script>{SCRIPT}</script></body></html>',
+            f'<script>{_asset("page.js")}</script></body></html>',
             '',
         ]
     )
+    return text.replace(_OPEN, _OPEN + sha256(text.encode()).hexdigest(), 1)
 
 
-def _count(number: int, what: str) -> str:
-    return f'{number:,} {what}{"" if number == 1 else "s"}'
+def _asset(name: str) -> str:
+    return (files(__package__) / 'assets' / name).read_text(encoding='utf-8')
 
 
-def _made_by(done: Sequence[DriveCounts]) -> Iterator[str]:
-    """Say by which versions and parameters outputs were made, the most first, and when."""
-    ways = Counter(drive.how for drive in done).most_common()
-    days = sorted(drive.finished[:10] for drive in done if drive.finished)
+def _safe(text: str) -> str:
+    """Escape a text; names of files may be any bytes."""
+    return escape(printable(text))
+
+
+def _made_by(done: Sequence[Row]) -> Iterator[str]:
+    """Say when, and by which versions and parameters outputs were made, the most frequent first."""
+    runs = Counter((row.record.code, row.record.parameters) for row in done).most_common()
+    days = sorted(row.record.finished[:10] for row in done)
     texts = [
-        f'{version}, parameters {parameters[:12]}' + f' ({count:,})' * (len(ways) > 1)
-        for (version, parameters), count in ways[:MOST_WAYS]
-        if version
+        f'{code}, parameters {parameters[:12]}' + f' ({count:,})' * (len(runs) > 1)
+        for (code, parameters), count in runs[:MAX_NAMED]
     ]
-    if len(ways) > MOST_WAYS:
-        texts.append(f'{len(ways) - MOST_WAYS} others')
+    if len(runs) > MAX_NAMED:
+        texts.append(f'{len(runs) - MAX_NAMED} others')
     if days:
         span = days[0] if days[0] == days[-1] else f'{days[0]} to {days[-1]}'
-        texts = [f'done {span}, by version {"; ".join(texts)}' if texts else f'done {span}']
-    yield from (f'<p class="note">{escape(text)}</p>' for text in texts)
+        said = escape(f'done {span}, by version {"; ".join(texts)}')
+        yield f'<p class="note">{said}</p>'
 
 
 def _totals(
-    found: Sequence[DriveCounts],
-    done: Sequence[DriveCounts],
-    colours: Mapping[str, str],
-    what: str,
+    rows: Sequence[Row], done: Sequence[Row], colours: Mapping[str, str], what: str
 ) -> Iterator[str]:
-    """Give the sums over all."""
-    points, messages = sum(d.points for d in done), sum(d.messages for d in done)
-    seconds, duration = sum(d.seconds for d in done), sum(d.duration for d in done)
-    failed, empty = sum(d.failed for d in found), sum(d.empty for d in found)
-    values = {
-        'failed': (f'{failed:,}', failed > 0),
-        'without clouds': (f'{empty:,}', False),
-        'odd': (f'{sum(bool(d.odd) for d in done):,}', any(d.odd for d in done)),
-        'length': (length(duration), False),
-        'size': (size(sum(d.size for d in found)), False),
-        'clouds': (f'{messages:,}', False),
-        'clouds refused': (f'{sum(d.refused for d in done):,}', any(d.refused for d in done)),
-        'points': (f'{points:,}', False),
-        'points rejected': (percent(share(sum(d.rejected for d in done), points)), False),
-        'points untested': (percent(share(sum(d.untested for d in done), points)), False),
-        '× real time': (f'{share(duration, seconds):.1f}', False),
-    }
-    left_out: tuple[str, ...] = () if what == 'recording' else OF_RECORDINGS
-    if not empty:
-        left_out = (*left_out, 'without clouds')
+    """Give the sums over all rows."""
+    sums = sum((row.sums for row in done), Counter())
+    points, refused = sums['points'], sums['refused']
+    failed, odd = sum(row.is_failed for row in rows), sum(bool(row.odd) for row in done)
+    empty = len(rows) - len(done) - failed
+    seconds, duration = (
+        sum(getattr(row.record, name) for row in done) for name in ('seconds', 'duration')
+    )
+    recorded = what == 'recording'  # a file is one cloud without a length
+    values = [
+        ('failed', f'{failed:,}', failed, True),
+        ('without clouds', f'{empty:,}', 0, empty > 0),
+        ('odd', f'{odd:,}', odd, True),
+        ('length', length(duration), 0, recorded),
+        ('size', size(sum(row.record.size for row in rows)), 0, True),
+        ('clouds', f'{sums["messages"]:,}', 0, recorded),
+        ('clouds refused', f'{refused:,}', refused, recorded),
+        ('points', f'{points:,}', 0, True),
+        ('points rejected', percent(share(sums['rejected'], points)), 0, True),
+        ('points untested', percent(share(sums['untested'], points)), 0, True),
+        ('× real time', f'{share(duration, seconds):.1f}', 0, recorded),
+    ]
     yield '<dl class="totals">'
-    for name, (text, warns) in values.items():
-        if name in left_out:
-            continue
-        mark = ' class="warn"' if warns else ''
-        yield f'<div{mark}><dt>{name}</dt><dd>{text}</dd></div>'
+    for name, text, warns, is_shown in values:
+        if is_shown:
+            mark = ' class="warn"' if warns else ''
+            yield f'<div{mark}><dt>{name}</dt><dd>{text}</dd></div>'
     yield '</dl>'
-    by = sum((d.rejected_by for d in done), Counter())
+    by = sum((row.rejected_by for row in done), Counter())
     yield '<p class="key">Rejected by '
     for name, colour in colours.items():
         box = f'<i style="background:{colour}"></i>'
-        yield f'<span>{box}{escape(name)} {percent(share(by[name], points))}</span> '
+        yield f'<span>{box}{_safe(name)} {percent(share(by[name], points))}</span> '
     yield '</p>'
 
 
-def _picture(found: Sequence[DriveCounts], what: str) -> Iterator[str]:
-    """Draw a bar for each, in the order of their names, that leads to its row."""
-    order = sorted(range(len(found)), key=lambda row: found[row].source)
-    each = -(-len(order) // BARS)
-    highest = max((share(d.rejected, d.points) for d in found), default=0) or 1
-    bars = []
-    rows = iter(order)
-    while group := list(islice(rows, each)):
-        bars.append(max(group, key=lambda row: (found[row].failed, rejected(found[row]))))
-    text = f'the largest of {each} {what}s each' if each > 1 else f'one {what} each'
-    if not bars:
+def _chart(rows: Sequence[Row], what: str) -> Iterator[str]:
+    """Draw a bar for each row, or for several, by name; each links to its row."""
+    if not rows:
         return
+    order = sorted(range(len(rows)), key=lambda number: rows[number].record.source)
+    each = -(-len(order) // MAX_BARS)
+    highest = max(REJECTED.value(row) for row in rows) or 1
+    numbers, bars = iter(order), []
+    while group := list(islice(numbers, each)):
+        bars.append(max(group, key=lambda n: (rows[n].is_failed, REJECTED.value(rows[n]))))
     yield '<figure>'
     yield f'<svg viewBox="0 0 {len(bars)} {HEIGHT}" preserveAspectRatio="none" role="img">'
     yield '<title>Share of the points rejected</title>'
-    for x, row in enumerate(bars):
-        drive = found[row]
-        high = HEIGHT if drive.failed else max(1.0, HEIGHT * rejected(drive) / highest)
-        kind = 'failed' if drive.failed else 'odd' if drive.odd else 'plain'
-        title = escape(f'{drive.source}: {drive.error or percent(rejected(drive))}')
+    for x, number in enumerate(bars):
+        row = rows[number]
+        high = max(1.0, HEIGHT * REJECTED.value(row) / highest)
+        if row.is_failed:
+            high = FAILED_HEIGHT
+        kind = 'failed' if row.is_failed else 'odd' if row.odd else 'plain'
+        title = f'{row.record.source}: {row.record.error or percent(REJECTED.value(row))}'
         yield (
-            f'<a href="#r{row}"><rect class="{kind}" x="{x + 0.1}" y="{HEIGHT - high:.1f}" '
-            f'width="0.8" height="{high:.1f}"><title>{title}</title></rect></a>'
+            f'<a href="#r{number}"><rect class="{kind}" x="{x + 0.1}" y="{HEIGHT - high:.1f}" '
+            f'width="0.8" height="{high:.1f}"><title>{_safe(title)}</title></rect></a>'
         )
+    text = f'the largest of {each} {what}s each' if each > 1 else f'one {what} each'
     yield '</svg>'
     yield (
         f'<figcaption>Share of the points rejected, by name of the {what}, {text}; the highest '
         f'bar is {percent(highest)}. <i class="plain"></i>usual <i class="odd"></i>odd '
-        '<i class="failed"></i>failed</figcaption></figure>'
+        '<i class="failed"></i>failed, without a share</figcaption></figure>'
     )
 
 
 def _table(
-    found: Sequence[DriveCounts],
-    colours: Mapping[str, str],
-    what: str,
-    reports: Collection[str],
+    rows: Sequence[Row], colours: Mapping[str, str], what: str, reports: Collection[str]
 ) -> Iterator[str]:
-    highest = max((rejected(drive) for drive in found if drive.done), default=0) or 1
-    columns = [column for column in COLUMNS if column.is_of(what)]
-    if len(found) > SHOWN:
-        text = f'show all {len(found):,}, not the first {SHOWN:,} only'
+    highest = max((REJECTED.value(row) for row in rows if row.is_done), default=0) or 1
+    columns = on_page(what)
+    if len(rows) > MAX_SHOWN:
+        text = f'show all {len(rows):,}, not only the first {MAX_SHOWN:,}'
         yield f'<label class="note"><input type="checkbox" id="all"> {text}</label>'
-        behind = f'tr:nth-child(n+{SHOWN + 1}):not(:target)'
+        behind = f'tr:nth-child(n+{MAX_SHOWN + 1}):not(:target)'
         yield f'<style>body:not(:has(#all:checked)) tbody {behind} {{ display: none; }}</style>'
+    heads = [name for one in columns for name in (one.name, *['by detector'] * (one is REJECTED))]
     yield '<div class="scroll"><table><thead><tr>'
-    yield f'<th scope="col" data-kind="text">{what}</th>'
-    for name in ('odd', *chain.from_iterable(map(_heads, columns))):
-        yield f'<th scope="col" data-kind="number">{name}</th>'
-    yield '<th scope="col" data-kind="text">done</th>'
+    for name in (what, 'odd', *heads, 'done'):
+        kind = 'text' if name in (what, 'done') else 'number'
+        yield f'<th scope="col" data-kind="{kind}">{name}</th>'
     yield '</tr></thead><tbody>'
-    folder = '/' if what == 'recording' else ''
-    for row, drive in enumerate(found):
-        links = _links(drive, folder, has_report=drive.output in reports)
-        cells = _cells(drive, columns, colours, highest, links)
-        yield f'<tr id="r{row}">{"".join(cells)}</tr>'
+    for number, row in enumerate(rows):
+        cells = ''.join(_cells(row, columns, colours, highest))
+        head = _head(row, '/' if what == 'recording' else '', reports)
+        yield f'<tr id="r{number}">{head}{cells}</tr>'
     yield '</tbody></table></div>'
 
 
-def _heads(column: Column) -> tuple[str, ...]:
-    """Name what stands above a column; behind what is rejected there is who rejected it."""
-    return (column.name, 'by detector') if column is REJECTED else (column.name,)
-
-
-def _links(drive: DriveCounts, folder: str, *, has_report: bool) -> str:
-    """Lead to the output, and to the report on it, which lie beside the page."""
-    if not drive.done:
-        return ''
-    address = f'./{quote(drive.output)}'
-    found = f' <a href="{address}{folder}">output</a>'
-    return f'{found} <a href="{address}{REPORT}">report</a>' if has_report else found
+def _head(row: Row, ending: str, reports: Collection[str]) -> str:
+    """Name a row, with links to its output and report, and what is odd about it."""
+    record, links = row.record, ''
+    if row.is_done:
+        address = f'./{quote(record.output, errors="surrogateescape")}'
+        links = f' <a href="{address}{ending}">output</a>'
+        if record.output in reports:
+            links += f' <a href="{address}{REPORT}">report</a>'
+    kind = 'failed' if row.is_failed else 'odd' if row.is_done else 'plain'
+    notes = ''.join(
+        f'<small class="{kind}" tabindex="0" title="{_safe(line)}">{_unbroken(_safe(line))}</small>'
+        for line in ([record.error] if record.error else row.odd)
+    )
+    name = _safe(record.source)
+    folder, slash, last = name.rpartition('/')
+    return f'<th scope="row" data-sort="{name}">{folder}{slash}<b>{last}</b>{links}{notes}</th>'
 
 
 def _cells(
-    drive: DriveCounts,
-    columns: Sequence[Column],
-    colours: Mapping[str, str],
-    highest: float,
-    links: str,
+    row: Row, columns: Sequence[Column], colours: Mapping[str, str], highest: float
 ) -> Iterator[str]:
-    name = escape(drive.source)
-    folder, slash, last = map(escape, drive.source.rstrip('/').rpartition('/'))
-    kind = 'failed' if drive.failed else 'odd' if drive.done else 'plain'
-    lines = [drive.error] if drive.error else drive.odd
-    notes = ''.join(
-        f'<small class="{kind}" tabindex="0" title="{escape(line)}">'
-        f'{_unbroken(escape(line))}</small>'
-        for line in lines
-    )
-    yield f'<th scope="row" data-sort="{name}">{folder}{slash}<b>{last}</b>{links}{notes}</th>'
-    when = escape(drive.finished)
-    done = f'<td data-sort="{when}" title="{when}">{when[:10]}</td>'
-    if not drive.done:
-        text, sort = ('failed', 'inf') if drive.failed else ('no clouds', '-1')
+    if row.is_done:
+        mark = ' class="odd"' if abs(row.z) >= LIMIT else ''
+        yield f'<td{mark} data-sort="{abs(row.z)}">{signed(row.z)}</td>'
+        for column in columns:
+            value = column.value(row)
+            yield f'<td data-sort="{value}">{column.text(value)}</td>'
+            if column is REJECTED:
+                yield f'<td data-sort="{value}">{_bar(row, colours, highest)}</td>'
+    else:
+        kind, text, sort = (
+            ('failed',) * 2 + ('inf',) if row.is_failed else ('plain', 'no clouds', -1)
+        )
         yield f'<td class="{kind}" data-sort="{sort}">{text}</td>'
-        yield from ['<td></td>'] * (len(columns) + 1)  # one more says by whom
-        yield done
-        return
-    mark = ' class="odd"' if abs(drive.z) >= LIMIT else ''
-    yield f'<td{mark} data-sort="{abs(drive.z)}">{signed(drive.z)}</td>'
-    for column in columns:
-        value = column.value(drive)
-        yield f'<td data-sort="{value}">{column.text(value)}</td>'
-        if column is REJECTED:
-            yield f'<td data-sort="{value}">{_bar(drive, colours, highest)}</td>'
-    yield done
+        yield '<td></td>' * (len(columns) + 1)  # and that of the bars
+    when = escape(row.record.finished)
+    yield f'<td data-sort="{when}" title="{when}">{when[:10]}</td>'
 
 
 def _unbroken(line: str) -> str:
@@ -267,26 +297,26 @@ def _unbroken(line: str) -> str:
     return line.replace(' %', '\N{NO-BREAK SPACE}%').replace('(z ', '(z\N{NO-BREAK SPACE}')
 
 
-def _bar(drive: DriveCounts, colours: Mapping[str, str], highest: float) -> str:
-    """Draw the share of each detector; where several reject a point, their parts are scaled."""
-    total = sum(drive.rejected_by.values())
+def _bar(row: Row, colours: Mapping[str, str], highest: float) -> str:
+    """Draw the share of each detector, scaled where several reject the same points."""
+    total = sum(row.rejected_by.values())
     parts = [
         f'<i style="width:{100 * share(count, total):.1f}%;background:{colours[name]}" '
-        f'title="{escape(name)} {percent(share(count, drive.points))}"></i>'
-        for name, count in sorted(drive.rejected_by.items())
+        f'title="{_safe(name)} {percent(share(count, row.sums["points"]))}"></i>'
+        for name, count in sorted(row.rejected_by.items())
     ]
-    width = 100 * min(1.0, rejected(drive) / highest)
+    width = 100 * min(1.0, REJECTED.value(row) / highest)
     return f'<span class="bar"><span style="width:{width:.1f}%">{"".join(parts)}</span></span>'
 
 
 def _explanation(done: int, what: str) -> Iterator[str]:
-    least, compared = f'{percent(LEAST_OF_POINTS)} of the points', ''
-    lacking = 'It is odd, too, if none of its points could be tested. '
+    least, compared = f'{percent(MIN_OF_POINTS)} of the points', ''
+    lacking = 'It is also odd if none of its points could be tested. '
     if what == 'recording':
-        least += f' or {percent(LEAST_OF_CLOUDS)} of the clouds'
+        least += f' or {percent(MIN_OF_CLOUDS)} of the clouds'
         compared = ', and of clouds after a gap'
         lacking = (
-            'It is odd, too, if clouds were refused, no point of a topic could be tested, or '
+            'It is also odd if clouds were refused, no point of a topic could be tested, or '
             'messages are missing. '
         )
     yield (
@@ -296,12 +326,12 @@ def _explanation(done: int, what: str) -> Iterator[str]:
         f'rejected by each detector and untested{compared}. {lacking}'
         'The column “odd” has the largest z.</p>'
     )
-    if done < FEWEST:
-        yield f'<p class="note">Fewer than {FEWEST} {what}s are done: none is compared.</p>'
+    if done < MIN_COMPARED:
+        yield f'<p class="note">Fewer than {MIN_COMPARED} {what}s are done: none is compared.</p>'
 
 
 def size(count: float) -> str:
-    """Write a number of bytes with three digits that count."""
+    """Write a number of bytes with three significant digits."""
     for unit in ('B', 'kB', 'MB', 'GB'):
         if count < 1000:  # noqa: PLR2004  the step between units
             return f'{count:.3g} {unit}'

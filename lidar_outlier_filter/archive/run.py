@@ -1,170 +1,311 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A run over recordings or files: what is done already is left, what fails costs itself only."""
+"""Run a job over many recordings or files: skip what is done; a failure costs only its own."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import os
+import socket
+from collections import deque
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Generic
+from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.archive.fingerprints import model_hash, parameters_hash, version
-from lidar_outlier_filter.archive.locations import location_of
-from lidar_outlier_filter.archive.manifest import DONE, NO_CLOUDS, How, begun
-from lidar_outlier_filter.archive.order import One
-from lidar_outlier_filter.archive.proof import is_proved
-from lidar_outlier_filter.archive.step import Progress
-from lidar_outlier_filter.archive.work import work_through
-from lidar_outlier_filter.disk.new_files import taken
+from lidar_outlier_filter.archive.fingerprints import code, content_hash, parameters_hash
+from lidar_outlier_filter.archive.jobs import Made, wanted
+from lidar_outlier_filter.archive.publish import look, publish, settle, workshop
+from lidar_outlier_filter.archive.sidecar import DONE, NO_CLOUDS, Record
 from lidar_outlier_filter.errors import FilterError, NoCloudsError, SchedulerError, said_by
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from lidar_outlier_filter.archive.hands import ByWhom
-    from lidar_outlier_filter.archive.manifest import Entry, Manifest
-    from lidar_outlier_filter.archive.order import Made, Order
-    from lidar_outlier_filter.archive.task import Task
+    from lidar_outlier_filter.archive.jobs import Inform, Job, Note, Task
+    from lidar_outlier_filter.archive.publish import Found
+    from lidar_outlier_filter.archive.workers import Workers
 
-
-def pending(tasks: Sequence[One], order: Order[One], manifest: Manifest) -> list[One]:
-    """Choose the recordings or files whose outputs the manifest does not prove."""
-    if manifest.folder is None:
-        return list(tasks)
-    how, made = _how(order), order.made(tasks, manifest.folder)
-    return [
-        task for task in tasks if not is_proved(task, how, manifest, made.get(str(task.output)))
-    ]
+POLL_S = 0.2  # between two checks for an interrupt
+AHEAD = 2  # tasks for each worker, of which one waits
+LOOKING = 16  # threads that look for outputs, most of which wait for a disk or a store
 
 
-def run_all(
-    tasks: Sequence[One],
-    order: Order[One],
-    manifest: Manifest,
-    by: ByWhom,
-    keep: Callable[[One, Made], object] = lambda _task, _made: None,
-) -> list[Entry]:
-    """Work on recordings or files, and write into the manifest what became of each.
+@dataclass(frozen=True)
+class Result:
+    """The record of a task, what was made if it was not there, and what is to be said."""
 
-    What fails costs itself only; ``keep`` is called with what was made.
-
-    Raises
-    ------
-    SchedulerError
-        If the scheduler goes away.
-
-    """
-    progress = Progress({task.source: task.location.size for task in tasks}, order.unit)
-    run = _Run(order, manifest, progress, keep)
-    tick = by.tick(progress)
-    work_through(tasks, by.hands(order, progress), run.begin, manifest.flush, run.end, tick)
-    return [manifest.entries[task.source] for task in tasks]
+    record: Record
+    made: Made | None = None
+    said: Sequence[str] = ()
 
 
-def run_alone(task: One, order: Order[One], by: ByWhom) -> Any:
-    """Work on a single one, without a manifest; return the report.
+def attempt(task: Task, job: Job, record: Record, note: Note, inform: Inform) -> Result:
+    """Read, judge and write one recording or file, unless another run has done so.
 
     Raises
     ------
     FilterError
-        If it is refused, or something has the name of the output.
+        If it cannot be read, has changed meanwhile, or the outputs cannot be written.
 
     """
-    if task.output.exists():
-        raise taken(task.output, order.new)
-    progress = Progress({task.source: task.location.size}, order.unit)
-    found: list[Made] = []
-
-    def end(_task: Task, take: Callable[[], Made]) -> None:
-        found.append(take())
-        order.give_names(task, found[0].built)
-
-    hands, tick = by.hands(order, progress), by.tick(progress)
-    work_through([task], hands, lambda _task: True, lambda: None, end, tick)
-    return replace(found[0].report, output=task.output)
-
-
-class _Run(Generic[One]):
-    """Notes of each that it is begun, and what became of it."""
-
-    def __init__(
-        self,
-        order: Order[One],
-        manifest: Manifest,
-        progress: Progress,
-        keep: Callable[[One, Made], object],
-    ) -> None:
-        self._order, self._how, self._keep = order, _how(order), keep
-        self._manifest, self._progress = manifest, progress
-        self._begun: dict[One, tuple[Entry, float, bool]] = {}
-
-    def begin(self, task: One) -> bool:
-        """Note that one is begun; return whether its outputs may have their names."""
-        entry, began = begun(task, self._how), perf_counter()
+    began = perf_counter()
+    if job.dry:
+        made = job.make(task, Path(), note, inform)
+        return Result(replace(record, state=DONE, **made.counts), made)
+    before = look(task)
+    if (done := _done(task, record, before)) is not None:
+        return Result(done)
+    with workshop(task.folder) as built:
         try:
-            replaces = self._replaces(task)
+            made = job.make(task, built, note, inform)
+            record = replace(record, state=DONE, **made.counts)
+        except NoCloudsError as err:
+            made = Made({})
+            record = replace(record, state=NO_CLOUDS, error=str(err))
+        source_hash = content_hash(task.location)
+        task.location.check_unchanged(job.what)
+        record = replace(
+            record,
+            source_hash=source_hash,
+            seconds=round(perf_counter() - began, 3),
+            finished=datetime.now(UTC).isoformat(timespec='seconds'),
+        )
+        return Result(publish(task, built, record, made.log, before), made)
+
+
+def attempt_safely(task: Task, job: Job, record: Record, note: Note, inform: Inform) -> Result:
+    """Return a failed record instead of an error: it costs only its own recording or file."""
+    began = perf_counter()
+    try:
+        return attempt(task, job, record, note, inform)
+    except SchedulerError:
+        raise
+    except FilterError as err:
+        wrong = err
+    except Exception as err:  # noqa: BLE001  whatever it is, the next one is worked on
+        wrong = FilterError(f'the {job.what} {task.location.path}', job.done, said_by(err))
+    finished = datetime.now(UTC).isoformat(timespec='seconds')
+    seconds = round(perf_counter() - began, 3)
+    return Result(replace(record, error=str(wrong), seconds=seconds, finished=finished))
+
+
+def attempt_on_worker(task: Task, job: Job, record: Record) -> Result:
+    """Work on a task on a worker of Dask, with kernels on one thread.
+
+    Raises
+    ------
+    SchedulerError
+        If the code or a file of parameters here differs from that of the command.
+
+    """
+    name = f'{socket.gethostname()}:{os.getpid()}'
+    own = parameters_hash(job.filter, job.options), code()
+    if own != (record.parameters, record.code):
+        must_be = f'of version {record.code}, with the same plug-ins and mask'
+        raise SchedulerError(f'the worker {name}', must_be, own[1])
+    said: list[str] = []
+    job = replace(job, parameters={**job.parameters, 'threads': 1})
+    record = replace(record, worker=name)
+    result = attempt_safely(task, job, record, bool, said.append)
+    return replace(result, said=said)
+
+
+class Progress:
+    """How much of a run is done; threads may report to it.
+
+    Attributes
+    ----------
+    total, bytes_total : tasks, and bytes of their inputs
+    number, bytes_finished : tasks that are finished, and bytes of their inputs
+    last : the task that reported or finished last
+
+    """
+
+    def __init__(self, tasks: Iterable[Task]) -> None:
+        """Take the tasks of a run."""
+        self._sizes = {task: task.location.size for task in tasks}
+        self._running: dict[Task, float] = {}
+        self.total, self.bytes_total = len(self._sizes), sum(self._sizes.values())
+        self.number = self.bytes_finished = 0
+        self.last = ''
+
+    def report(self, task: Task, share: float) -> None:
+        """Note which share of a task is done."""
+        self._running[task] = share
+        self.last = task.source
+
+    def finish(self, task: Task) -> None:
+        """Note that a task is finished."""
+        self._running.pop(task, None)
+        self.number += 1
+        self.bytes_finished += self._sizes[task]
+        self.last = task.source
+
+    @property
+    def bytes_done(self) -> float:
+        """Bytes of inputs, those of running tasks by their shares."""
+        running = self._running.copy().items()
+        return self.bytes_finished + sum(share * self._sizes[task] for task, share in running)
+
+
+@dataclass(frozen=True)
+class Calls:
+    """What a run calls.
+
+    Attributes
+    ----------
+    show : regularly, with the progress
+    leave : regularly; may raise to stop the run
+    inform : with sentences
+    keep : with each result
+
+    """
+
+    show: Callable[[Progress], object] = bool
+    leave: Callable[[], object] = lambda: None
+    inform: Inform = str
+    keep: Callable[[Task, Result], object] = lambda _task, _result: None
+
+
+def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Record]]:
+    """Return the tasks to be done, and the records of the others: done before, or refused."""
+    if job.dry:
+        return list(tasks), {}
+
+    def record_of(task: Task) -> Record | None:
+        goal = wanted(task, job)
+        try:
+            return _done(task, goal, look(task))
         except FilterError as err:
-            self._note(replace(entry, error=str(err)), began)
-            return False
-        self._manifest.add(entry)
-        self._begun[task] = entry, began, replaces
-        return True
+            return replace(goal, error=str(err))
 
-    def _replaces(self, task: One) -> bool:
-        """Return whether there is an older output, which is ours; refuse another one's."""
-        if self._manifest.folder is None:
-            return False  # whoever writes it says so
-        there = [path for path in task.outputs if path.exists()]
-        if there and not self._order.is_ours(task, self._manifest):
-            must_be = f'{self._order.new}, or one of the manifest'
-            raise taken(there[0], must_be, self._order.error)
-        return bool(there)
+    with ThreadPoolExecutor(LOOKING) as pool:
+        found = dict(zip(tasks, pool.map(record_of, tasks), strict=True))
+    records = {task: record for task, record in found.items() if record is not None}
+    return [task for task in tasks if task not in records], records
 
-    def end(self, task: One, take: Callable[[], Made]) -> None:
-        """Note what became of one, whose outputs get their names."""
-        entry, began, replaces = self._begun.pop(task)
+
+def _done(task: Task, goal: Record, found: Found) -> Record | None:
+    """Return the record of a task that is done."""
+    record = found.done(goal, task)
+    if record is not None:
+        settle(task, found, record)
+    return record
+
+
+def run_all(tasks: Sequence[Task], job: Job, workers: Workers, calls: Calls) -> dict[Task, Record]:
+    """Work on all tasks, and return the record of each.
+
+    Raises
+    ------
+    SchedulerError
+        If the scheduler is gone, or a worker has other code.
+
+    """
+    return _Run(job, workers, calls, Progress(tasks)).all(tasks)
+
+
+class _Run:
+    """Submits tasks, several for each worker, and collects their results."""
+
+    def __init__(self, job: Job, workers: Workers, calls: Calls, progress: Progress) -> None:
+        self._job, self._workers, self._calls, self._progress = job, workers, calls, progress
+        self._records: dict[Task, Record] = {}
+        self._suspects: list[Task] = []
+
+    def all(self, tasks: Iterable[Task]) -> dict[Task, Record]:
+        """Run tasks; then those whose workers died, one at a time.
+
+        Dask blames the death of a worker on all tasks that it had, also on those that waited.
+        """
+        self._each(tasks, lambda: AHEAD * self._workers.count(), self._suspects)
+        self._each(self._suspects, lambda: 1, None)
+        return self._records
+
+    def _each(
+        self, tasks: Iterable[Task], at_once: Callable[[], int], suspects: list[Task] | None
+    ) -> None:
+        waiting = deque(tasks)
+        running: dict[Future[Result], Task] = {}
+        while waiting or running:
+            free = at_once() - len(running) if waiting else 0
+            for _ in range(min(free, len(waiting))):
+                task = waiting.popleft()
+                running[self._submit(task)] = task
+            self._calls.leave()
+            self._workers.check()
+            self._calls.show(self._progress)
+            for future in wait(running, POLL_S, FIRST_COMPLETED).done:
+                self._end(running.pop(future), future, suspects)
+
+    def _submit(self, task: Task) -> Future[Result]:
+        record = wanted(task, self._job)
+        if self._workers.client is not None:
+            return self._workers.executor.submit(attempt_on_worker, task, self._job, record)
+
+        def note(share: float) -> None:
+            self._calls.leave()
+            self._progress.report(task, share)
+
+        inform = self._calls.inform
+        return self._workers.executor.submit(attempt_safely, task, self._job, record, note, inform)
+
+    def _end(self, task: Task, future: Future[Result], suspects: list[Task] | None) -> None:
         try:
-            made = take()
-            self._order.give_names(task, made.built, replaces=replaces)
-            entry = noted(entry, task, self._order, made)
-            self._keep(task, made)
+            result = future.result()
         except SchedulerError:
             raise
-        except NoCloudsError as err:
-            entry = replace(entry, state=NO_CLOUDS, error=str(err))
-        except FilterError as err:
-            entry = replace(entry, error=str(err))
-        except Exception as err:  # noqa: BLE001  whatever it is, the next one is worked on
-            what = f'the {self._order.what} {task.location.path}'
-            wrong = self._order.error(what, self._order.verb, said_by(err))
-            entry = replace(entry, error=str(wrong))
-        self._note(entry, began)
+        except CancelledError as err:
+            raise self._workers.gone() from err
+        except Exception as err:  # noqa: BLE001  whatever comes from another machine
+            if suspects is not None and type(err).__name__ == 'KilledWorker':
+                suspects.append(task)
+                return
+            result = Result(replace(wanted(task, self._job), error=self._blame(task, err)))
+        for sentence in result.said:
+            self._calls.inform(sentence)
+        self._records[task] = result.record
+        self._calls.keep(task, result)
+        self._progress.finish(task)
+        self._calls.show(self._progress)
 
-    def _note(self, entry: Entry, began: float) -> None:
-        finished = datetime.now(UTC).isoformat(timespec='seconds')
-        seconds = entry.seconds or round(perf_counter() - began, 3)
-        entry = replace(entry, seconds=seconds, finished=finished)
-        self._manifest.add(entry)
-        self._progress.finish(entry.source)
-
-
-def noted(entry: Entry, task: One, order: Order[One], made: Made) -> Entry:
-    """Say in an entry what was made."""
-    state = location_of(task.output).state
-    return replace(
-        entry,
-        **order.counted(made.report),
-        hash=made.hash,
-        output_hash=made.output_hash or state,
-        output_state=state,
-        worker=made.worker,
-        seconds=round(made.seconds, 3),
-        state=DONE,
-        error=None,
-    )
+    def _blame(self, task: Task, err: Exception) -> str:
+        what = f'the {self._job.what} {task.location.path}'
+        if type(err).__name__ == 'KilledWorker':
+            got = f'{getattr(err, "allowed_failures", 0) + 1} that died, twice'
+            return str(FilterError(what, f'{self._job.done} without a worker that dies', got))
+        return str(FilterError(what, f'{self._job.done} by the workers', said_by(err)))
 
 
-def _how(order: Order[One]) -> How:
-    options = parameters_hash(order.filter, **order.options)
-    return How(options, version(order.judge), model_hash())
+def refuse_taken_names(tasks: Sequence[Task], job: Job, reserved: Mapping[str, str]) -> None:
+    """Refuse tasks whose outputs would have the same name, or lie within one another.
+
+    Parameters
+    ----------
+    tasks : whose outputs and sidecars are compared
+    job : of which a sentence speaks
+    reserved : paths that no output may have, and what they are
+
+    Raises
+    ------
+    FilterError
+        With the first such name.
+
+    """
+    known = dict(reserved)
+    names = [(str(path), task) for task in tasks for path in (*task.outputs, task.sidecar)]
+    for name, task in names:
+        source = str(task.location.path)
+        if name in known:
+            must_be = f'that of one {job.what}'
+            raise FilterError(f'the output {name}', must_be, f'{known[name]} and {source}')
+        known[name] = source
+    for name, task in names:
+        above = name.rpartition('/')[0]
+        while above:
+            if above in known:
+                got = f'{known[above]} and {task.location.path}'
+                raise FilterError(f'the output {name}', f'outside of that of a {job.what}', got)
+            above = above.rpartition('/')[0]

@@ -1,21 +1,21 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""``replay`` of many recordings, and of one by whoever has time."""
+"""Many recordings or files by one command: which ones, by which processes, progress, and page."""
 
 # ruff: noqa: PLC0415  help is instant
 
 from __future__ import annotations
 
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from time import monotonic
+from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.cli.archive_run import go_through, hidden_in, refuse_inside
 from lidar_outlier_filter.cli.archive_tables import show, status
 from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
+    LINE_PERIOD,
     beside,
     progress_bar,
     read_parameters,
@@ -28,41 +28,63 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Iterator, Sequence
 
-    from lidar_outlier_filter.archive.locations import Location
-    from lidar_outlier_filter.archive.one_recording import ReplayOrder
-    from lidar_outlier_filter.archive.step import Step
-    from lidar_outlier_filter.archive.task import Task
+    from lidar_outlier_filter.archive.jobs import Job, Task
+    from lidar_outlier_filter.archive.run import Progress, Result
+    from lidar_outlier_filter.archive.sidecar import Record
     from lidar_outlier_filter.archive.workers import Workers
-    from lidar_outlier_filter.cli.terminal import Advance
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
 
-# Bytes: less is replayed before several processes would have started.
-SHORT = 300_000_000
-MEGABYTE = 1_000_000  # bytes
+MIN_SHARED_BYTES = 300_000_000  # less is done before several processes have started
+MEGABYTE = 1_000_000
+MINUTE, HOUR = 60, 3600
 
 
-@dataclass(frozen=True)
-class FoundRecordings:
-    """The recordings of a folder, which is searched, or those that fit a pattern, below a root."""
+def add_worker_options(parser: argparse.ArgumentParser) -> None:
+    """Add --jobs, --scheduler and --scheduler-file, which :func:`check_workers` checks."""
+    add = parser.add_argument
+    add(
+        '--jobs',
+        type=int,
+        metavar='N',
+        help='recordings or files of a folder that are processed at once, each by one process; '
+        'default: as many as there are cores, from 300 MB on',
+    )
+    add(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='address of a Dask cluster whose workers process whole recordings or files of a '
+        'folder, as tcp://host:8786; they must reach inputs and outputs by the same paths',
+    )
+    add('--scheduler-file', metavar='FILE', help='file by which that cluster is found, instead')
 
-    root: RecordingPath
-    is_searched: bool
-    locations: Sequence[Location]
 
-    @property
-    def size(self) -> int:
-        """Count bytes."""
-        return sum(location.size for location in self.locations)
+def check_workers(options: argparse.Namespace, *, is_archive: bool) -> None:
+    """Refuse options that contradict one another.
+
+    Raises
+    ------
+    FilterError
+        If there are some.
+
+    """
+    if options.jobs is not None and options.jobs < 1:
+        raise FilterError('--jobs', 'at least 1', options.jobs)
+    cluster = options.scheduler or options.scheduler_file
+    if options.jobs is not None and cluster:
+        must_be = 'left out with --scheduler, whose cluster has its own processes'
+        raise FilterError('--jobs', must_be, options.jobs)
+    if cluster and not is_archive:
+        raise FilterError('--scheduler', 'for several recordings or files', 'one')
 
 
 def is_archive(address: str) -> bool:
-    """Return whether an address is that of a folder of recordings, or a pattern."""
-    from lidar_outlier_filter.archive.locations import METADATA, path_at
+    """Return whether an address is a folder of recordings, or a pattern."""
+    from lidar_outlier_filter.archive.locations import METADATA, PATTERN, path_at
 
     path = path_at(address)
     if not path.exists():
-        return any(letter in address for letter in '*?[')
+        return any(letter in address for letter in PATTERN)
     if not path.is_dir() or (path / METADATA).exists():
         return False
     # A recording that was not closed has no metadata, but files that are named after its folder.
@@ -71,145 +93,76 @@ def is_archive(address: str) -> bool:
     )
 
 
-def find_all(address: str) -> FoundRecordings:
-    """Find the recordings of a folder, or those that a pattern fits.
-
-    Raises
-    ------
-    RecordingError
-        If there are none.
-
-    """
+def replay_archive(options: argparse.Namespace) -> int:
+    """Replay all recordings of a folder or a pattern into one folder; return the exit status."""
+    from lidar_outlier_filter.archive.jobs import Task, replay_job
     from lidar_outlier_filter.archive.locations import find, path_at
 
-    path = path_at(address)
-    if isinstance(path, Path):
-        path = path.resolve()
-    locations, is_searched = find([str(path)]), path.exists()
-    while not path.exists():
-        path = path.parent
-    return FoundRecordings(path, is_searched, locations)
-
-
-def replay_archive(options: argparse.Namespace) -> int:
-    """Replay all recordings of a folder or a pattern into one folder."""
-    found = find_all(options.recording)
-    order, folder = _order(options), _folder(options, found)
-    tasks = _tasks(found, folder)
-    workers = partial(_workers, options)
-    entries, tried = go_through(tasks, order, folder, found.root.name, workers)
-    show(tasks, entries, tried, order, folder)
-    return status(entries)
+    path = path_at(options.recording)
+    root = path.resolve() if isinstance(path, Path) else path
+    locations, is_searched = find([str(root)]), root.exists()
+    while not root.exists():
+        root = root.parent
+    folder = _absolute(_output(options, root))
+    if is_searched:
+        refuse_inside(folder, root)
+    parameters = read_parameters(options.params, options.settings, options.chain)
+    job = replay_job(parameters, _replay_options(options))
+    tasks = []
+    for location in locations:
+        name = str(location.path)[len(str(root)) :].lstrip('/')
+        suffix = '' if location.is_folder else location.path.suffix
+        tasks.append(Task(location, name, folder, (name.removesuffix(suffix),)))
+    records, tried = go_through(tasks, job, options, root.name, folder)
+    show(tasks, records, tried, job, folder)
+    return status(records)
 
 
 def replay_one(options: argparse.Namespace) -> ReplayReport:
-    """Replay one recording here, with the kernels on all cores, or by a worker of a cluster."""
-    from lidar_outlier_filter.archive.hands import ByWhom
-    from lidar_outlier_filter.archive.locations import location_of, path_at
-    from lidar_outlier_filter.archive.run import run_alone
-    from lidar_outlier_filter.archive.task import Task
+    """Replay one recording in this process, with the kernels on all cores."""
+    from lidar_outlier_filter.archive.locations import location_of, path_at, staged
+    from lidar_outlier_filter.archive.publish import new_bag
+    from lidar_outlier_filter.recordings.replay import replay
 
     path = path_at(options.recording)
     output = _output(options, path)
-    task, order = Task(location_of(path), output), _order(options)
+    location = location_of(path)
+    parameters = read_parameters(options.params, options.settings, options.chain)
     with (
-        saying_how_far(lambda: f'nothing is written to {output}; the same command begins anew'),
-        stopping() as leave_if_asked,
+        saying_how_far(lambda: f'nothing is written to {output}; the same command starts over'),
+        stopping() as leave,
         progress_bar(path.name) as advance,
     ):
-        if options.scheduler is None:
-            return _replay_here(task, order, leave_if_asked, advance)
 
-        def show(step: Step) -> None:
-            advance(step.done, step.messages)
+        def progress(done: int, total: int) -> None:
+            leave()
+            advance(done, total)
 
-        with hidden_in(output) as hidden, _workers(options, [task]) as workers:
-            by = ByWhom(workers, hidden, show, leave_if_asked, say)
-            report: ReplayReport = run_alone(task, order, by)
-            return report
-
-
-def _replay_here(
-    task: Task, order: ReplayOrder, leave_if_asked: Callable[[], object], advance: Advance
-) -> ReplayReport:
-    """Replay in this process; a killed run may have left what is beside the output."""
-    from lidar_outlier_filter.archive.locations import staged
-    from lidar_outlier_filter.archive.uploads import published
-    from lidar_outlier_filter.recordings.replay import replay
-
-    def progress(done: int, total: int) -> None:
-        leave_if_asked()
-        advance(done, total)
-
-    with published(task.output) as built, staged(task.location) as path:
-        report = replay(
-            path,
-            built,
-            parameters=order.parameters,
-            resume=order.resume,
-            **order.options,
-            progress=progress,
-            inform=say,
-        )
-        task.location.check_unchanged()
-    return replace(report, output=task.output)
+        with new_bag(output) as built, staged(location) as source:
+            report = replay(
+                source,
+                built,
+                parameters=parameters,
+                **_replay_options(options),
+                resume=options.resume,
+                progress=progress,
+                inform=say,
+            )
+            location.check_unchanged()
+    return replace(report, output=output)
 
 
-def _order(options: argparse.Namespace) -> ReplayOrder:
-    from lidar_outlier_filter.archive.one_recording import ReplayOrder
-
-    parameters = read_parameters(options.params, options.settings, options.chain)
-    return ReplayOrder(
-        tuple(options.topics),
-        parameters,
-        options.drop_input,
-        options.salvage,
-        options.resume and not is_archive(options.recording),  # which goes on by its manifest
-        options.largest_message * MEGABYTE,
-    )
-
-
-@contextmanager
-def _workers(options: argparse.Namespace, todo: Sequence[Task]) -> Iterator[Workers | None]:
-    """Start workers, or use those of a cluster; None: this process replays."""
-    from lidar_outlier_filter.archive.workers import are_available, cluster_workers, local_workers
-    from lidar_outlier_filter.core.kernels.threads import cores
-
-    jobs = options.jobs
-    if jobs is None:
-        size = sum(task.location.size for task in todo)
-        jobs = cores() if are_available() and size >= SHORT else 1
-    jobs = min(jobs, len(todo))
-    if options.scheduler is not None:
-        with cluster_workers(options.scheduler, say) as workers:
-            yield workers
-    elif jobs > 1:
-        with local_workers(jobs) as workers:
-            yield workers
-    else:
-        yield None
-
-
-def check_workers(options: argparse.Namespace) -> None:
-    """Refuse options that no workers can follow.
-
-    Raises
-    ------
-    FilterError
-        If there is one.
-
-    """
-    if options.jobs is not None and options.jobs < 1:
-        raise FilterError('--jobs', 'at least 1', options.jobs)
-    if options.jobs is not None and options.scheduler is not None:
-        must_be = 'left out with --scheduler, whose cluster has its own processes'
-        raise FilterError('--jobs', must_be, options.jobs)
-    if options.resume and options.scheduler is not None and not is_archive(options.recording):
-        raise FilterError('--resume', 'left out with --scheduler for one recording', 'given')
+def _replay_options(options: argparse.Namespace) -> dict[str, Any]:
+    return {
+        'topics': tuple(options.topics),
+        'drop_input': options.drop_input,
+        'salvage': options.salvage,
+        'largest': options.largest_message * MEGABYTE,
+    }
 
 
 def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:
-    """Return the output that is given, or name one beside what is replayed."""
+    """Return the output that is given, or name one beside the input."""
     from lidar_outlier_filter.archive.locations import path_at
 
     if options.output is not None:
@@ -219,22 +172,173 @@ def _output(options: argparse.Namespace, path: RecordingPath) -> RecordingPath:
     return beside(path, '_cleaned')
 
 
-def _folder(options: argparse.Namespace, found: FoundRecordings) -> RecordingPath:
-    """Name the folder of the outputs; refuse one that the next run would search."""
-    folder = _output(options, found.root)
-    if found.is_searched:
-        refuse_inside(folder, found.root)
-    return folder
+def _absolute(path: RecordingPath) -> RecordingPath:
+    return path.absolute() if isinstance(path, Path) else path
 
 
-def _tasks(found: FoundRecordings, folder: RecordingPath) -> list[Task]:
-    """Name the output of each recording as it is named below the folder that was searched."""
-    from lidar_outlier_filter.archive.task import Task
+def refuse_inside(folder: RecordingPath, root: RecordingPath) -> None:
+    """Refuse a folder of outputs that is searched for inputs.
 
-    tasks = []
-    for location in found.locations:
-        inside = str(location.path)[len(str(found.root)) :].lstrip('/')
-        suffix = '' if location.is_folder else location.path.suffix
-        output = folder / inside.removesuffix(suffix)
-        tasks.append(Task(location, output, inside.count('/') + 1))
-    return tasks
+    Raises
+    ------
+    FilterError
+        If it is the folder that is searched, or within it.
+
+    """
+    inside = str(folder.resolve() if isinstance(folder, Path) else folder)
+    if f'{inside}/'.startswith(f'{root}/'):
+        raise FilterError('the output', f'outside of {root}, which is searched', folder)
+
+
+def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the results
+    tasks: Sequence[Task],
+    job: Job,
+    options: argparse.Namespace,
+    name: str,
+    folder: RecordingPath | None,
+    keep: Callable[[Task, Result], object] = lambda _task, _result: None,
+) -> tuple[list[Record], list[Task]]:
+    """Do a job for all tasks that are not done; write the page of ``folder``, if there is one.
+
+    ``keep`` is called with each result. Return the records of all, and the tasks that were tried.
+
+    Raises
+    ------
+    FilterError
+        If two outputs have one name, or another's file has that of the page.
+    SchedulerError
+        If the scheduler is gone.
+
+    """
+    from lidar_outlier_filter.archive.page import PAGE, check_page, write_page
+    from lidar_outlier_filter.archive.publish import check_reached, tidy
+    from lidar_outlier_filter.archive.run import Calls, pending, refuse_taken_names, run_all
+    from lidar_outlier_filter.archive.sidecar import FAILED, read_folder
+
+    has_page = folder is not None and not job.dry
+    refuse_taken_names(tasks, job, {str(folder / PAGE): 'the page'} if folder is not None else {})
+    if folder is not None and has_page:
+        check_reached(folder)
+        check_page(folder)
+    todo, records = pending(tasks, job)
+    done: dict[Task, Record] = {}
+
+    def note(task: Task, result: Result) -> None:
+        done[task] = result.record
+        keep(task, result)
+
+    def how_far() -> str:
+        before = [*records.values(), *done.values()]
+        count = sum(record.state != FAILED for record in before)
+        said = f'{count} of {len(tasks)} {job.what}s are done'
+        return f'{said}; the same command continues with the others'
+
+    with ExitStack() as tidying:
+        for path in {task.folder for task in tasks} if not job.dry else ():
+            tidying.callback(tidy, path)
+        if todo:
+            with ExitStack() as stack:
+                stack.enter_context(saying_how_far(how_far))
+                leave = stack.enter_context(stopping())
+                shown = stack.enter_context(_progress(name))
+                workers = stack.enter_context(_workers(options, todo, job))
+                run_all(todo, job, workers, Calls(shown, leave, _once(), note))
+        records |= done
+        if folder is not None and has_page:
+            failed = [record for record in records.values() if record.state == FAILED]
+            written = {record.source: record for record in (*read_folder(folder), *failed)}
+            write_page(written.values(), folder, job.what)
+    return [records[task] for task in tasks], todo
+
+
+@contextmanager
+def _workers(options: argparse.Namespace, todo: Sequence[Task], job: Job) -> Iterator[Workers]:
+    """Choose who works: a cluster, processes of this machine, or this process.
+
+    Small files are cleaned by threads: they are done before several processes have started.
+    """
+    from lidar_outlier_filter.archive import workers
+    from lidar_outlier_filter.core.kernels.threads import cores
+    from lidar_outlier_filter.pipeline.compiling import make_ready
+
+    is_large = sum(task.location.size for task in todo) >= MIN_SHARED_BYTES
+    by_processes = is_large and workers.are_available()
+    jobs = options.jobs
+    if job.what == 'recording':
+        by_processes = jobs is not None or by_processes
+    if jobs is None:
+        jobs = cores() if by_processes or job.what == 'file' else 1
+    jobs = min(jobs, len(todo))
+    with ExitStack() as stack:
+        if options.scheduler or options.scheduler_file:
+            found = workers.cluster_workers(options.scheduler, options.scheduler_file, say)
+        elif by_processes and jobs > 1:
+            make_ready(job.filter)  # otherwise each worker would compile the same kernels
+            found = workers.local_workers(jobs)
+        else:
+            found = workers.threads(jobs)
+        yield stack.enter_context(found)
+
+
+@contextmanager
+def _progress(name: str) -> Iterator[Callable[[Progress], None]]:
+    """Show a bar in a terminal, and elsewhere a line each ``LINE_PERIOD``."""
+    from rich.console import Console
+    from rich.progress import Progress as Bars
+
+    console, began = Console(stderr=True), monotonic()
+    due = began + LINE_PERIOD
+
+    def text(progress: Progress) -> str:
+        current = progress.last.rpartition('/')[2]
+        shown = (
+            f'{name}: {progress.number} of {progress.total}{_rate(progress, monotonic() - began)}'
+        )
+        return f'{shown}; {current}' if current else shown
+
+    def show_line(progress: Progress) -> None:
+        nonlocal due
+        if monotonic() >= due:
+            due = monotonic() + LINE_PERIOD
+            say(text(progress))
+
+    if not console.is_terminal:
+        yield show_line
+        return
+    with Bars(console=console, transient=True) as bars:
+        bar = bars.add_task(name, total=None)
+
+        def show_bar(progress: Progress) -> None:
+            done, total = progress.bytes_done, progress.bytes_total
+            bars.update(bar, completed=done, total=total, description=text(progress))
+
+        yield show_bar
+
+
+def _rate(progress: Progress, elapsed: float) -> str:
+    """Say how many bytes are done per second, and how long the rest will take."""
+    if not progress.bytes_done or elapsed <= 0:
+        return ''
+    rate = progress.bytes_done / elapsed
+    left = round((progress.bytes_total - progress.bytes_done) / rate)
+    return f'; {rate / 1e6:.1f} MB/s, {duration(left)} left'
+
+
+def duration(seconds: int) -> str:
+    """Write a time: 42 s, 3 min, 2 h 5 min."""
+    if seconds < MINUTE:
+        return f'{seconds} s'
+    hours, minutes = divmod(round(seconds / MINUTE), MINUTE)
+    return f'{hours} h {minutes} min' if hours else f'{minutes} min'
+
+
+def _once() -> Callable[[str], object]:
+    """Say each sentence once: most recordings of an archive are alike."""
+    said: set[str] = set()
+
+    def inform(sentence: str) -> None:
+        if sentence not in said:
+            said.add(sentence)
+            say(sentence)
+
+    return inform

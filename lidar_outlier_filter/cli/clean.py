@@ -6,14 +6,18 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from functools import partial
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.cli.archive_run import go_through, refuse_inside
+from lidar_outlier_filter.cli.archive import (
+    add_worker_options,
+    check_workers,
+    go_through,
+    refuse_inside,
+)
 from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
@@ -28,17 +32,15 @@ from lidar_outlier_filter.cli.terminal import (
     say,
     saying_how_far,
 )
-from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import ParameterError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
-    from lidar_outlier_filter.archive.manifest import Entry
-    from lidar_outlier_filter.archive.one_file import CleanOrder, FileTask
-    from lidar_outlier_filter.archive.order import Made
-    from lidar_outlier_filter.archive.workers import Workers
+    from lidar_outlier_filter.archive.jobs import Job, Made, Task
+    from lidar_outlier_filter.archive.run import Result
+    from lidar_outlier_filter.archive.sidecar import Record
     from lidar_outlier_filter.cli.terminal import Advance, Commands
     from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.report.worst import Worst
@@ -73,18 +75,7 @@ def add_clean(commands: Commands) -> None:
         action='store_true',
         help='judge the points of each point_source_id (LAS) separately: the strips of a flight',
     )
-    add(
-        '--jobs',
-        type=int,
-        metavar='N',
-        help='clean N files at once; default: as many as there are cores',
-    )
-    add(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='address of a Dask cluster whose workers clean whole files, as tcp://host:8786; with '
-        '--output DIR. They must reach all files by the same paths',
-    )
+    add_worker_options(parser)
     add(
         '--tile',
         type=float,
@@ -140,11 +131,6 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         help='draw a map of rejected points, and the largest groups from the side, as a new PNG; '
         'also in a dry run',
     )
-    add(
-        '--resume',
-        action='store_true',
-        help='continue an interrupted run for the same output; for a folder this is the default',
-    )
 
 
 def _add_marks(parser: argparse.ArgumentParser) -> None:
@@ -185,7 +171,7 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
 
 
 def _clean(options: argparse.Namespace) -> int:
-    from lidar_outlier_filter.archive.one_file import CleanOrder
+    from lidar_outlier_filter.archive.jobs import clean_job
     from lidar_outlier_filter.cli import clean_tables
     from lidar_outlier_filter.cli.archive_tables import status
 
@@ -194,19 +180,23 @@ def _clean(options: argparse.Namespace) -> int:
         parameters['scores'] = True
     folder = _folder(options)
     tasks = _tasks(options, folder)
-    _check(options, folder, len(tasks))
+    is_single = len(tasks) == 1 and folder is None
+    _check(options, len(tasks), is_archive=not is_single)
     picture = options.picture if options.picture is None or can_draw() else None
     look = _LookForWorst(worst=bool(options.dry_run or options.picture), picture=picture)
-    order = CleanOrder(parameters, _wanted(options), look)
-    made: dict[FileTask, Made] = {}
-    if len(tasks) == 1 and folder is None and not options.scheduler:
-        entries, tried = [_clean_one(tasks[0], order, made)], tasks
+    job = clean_job(parameters, _wanted(options), look)
+    made: dict[Task, Made] = {}
+    if is_single:
+        records, tried = [_clean_one(tasks[0], job, options.outliers, made)], tasks
     else:
-        of_manifest = None if options.dry_run else folder
-        by = (partial(_workers, options), options.jobs or cores(), made.__setitem__)
-        entries, tried = go_through(tasks, order, of_manifest, 'cleaning', *by)
-    clean_tables.show(tasks, entries, tried, order, made)
-    found = status(entries)
+
+        def keep(task: Task, result: Result) -> None:
+            if result.made is not None:
+                made[task] = result.made
+
+        records, tried = go_through(tasks, job, options, 'cleaning', folder, keep)
+    clean_tables.show(tasks, records, tried, job, made)
+    found = status(records)
     return INCOMPLETE if found == DONE and picture != options.picture else found
 
 
@@ -228,49 +218,34 @@ def _wanted(options: argparse.Namespace) -> CleanOptions:
     )
 
 
-@contextmanager
-def _workers(options: argparse.Namespace, _todo: object) -> Iterator[Workers | None]:
-    """Use the workers of a cluster; None: threads of this process."""
-    from lidar_outlier_filter.archive.workers import cluster_workers
-
-    if options.scheduler is None:
-        yield None
-        return
-    with cluster_workers(options.scheduler, say) as workers:
-        yield workers
-
-
-def _clean_one(task: FileTask, order: CleanOrder, made: dict[FileTask, Made]) -> Entry:
-    """Clean a single file, with a bar for each step; where it is refused, all is."""
-    from lidar_outlier_filter.archive.manifest import How, begun
-    from lidar_outlier_filter.archive.order import Made
-    from lidar_outlier_filter.archive.run import noted
+def _clean_one(task: Task, job: Job, outliers: Path | None, made: dict[Task, Made]) -> Record:
+    """Clean a single file, with a bar for each step; an error ends the command."""
+    from lidar_outlier_filter.archive.jobs import Made, count_file, wanted
+    from lidar_outlier_filter.archive.sidecar import DONE
     from lidar_outlier_filter.files.clean import clean_file
-    from lidar_outlier_filter.parameters.filter import FilterParameters
 
     found: list[Any] = []
-
-    def look(judged: JudgedFile) -> None:
-        found.append(order.look(judged))
+    path, (output, *beside) = Path(str(task.location.path)), task.outputs
+    others = [Path(str(one)) for one in beside]
 
     def how_far() -> str:
-        return f'nothing is written to {task.output}; the same command begins anew'
+        return f'nothing is written to {output}; the same command starts over'
 
     began = perf_counter()
     with saying_how_far(how_far), stopping() as leave_if_asked, ExitStack() as bars:
-        steps = _StepBars(task.path.name, leave_if_asked, bars)
         report = clean_file(
-            task.path,
-            task.cleaned,
-            FilterParameters().changed(order.parameters),
-            order.wanted,
-            outliers=task.outliers,
-            progress=steps,
-            slow=lambda slow: say(f'{task.path}: {slow}'),
-            inspect=look,
+            path,
+            Path(str(output)),
+            job.filter,
+            job.clean,
+            outliers=outliers or next(iter(others), None),
+            progress=_StepBars(path.name, leave_if_asked, bars),
+            slow=lambda slow: say(f'{path}: {slow}'),
+            inspect=lambda judged: found.append(job.inspect(judged)),
         )
-    made[task] = Made(report, [], found=found[0], seconds=perf_counter() - began)
-    return noted(begun(task, How('', '', '')), task, order, made[task])
+    made[task] = Made(count_file(report), report=report, found=found[0])
+    seconds = round(perf_counter() - began, 3)
+    return replace(wanted(task, job), state=DONE, seconds=seconds, **made[task].counts)
 
 
 class _StepBars:
@@ -331,38 +306,23 @@ def _folder(options: argparse.Namespace) -> Path | None:
     return output
 
 
-def _check(options: argparse.Namespace, folder: Path | None, count: int) -> None:
+def _check(options: argparse.Namespace, count: int, *, is_archive: bool) -> None:
     """Refuse options that do not go together."""
     from lidar_outlier_filter.disk.new_files import FILE, check_new
 
+    check_workers(options, is_archive=is_archive)
     for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
         if value and count > 1:
             raise ParameterError(name, 'given for one file', f'{count} files')
+        if value and (options.scheduler or options.scheduler_file):
+            raise ParameterError(name, 'left out with --scheduler', value)
     if options.picture and options.picture.suffix.lower() != '.png':
         raise ParameterError('--picture', 'a name that ends with .png', options.picture)
     if options.picture:
         check_new(options.picture, FILE, ParameterError, '--picture')
-    if options.jobs is not None and options.jobs < 1:
-        raise ParameterError('--jobs', 'at least 1', options.jobs)
-    if options.scheduler is not None:
-        _check_scheduler(options, folder)
-    if options.resume and folder is None:
-        raise ParameterError('--resume', 'with --output FOLDER, which has the manifest', 'none')
 
 
-def _check_scheduler(options: argparse.Namespace, folder: Path | None) -> None:
-    """Refuse what workers of a cluster cannot do."""
-    if options.jobs is not None:
-        must_be = 'left out with --scheduler, whose cluster has its own processes'
-        raise ParameterError('--jobs', must_be, options.jobs)
-    if folder is None and not options.dry_run:
-        raise ParameterError('--scheduler', 'with --output FOLDER, where workers write', 'none')
-    for name, value in (('--outliers', options.outliers), ('--picture', options.picture)):
-        if value:
-            raise ParameterError(name, 'left out with --scheduler', value)
-
-
-def _tasks(options: argparse.Namespace, folder: Path | None) -> list[FileTask]:
+def _tasks(options: argparse.Namespace, folder: Path | None) -> list[Task]:
     """Name the outputs of all files, and of those in folders, which are searched."""
     from lidar_outlier_filter.archive.locations import find_files
     from lidar_outlier_filter.files.cloud_file import SUFFIXES
@@ -371,39 +331,38 @@ def _tasks(options: argparse.Namespace, folder: Path | None) -> list[FileTask]:
     tasks = []
     for path in options.files:
         if not path.is_dir() or folder is None:
-            tasks.append(_task(path, options, folder))
+            tasks.append(_task(path, options, folder, path.name))
             continue
         root = path.resolve()
         for one in find_files(root, SUFFIXES):
             if is_prose(one):
                 say(f'{one} is skipped: it is text without columns of numbers')
                 continue
-            inside = one.relative_to(root)
-            depth = len(inside.parts)
-            tasks.append(_task(one, options, folder / inside.parent, depth))
+            tasks.append(_task(one, options, folder, str(one.relative_to(root))))
     return tasks
 
 
-def _task(path: Path, options: argparse.Namespace, folder: Path | None, depth: int = 1) -> FileTask:
-    """Name the outputs after the file, beside it, where nothing else is said."""
+def _task(path: Path, options: argparse.Namespace, folder: Path | None, source: str) -> Task:
+    """Name the outputs after the file, and put them beside it unless a folder is given."""
+    from lidar_outlier_filter.archive.jobs import Task
     from lidar_outlier_filter.archive.locations import Location, location_of
-    from lidar_outlier_filter.archive.one_file import FileTask
     from lidar_outlier_filter.files.cloud_file import copy_suffix
     from lidar_outlier_filter.files.judged_file import SEPARATE
 
     name = path.stem + CLEANED + copy_suffix(path)
-    output = options.output or path.with_name(name)
     if folder is not None:
-        output = folder / name
+        output = folder / Path(source).with_name(name)
     else:
-        depth = len(str(path).split('/'))  # nothing is common to all
-    outliers = options.outliers
-    if outliers is None and options.rejected == SEPARATE:
+        output = options.output or path.with_name(name)
+        folder = output.parent
+    outputs = [output]
+    if options.rejected == SEPARATE and options.outliers is None:
         stem = output.stem.removesuffix(CLEANED)
-        outliers = output.with_name(stem + OUTLIERS + output.suffix)
-    there = path.is_file()  # whoever opens it says what is wrong
-    location = location_of(path) if there else Location(path, 0, '', by_ranges=True)
-    return FileTask(location, output, depth, outliers)
+        outputs.append(output.with_name(stem + OUTLIERS + output.suffix))
+    there = path.is_file()  # otherwise who opens it reports the error
+    location = location_of(path.absolute()) if there else Location(path.absolute(), 0, '')
+    names = tuple(str(one.relative_to(folder)) for one in outputs)
+    return Task(location, source, folder.absolute(), names)
 
 
 def _classes(options: argparse.Namespace, which: str) -> tuple[int, ...]:

@@ -6,20 +6,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.archive_tables import numbers, print_counts, say_lacks, table_of_all
 from lidar_outlier_filter.cli.terminal import say
+from lidar_outlier_filter.errors import printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from rich.table import Table
 
-    from lidar_outlier_filter.archive.manifest import Entry
-    from lidar_outlier_filter.archive.one_file import CleanOrder, FileTask
-    from lidar_outlier_filter.archive.order import Made
+    from lidar_outlier_filter.archive.jobs import Job, Made, Task
+    from lidar_outlier_filter.archive.sidecar import Record
     from lidar_outlier_filter.files.clean import CleanReport
     from lidar_outlier_filter.report.worst import Worst
 
@@ -51,42 +51,43 @@ MOST_GROUPS = 10  # that are listed
 
 
 def show(
-    tasks: Sequence[FileTask],
-    entries: Sequence[Entry],
-    tried: Sequence[FileTask],
-    order: CleanOrder,
-    made: Mapping[FileTask, Made],
+    tasks: Sequence[Task],
+    records: Sequence[Record],
+    tried: Sequence[Task],
+    job: Job,
+    made: Mapping[Task, Made],
 ) -> None:
     """Print what became of each file, the tables, and what was written."""
     from rich.console import Console
 
-    for task, entry in zip(tasks, entries, strict=True):
-        if task in made:
-            _say_how(task, made[task].report)
-        else:
-            say_lacks(task.location, entry)
+    reports, worst = [], {}
+    for task, record in zip(tasks, records, strict=True):
+        one = made.get(task)
+        if one is None or one.report is None:
+            say_lacks(task, record)
+            continue
+        path = Path(str(task.location.path))
+        _say_how(path, one.report)
+        reports.append(one.report)
+        if one.found is not None:
+            worst[path] = one.found
     console = Console()
-    now = [(task, made[task]) for task in tasks if task in made]
-    reports = [one.report for _, one in now]
-    worst = {task.path: one.found for task, one in now if one.found is not None}
-    if len(tasks) > 1 or entries[0].error is None:
-        console.print(table_of_all(tasks, entries, tried, order))
+    if len(tasks) > 1 or records[0].error is None:
+        console.print(table_of_all(tasks, records, tried, job))
     if any(report.by_class for report in reports):
         console.print(_table_of_classes(reports))
     if any(report.rejected for report in reports):
         console.print(_table_of_causes(reports, worst))
     if any(one.groups for one in worst.values()):
         console.print(_table_of_groups(worst))
-    for report in reports:
-        for written in report.outputs:
-            console.print(f'written to {written}', markup=False, highlight=False, soft_wrap=True)
+    for written in (printable(name) for report in reports for name in report.outputs):
+        console.print(f'written to {written}', markup=False, highlight=False, soft_wrap=True)
     if len(tasks) > 1:
-        print_counts(entries, tried, order)
+        print_counts(tasks, records, tried, job)
 
 
-def _say_how(task: FileTask, report: CleanReport) -> None:
+def _say_how(path: Path, report: CleanReport) -> None:
     """Say in which way a file is not judged as it is."""
-    path = task.path
     if report.metres:
         sizes = ', '.join(f'{name} = {size:.10g} m' for name, size in report.metres.items())
         say(f'{path} is not in metres ({sizes}): it is judged in metres')

@@ -8,6 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.cli.archive import (
+    add_worker_options,
+    check_workers,
+    is_archive,
+    replay_archive,
+    replay_one,
+)
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
@@ -87,36 +94,20 @@ def add_replay(commands: Commands) -> None:
         metavar='MB',
         help='refuse larger messages and chunks of messages, unpacked; default: %(default)s',
     )
-    parser.add_argument(
-        '--jobs',
-        type=int,
-        metavar='N',
-        help='processes, each of which replays whole recordings of an archive; default: as many as '
-        'there are cores, for 300 MB and more',
-    )
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='of a Dask cluster whose workers replay whole recordings, as tcp://host:8786',
-    )
+    add_worker_options(parser)
     parser.set_defaults(run=_replay)
 
 
 def _replay(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.archive.locations import SUFFIXES, path_at
-    from lidar_outlier_filter.cli.archive import (
-        check_workers,
-        is_archive,
-        replay_archive,
-        replay_one,
-    )
     from lidar_outlier_filter.pipeline.memory import keep_memory
 
     keep_memory()
     if options.largest_message < 1:
         raise RecordingError('--largest-message', 'at least 1 MB', options.largest_message)
-    check_workers(options)
-    if is_archive(options.recording):
+    is_many = is_archive(options.recording)
+    check_workers(options, is_archive=is_many)
+    if is_many:
         return replay_archive(options)
     try:
         report = replay_one(options)

@@ -10,19 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from helpers.archives import archive, entry, failed
+from helpers.archives import archive, failed, record
 from helpers.browsers import new_tab
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidar_outlier_filter.archive.columns import length
-from lidar_outlier_filter.archive.oddness import drives, robust_z
-from lidar_outlier_filter.archive.page import BARS, page, size, write_page
+from lidar_outlier_filter.archive.oddness import compare, robust_z
+from lidar_outlier_filter.archive.page import MAX_BARS, page, size, write_page
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from playwright.sync_api import Browser
+
+    from lidar_outlier_filter.archive.sidecar import Record
 
 
 def test_files_are_clouds_without_a_length() -> None:
@@ -49,9 +51,10 @@ def test_robust_z(values: list[float], least: float) -> None:
 
 def test_odd_recordings_come_first_with_their_sentences() -> None:
     """Each oddness is named, and nothing else is odd."""
-    found = drives(archive(60))
+    found = compare(archive(60))
     assert {
-        drive.source[-9:-5]: [drive.error] if drive.failed else drive.odd for drive in found[:8]
+        row.record.source[-9:-5]: [row.record.error] if row.is_failed else row.odd
+        for row in found[:8]
     } == {
         '0005': [
             'the recording <b>.mcap must be readable, got "an end at byte 7 without a footer"'
@@ -75,31 +78,31 @@ def test_odd_recordings_come_first_with_their_sentences() -> None:
             '0 % of the points rejected by sor, median 0.07 % (z −7)',
         ],
     }
-    assert not any(drive.odd for drive in found[8:])
-    assert [abs(drive.z) for drive in found[5:]] == sorted(
-        (abs(drive.z) for drive in found[5:]), reverse=True
+    assert not any(row.odd for row in found[8:])
+    assert [abs(row.z) for row in found[5:]] == sorted(
+        (abs(row.z) for row in found[5:]), reverse=True
     )
 
 
 def test_few_recordings_are_not_compared() -> None:
     """Four recordings have no median worth the name; the page says so."""
-    lines = [entry(name, rejected=10**i) for i, name in enumerate('abcd')]
-    assert not any(drive.odd or drive.z for drive in drives(lines))
+    lines = [record(name, rejected=10**i) for i, name in enumerate('abcd')]
+    assert not any(row.odd or row.z for row in compare(lines))
     assert 'Fewer than 5 recordings are done' in page(lines)
-    assert 'Fewer than' not in page([*lines, entry('e')])
+    assert 'Fewer than' not in page([*lines, record('e')])
 
 
 def test_several_topics_are_summed() -> None:
     """A recording of two sensors counts the points of both."""
-    line = entry('two')
-    line['topics']['/rear'] = {**line['topics']['/lidar'], 'rejected_by': {'sor': 9}}
-    (drive,) = drives([line])
-    assert (drive.points, drive.messages, drive.rejected) == (2_000_000, 400, 4000)
-    assert drive.rejected_by == {'boosted_trees': 1500, 'sor': 709}
+    counts = record('two').topics['/lidar']
+    topics = {'/lidar': counts, '/rear': {**counts, 'rejected_by': {'sor': 9}}}
+    (row,) = compare([record('two', topics=topics)])
+    assert [row.sums[name] for name in ('points', 'messages', 'rejected')] == [2_000_000, 400, 4000]
+    assert row.rejected_by == {'boosted_trees': 1500, 'sor': 709}
 
 
-@pytest.mark.parametrize('lines', [[], [failed('one', 'it failed')], [entry('x', points=0)]])
-def test_small_archives(lines: list[dict[str, Any]]) -> None:
+@pytest.mark.parametrize('lines', [[], [failed('one', 'it failed')], [record('x', points=0)]])
+def test_small_archives(lines: list[Record]) -> None:
     """None, one that failed and one without points make a page, too."""
     text = page(lines)
     assert text.count('<tr id=') == len(lines)
@@ -109,7 +112,7 @@ def test_small_archives(lines: list[dict[str, Any]]) -> None:
 
 def test_nothing_is_fetched_and_nothing_is_markup() -> None:
     """The page names no other address, and a name of a file stays text."""
-    text = page([entry('<script>alert(1)</script>&"\'.mcap'), failed('b', '<img src=x>')])
+    text = page([record('<script>alert(1)</script>&"\'.mcap'), failed('b', '<img src=x>')])
     assert '<script>alert' not in text
     assert '<img' not in text
     assert not re.search(r'(src|href)="(?!#|\./)|@import|url\(', text)
@@ -117,11 +120,11 @@ def test_nothing_is_fetched_and_nothing_is_markup() -> None:
 
 def test_names_lead_to_what_was_made(tmp_path: Path) -> None:
     """Folder and name, the output, the report on it; when all was done, and by what."""
-    lines = [entry('day 1/a.mcap', output='day 1/a'), entry('b', output='b', version='2.0.0+d')]
-    lines += [entry('c', output='c', finished='2026-03-04T01:02:03+00:00')]
+    lines = [record('day 1/a.mcap', output='day 1/a'), record('b', output='b', code='2.0.0+d')]
+    lines += [record('c', output='c', finished='2026-03-04T01:02:03+00:00')]
     lines += [failed('d', 'no <way>')]
     (tmp_path / 'b_report.html').touch()
-    write_page(lines, tmp_path / 'archive.html')
+    write_page(lines, tmp_path)
     text = (tmp_path / 'archive.html').read_text()
     assert 'day 1/<b>a.mcap</b> <a href="./day%201/a/">output</a><' in text
     assert '<b>b</b> <a href="./b/">output</a> <a href="./b_report.html">report</a><' in text
@@ -132,15 +135,15 @@ def test_names_lead_to_what_was_made(tmp_path: Path) -> None:
     ) in text
     assert '<td data-sort="2026-03-04T01:02:03+00:00"' in text
     assert '>2026-03-04</td>' in text
-    assert '<a href="./out/e">output</a>' in page([entry('e')], 'file')
+    assert '<a href="./out/e">output</a>' in page([record('e')], 'file')
 
 
 @pytest.mark.parametrize('width', [390, 1280])
 def test_ten_thousand_recordings(browser: Browser, tmp_path: Path, width: int) -> None:
     """The first 1000 are shown, all on demand; each bar leads to its row; all of them sort."""
     lines = archive(10_000)
-    lines[9] = failed(lines[9]['source'], 'a sentence that is longer than its line ' * 9)
-    write_page(lines, tmp_path / 'archive.html')
+    lines[9] = failed(lines[9].source, 'a sentence that is longer than its line ' * 9)
+    write_page(lines, tmp_path)
     tab = new_tab(browser, viewport={'width': width, 'height': 900})
     tab.goto((tmp_path / 'archive.html').as_uri())
     shown = "[...document.querySelectorAll('tbody tr')].filter(row => row.offsetHeight).length"
@@ -161,17 +164,17 @@ def test_ten_thousand_recordings(browser: Browser, tmp_path: Path, width: int) -
 
 def test_many_recordings_share_bars(tmp_path: Path) -> None:
     """The picture has a bar for several recordings where they are many, and says so."""
-    lines = archive(3 * BARS)
-    write_page(lines, tmp_path / 'archive.html')
+    lines = archive(3 * MAX_BARS)
+    write_page(lines, tmp_path)
     text = (tmp_path / 'archive.html').read_text()
-    assert text.count('<rect') == BARS
+    assert text.count('<rect') == MAX_BARS
     assert 'the largest of 3 recordings each' in text
-    assert text.count('<tr id=') == 3 * BARS
+    assert text.count('<tr id=') == 3 * MAX_BARS
     assert [path.name for path in tmp_path.iterdir()] == ['archive.html']
     before = (tmp_path / 'archive.html').stat().st_ino
-    write_page(lines, tmp_path / 'archive.html')
+    write_page(lines, tmp_path)
     assert (tmp_path / 'archive.html').stat().st_ino == before
-    write_page(lines[1:], tmp_path / 'archive.html')
+    write_page(lines[1:], tmp_path)
     assert (tmp_path / 'archive.html').read_text() != text
 
 
@@ -184,7 +187,7 @@ def test_units() -> None:
 
 def test_it_sorts_in_a_browser(browser: Browser, tmp_path: Path) -> None:
     """Every head sorts by its numbers, by key too; there is no error, and no request."""
-    write_page(archive(40), tmp_path / 'archive.html')
+    write_page(archive(40), tmp_path)
     tab = new_tab(browser)
     wrong: list[str] = []
     asked: list[str] = []
@@ -214,7 +217,7 @@ def test_it_sorts_in_a_browser(browser: Browser, tmp_path: Path) -> None:
 @pytest.mark.parametrize('scripts', [True, False])
 def test_it_is_readable(browser: Browser, tmp_path: Path, scheme: Any, *, scripts: bool) -> None:
     """On a phone nothing sticks out; the text stands out from its ground; without JS, too."""
-    write_page(archive(40), tmp_path / 'archive.html')
+    write_page(archive(40), tmp_path)
     size_of_a_phone = {'width': 390, 'height': 844}
     tab = new_tab(
         browser, viewport=size_of_a_phone, color_scheme=scheme, java_script_enabled=scripts

@@ -1,32 +1,26 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings on a store: found, read by ranges, copied within limits, published whole or not."""
+"""Recordings on a store: found, read by ranges, copied within limits."""
 
 from __future__ import annotations
 
-import errno
-import io
 import pickle
-import shutil
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import pytest
 from helpers.stores import Store, running_store
 
-from lidar_outlier_filter.archive import locations, uploads
+from lidar_outlier_filter.archive import locations
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.recordings import remote_path
-from lidar_outlier_filter.recordings.bags import NewBag, Recording
+from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.remote_path import RemotePath
-from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
 MCAP, BAG, DATABASE = 'vlp16_mrpt_mcap', 'vlp16_mrpt.bag', 'vlp16_mrpt_db3'
-
-FAST = {'chain': ['alpha_beta_gamma']}
 
 
 @pytest.fixture(scope='module')
@@ -126,15 +120,14 @@ def test_a_damaged_end_is_walked(store: Store, recordings: Path) -> None:
     assert content(locations.path_at(address)) == content(recordings / 'bags' / MCAP)
 
 
-def test_a_large_recording_is_not_copied(store: Store, tmp_path: Path) -> None:
+def test_a_large_recording_is_not_copied(store: Store) -> None:
     """What has more bytes than a copy may have is refused, before a byte is copied."""
     (location,) = locations.find([f's3://drives/2026/{BAG}'])
     before = store.requests.count('GET /drives/2026')
     refused = pytest.raises(RecordingError, match=f'of at most 1000 bytes.*, got {location.size}')
-    with refused, locations.staged(location, tmp_path, most=1000):
+    with refused, locations.staged(location, most=1000):
         pass
     assert store.requests.count('GET /drives/2026') == before
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_change_is_noticed(
@@ -160,76 +153,6 @@ def test_a_change_is_noticed(
             location.check_unchanged()
 
 
-def _replay_and_fail(recording: Path, output: Path) -> None:
-    replay(recording, output, parameters=FAST)
-    raise ZeroDivisionError
-
-
-def test_publish_whole_or_not(store: Store, recordings: Path, tmp_path: Path) -> None:
-    """A bag appears at the end, metadata last; after an error nothing is there, nor any part."""
-    store.new_bucket('cleaned')
-    target = locations.path_at('s3://cleaned/2026/drive')
-    with pytest.raises(ZeroDivisionError), uploads.published(target, tmp_path) as path:
-        _replay_and_fail(recordings / 'bags' / MCAP, path)
-    assert (store.keys('cleaned'), store.uploads('cleaned')) == ([], [])
-    with uploads.published(target, tmp_path) as path:
-        replay(recordings / 'bags' / MCAP, path, parameters=FAST)
-        expected = content(path)
-        assert store.keys('cleaned') == []
-    assert content(target) == expected
-    assert store.uploads('cleaned') == []
-    done = [line for line in store.requests.lines if line.startswith('POST /cleaned/')]
-    names = [line.split('?uploadId')[0] for line in done if '?uploadId' in line]
-    assert names == [
-        'POST /cleaned/2026/drive/drive.mcap',
-        'POST /cleaned/2026/drive/metadata.yaml',
-    ]
-    assert not list(tmp_path.iterdir())
-    refused = pytest.raises(RecordingError, match=r'a new folder, got s3://cleaned/2026/drive, w')
-    with refused, uploads.published(target, tmp_path):
-        pass
-
-
-class _Torn(io.BytesIO):
-    """A file of which 12 MiB can be read, on a disk that fails then."""
-
-    def read(self, size: int | None = -1) -> bytes:
-        data = super().read(size)
-        if not data:
-            raise OSError(errno.EIO, 'Input/output error')
-        return data
-
-
-class _TornFile:
-    @staticmethod
-    def open(_mode: str) -> io.BytesIO:
-        return _Torn(bytes(12 * 2**20))
-
-
-def test_an_upload_that_fails_is_given_up(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disk that fails while parts are sent leaves nothing on the store, nor any part."""
-    monkeypatch.setattr(uploads, 'PART', 5 * 2**20)
-    target = locations.path_at(f'{store.new_bucket("full")}/drive/a.mcap')
-    assert isinstance(target, RemotePath)
-    sent = store.requests.count('PUT /full/drive/a.mcap?partNumber=')
-    with pytest.raises(OSError, match='Input/output error'):
-        uploads._send(cast('Path', _TornFile()), target)
-    assert store.requests.count('PUT /full/drive/a.mcap?partNumber=') > sent
-    assert (store.keys('full'), store.uploads('full')) == ([], [])
-
-
-def test_what_fails_to_be_published_is_no_recording(store: Store, tmp_path: Path) -> None:
-    """An error between two files costs one sentence; without metadata there is no recording."""
-    target = locations.path_at(f'{store.new_bucket("half")}/drive')
-    refused = pytest.raises(RecordingError, match='s3://half/drive must be written in full, got')
-    with refused, uploads.published(target, tmp_path) as path:
-        path.mkdir()
-        (path / 'a.mcap').write_bytes(b'a')
-        (path / 'b.mcap').mkdir()  # no file
-        (path / 'metadata.yaml').write_bytes(b'')
-    assert (store.keys('half'), store.uploads('half')) == ([], [])
-
-
 @pytest.mark.parametrize(
     ('address', 'sentence'),
     [
@@ -246,10 +169,3 @@ def test_what_is_not_there(address: str, sentence: str) -> None:
     with pytest.raises(RecordingError, match=sentence) as caught:
         locations.find([address])
     assert '\n' not in str(caught.value)
-
-
-def test_local_output_is_built_in_place(tmp_path: Path) -> None:
-    """A folder of this machine is written as ever: the bag itself hides until it is whole."""
-    with uploads.published(tmp_path / 'out') as path, NewBag(path):
-        assert path == tmp_path / 'out'
-    shutil.rmtree(path)

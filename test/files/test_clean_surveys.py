@@ -216,7 +216,6 @@ def test_strips_are_judged_alone(tmp_path: Path) -> None:
         (['--keep-classes', '300'], 'a class must be from 0 to 255, got 300'),
         (['--jobs', '0'], '--jobs must be at least 1, got 0'),
         (['--rejected', 'remove', '--mark', 'noise'], 'how rejected points are marked must be'),
-        (['--resume'], '--resume must be with --output FOLDER, which has the manifest, got none'),
         (
             ['--output', 'b.copc.laz'],
             'the output must be LAZ without an octree, of which untwine or PDAL makes COPC, got',

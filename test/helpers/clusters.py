@@ -13,29 +13,12 @@ from typing import TYPE_CHECKING
 
 import psutil
 
+from helpers.archives import SIGNALLING
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from contextlib import AbstractContextManager
 
-COMMAND = 'lidar_outlier_filter.cli.main'
-# Says which processes it has started, and sends a group of processes a signal, when so many
-# recordings of an archive are done: what the signal finds under way does not depend on the machine.
-SIGNALLING = """
-import os, sys
-import psutil
-from lidar_outlier_filter.archive import run
-from lidar_outlier_filter.cli.main import main
-number, group, last, *arguments = sys.argv[1:]
-plain, done = run._Run.end, []
-def end(*given):
-    plain(*given)
-    done.append(given)
-    if len(done) == int(last):
-        print(*(one.pid for one in psutil.Process().children(recursive=True)), flush=True)
-        os.killpg(int(group), int(number))
-run._Run.end = end
-sys.exit(main(arguments))
-"""
 PATIENCE = 300.0  # seconds for an end that comes, on a machine with much other work
 OWN = 0  # group of processes: as if all of a terminal get the signal
 
@@ -88,7 +71,7 @@ def program(*words: str) -> Iterator[Program]:
 def signalling(
     number: signal.Signals, group: int, last: int, arguments: Iterable[str]
 ) -> AbstractContextManager[Program]:
-    """Start a replay that sends a group of processes a signal when so many recordings are done."""
+    """Start a replay that sends a group of processes a signal when so many tasks are done."""
     return program('-c', SIGNALLING, str(int(number)), str(group), str(last), *arguments)
 
 

@@ -4,16 +4,13 @@
 
 from __future__ import annotations
 
-import os
 import resource
-import signal
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.archive.hands import make_on_worker
 from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY
 from lidar_outlier_filter.recordings.bags import NewBag, Topic
 
@@ -21,10 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from lidar_outlier_filter.archive.one_recording import ReplayOrder
-    from lidar_outlier_filter.archive.order import Made
-    from lidar_outlier_filter.archive.task import Task
-    from lidar_outlier_filter.errors import FilterError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 SECOND = 10**9
@@ -131,31 +124,6 @@ def write_drive(  # noqa: PLR0913  what may differ
                 bag.write(topic, arrived, cloud_bytes(rows, stamp_of(number), columns))
         bag.write(odometry, arrived, pose_bytes(arrived, 2 * clouds * 0.01))
     return path
-
-
-def die_of(
-    task: Task, order: ReplayOrder, folder: Path, prefix: str, topic: str
-) -> Made | FilterError:
-    """Replay on a worker; one recording kills each process that tries it, in the middle of it."""
-    if task.output.name == 'drive1':
-        order.make(task, folder, die, str, prefix)
-    return make_on_worker(task, order, folder, prefix, topic)
-
-
-def die_at_first(
-    task: Task, order: ReplayOrder, folder: Path, prefix: str, topic: str
-) -> Made | FilterError:
-    """Replay on a worker; the first that tries a recording is killed in the middle of it."""
-    if not list(folder.glob(f'{prefix}*')):
-        order.make(task, folder, die, str, prefix)
-    (folder.parents[1] / f'{task.output.name}.again').touch()
-    return make_on_worker(task, order, folder, prefix, topic)
-
-
-def die(done: int, total: int, _share: object) -> None:
-    """End this process when half of the messages are done."""
-    if 2 * done > total:
-        os.kill(os.getpid(), signal.SIGKILL)
 
 
 def faults_of_a_cloud() -> int:

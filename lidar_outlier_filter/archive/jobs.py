@@ -1,0 +1,234 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is done with each recording or file: read it, judge it, and build its outputs."""
+
+from __future__ import annotations
+
+import json
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lidar_outlier_filter.archive.fingerprints import code, parameters_hash
+from lidar_outlier_filter.archive.locations import staged
+from lidar_outlier_filter.archive.sidecar import SUFFIX, Record
+from lidar_outlier_filter.files.clean import clean_file
+from lidar_outlier_filter.files.judged_file import CleanOptions
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.recordings.replay import replay
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from lidar_outlier_filter.archive.locations import Location
+    from lidar_outlier_filter.files.clean import CleanReport
+    from lidar_outlier_filter.files.judged_file import JudgedFile
+    from lidar_outlier_filter.recordings.cloud_topic import TopicReport
+    from lidar_outlier_filter.recordings.remote_path import RecordingPath
+
+    Note = Callable[[float], object]  # the share that is done; may raise to stop
+    Inform = Callable[[str], object]
+
+HERE = 'this process'  # the worker of a record
+STEPS = ('reading', 'judging', 'writing')  # of a file
+THE_FILE = 'the file'  # the one cloud of a file, where a recording has topics
+
+
+@dataclass(frozen=True)
+class Task:
+    """A recording or a file, and its outputs.
+
+    Attributes
+    ----------
+    location : the input
+    source : its path below the folder that was searched
+    folder : of all outputs
+    names : paths of the outputs below it, the cleaned one first
+
+    """
+
+    location: Location
+    source: str
+    folder: RecordingPath
+    names: tuple[str, ...]
+
+    @property
+    def outputs(self) -> tuple[RecordingPath, ...]:
+        """The paths of the outputs."""
+        return tuple(self.folder / name for name in self.names)
+
+    @property
+    def sidecar(self) -> RecordingPath:
+        """The path of the sidecar."""
+        return self.folder / f'{self.names[0]}{SUFFIX}'
+
+
+@dataclass(frozen=True)
+class Made:
+    """The outputs of a task, which have no final name yet.
+
+    Attributes
+    ----------
+    counts : fields of the record
+    log : what the sidecar says beside the record
+    report : of a file
+    found : by ``inspect``
+
+    """
+
+    counts: Mapping[str, Any]
+    log: Mapping[str, Any] = field(default_factory=dict)
+    report: CleanReport | None = None
+    found: Any = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is done with each task: it is sent to the workers.
+
+    Attributes
+    ----------
+    what, done, failed : the words for an input and its states
+    parameters : of the filter, by flat name
+    options : other values that decide the bytes of an output; of :func:`replay`, for recordings
+    clean : what is done with files
+    inspect : called with each judged file
+
+    """
+
+    what: str
+    done: str
+    failed: str
+    parameters: Mapping[str, object]
+    options: Mapping[str, Any]
+    clean: CleanOptions = field(default_factory=CleanOptions)
+    inspect: Callable[[JudgedFile], object] = bool
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """The hash of parameters and options."""
+        return parameters_hash(self.filter, self.options)
+
+    @property
+    def filter(self) -> FilterParameters:
+        """All parameters."""
+        return FilterParameters().changed(self.parameters)
+
+    @property
+    def dry(self) -> bool:
+        """Whether nothing is written."""
+        return self.clean.dry
+
+    def make(self, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
+        """Build the outputs of a task in a folder.
+
+        Raises
+        ------
+        FilterError
+            If the input cannot be read or judged, or an output cannot be written.
+
+        """
+        make = _replay if self.what == 'recording' else _clean
+        return make(self, task, folder, note, inform)
+
+
+def wanted(task: Task, job: Job) -> Record:
+    """Return the record that the outputs of a task must have to be done."""
+    return Record(
+        task.source,
+        task.names[0],
+        task.location.size,
+        task.location.state,
+        parameters=job.fingerprint,
+        code=code(),
+        worker=HERE,
+    )
+
+
+def replay_job(parameters: Mapping[str, object], options: Mapping[str, Any]) -> Job:
+    """Return the job that replays recordings; ``options`` are those of :func:`replay`."""
+    return Job('recording', 'replayed', 'failed', parameters, options)
+
+
+def clean_job(
+    parameters: Mapping[str, object],
+    options: CleanOptions,
+    inspect: Callable[[JudgedFile], object] = bool,
+) -> Job:
+    """Return the job that cleans files; ``inspect`` is called with each judged file."""
+    return Job('file', 'cleaned', 'refused', parameters, asdict(options), options, inspect)
+
+
+def _replay(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
+    """Replay a recording."""
+    built = folder / task.outputs[0].name
+    with staged(task.location) as path:
+        report = replay(
+            path,
+            built,
+            parameters=job.parameters,
+            **job.options,
+            progress=lambda done, total: note(done / max(done, total, 1)),
+            inform=inform,
+        )
+    return Made(
+        {
+            'topics': {topic.topic: _counts(topic) for topic in report.topics},
+            'unread': report.unread,
+            'lost': report.lost.said(),
+            'duration': report.recorded,
+        }
+    )
+
+
+def _counts(topic: TopicReport) -> dict[str, Any]:
+    names = ('messages', 'points', 'rejected', 'untested', 'untested_because', 'refused', 'gaps')
+    return {
+        **{name: getattr(topic, name) for name in names},
+        'kept': topic.points - topic.rejected - topic.dropped,
+        'rejected_by': dict(topic.rejected_by),
+    }
+
+
+def _clean(job: Job, task: Task, folder: Path, note: Note, inform: Inform) -> Made:
+    """Clean a file."""
+    path, found = Path(str(task.location.path)), list[object]()
+
+    @contextmanager
+    def hidden(paths: Sequence[Path]) -> Iterator[list[Path]]:
+        yield [folder / path.name for path in paths]
+
+    def progress(done: int, total: int, step: str) -> None:
+        note((STEPS.index(step) + done / max(total, 1)) / len(STEPS))
+
+    output, *outliers = (Path(str(one)) for one in task.outputs)
+    report = clean_file(
+        path,
+        output,
+        job.filter,
+        job.clean,
+        outliers=outliers[0] if outliers else None,
+        progress=progress,
+        slow=lambda detector: inform(f'{path}: {detector}'),
+        inspect=lambda judged: found.append(job.inspect(judged)),
+        make=hidden,
+    )
+    return Made(count_file(report), json.loads(report.as_json()), report, found[0])
+
+
+def count_file(report: CleanReport) -> dict[str, Any]:
+    """Count a file as a recording with one cloud."""
+    names = ('points', 'rejected', 'untested', 'invalid', 'ignored', 'spared')
+    untested = f'{" and ".join(report.chain)} could test none' if report.is_untested else ''
+    counts = {
+        **{name: getattr(report, name) for name in names},
+        'messages': 1,
+        'kept': report.points - report.rejected,
+        'refused': 0,
+        'gaps': 0,
+        'rejected_by': dict(report.rejected_by),
+        'untested_because': untested,
+    }
+    return {'topics': {THE_FILE: counts}}
