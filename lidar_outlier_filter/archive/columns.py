@@ -12,7 +12,7 @@ from lidar_outlier_filter.archive.oddness import percent, share
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from lidar_outlier_filter.archive.oddness import Row
+    from lidar_outlier_filter.archive.oddness import ArchiveRow
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Column:
     """
 
     name: str
-    value: Callable[[Row], float]
+    value: Callable[[ArchiveRow], float]
     text: Callable[[float], str]
     is_rare: bool = False
 
@@ -71,7 +71,7 @@ def on_page(what: str) -> Sequence[Column]:
     return OF_RECORDINGS if what == 'recording' else OF_FILES
 
 
-def in_terminal(rows: Sequence[Row], what: str) -> list[Column]:
+def in_terminal(rows: Sequence[ArchiveRow], what: str) -> list[Column]:
     """Return the columns of a terminal, where files have counts, also by detector."""
     columns: list[Column] = [*OF_RECORDINGS]
     if what == 'file':

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidar_outlier_filter.archive.fingerprints import code, parameters_hash
 from lidar_outlier_filter.archive.locations import staged
-from lidar_outlier_filter.archive.sidecar import SUFFIX, Record
+from lidar_outlier_filter.archive.sidecar import SUFFIX, ArchiveRecord
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -134,9 +134,9 @@ class Job:
         return make(self, task, folder, note, inform)
 
 
-def wanted(task: Task, job: Job) -> Record:
+def wanted(task: Task, job: Job) -> ArchiveRecord:
     """Return the record that the outputs of a task must have to be done."""
-    return Record(
+    return ArchiveRecord(
         task.source,
         task.names[0],
         task.location.size,

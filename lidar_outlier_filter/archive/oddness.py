@@ -17,9 +17,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.archive.sidecar import Record
+    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
 
-    Share = tuple[str, float, Callable[['Row'], float]]  # text, smallest deviation, value
+    ComparedShare = tuple[
+        str, float, Callable[['ArchiveRow'], float]
+    ]  # text, smallest deviation, value
 
 LIMIT = 3.5  # absolute robust z of an odd share
 MIN_COMPARED = 5  # recordings
@@ -30,7 +32,7 @@ MIN_OF_POINTS, MIN_OF_CLOUDS = 1e-4, 1e-3
 
 
 @dataclass
-class Row:
+class ArchiveRow:
     """A recording or file: its record, sums over its topics, and what is odd about it.
 
     Attributes
@@ -43,7 +45,7 @@ class Row:
 
     """
 
-    record: Record
+    record: ArchiveRecord
     sums: Counter[str] = field(default_factory=Counter)
     rejected_by: Counter[str] = field(default_factory=Counter)
     odd: list[str] = field(default_factory=list)
@@ -85,9 +87,9 @@ class Row:
         return found
 
 
-def compare(records: Iterable[Record]) -> list[Row]:
+def compare(records: Iterable[ArchiveRecord]) -> list[ArchiveRow]:
     """Make a row for each record: failed ones first, then incomplete ones, then by ``z``."""
-    rows = [Row(record) for record in records]
+    rows = [ArchiveRow(record) for record in records]
     done = [row for row in rows if row.is_done]
     for text, least, value in _shares(done) if len(done) >= MIN_COMPARED else ():
         values = np.array([value(row) for row in done])
@@ -112,10 +114,10 @@ def robust_z(values: NDArray[np.float64], least: float) -> NDArray[np.float64]:
     return result
 
 
-def _shares(done: Sequence[Row]) -> list[Share]:
+def _shares(done: Sequence[ArchiveRow]) -> list[ComparedShare]:
     """List the shares that are compared; a single detector rejects what all reject."""
     names = sorted({name for row in done for name in row.rejected_by})
-    each: list[Share] = [
+    each: list[ComparedShare] = [
         (
             f'of the points rejected by {name}',
             MIN_OF_POINTS,

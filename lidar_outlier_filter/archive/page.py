@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from lidar_outlier_filter.archive.columns import Column
-    from lidar_outlier_filter.archive.oddness import Row
-    from lidar_outlier_filter.archive.sidecar import Record
+    from lidar_outlier_filter.archive.oddness import ArchiveRow
+    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
 
 PAGE = 'archive.html'
@@ -74,7 +74,9 @@ def check_page(folder: RecordingPath) -> str:
     return text
 
 
-def write_page(records: Iterable[Record], folder: RecordingPath, what: str = 'recording') -> None:
+def write_page(
+    records: Iterable[ArchiveRecord], folder: RecordingPath, what: str = 'recording'
+) -> None:
     """Write the page for records into the folder of their outputs; an earlier one is replaced.
 
     Parameters
@@ -106,7 +108,9 @@ def write_page(records: Iterable[Record], folder: RecordingPath, what: str = 're
     tidy(folder)
 
 
-def page(records: Iterable[Record], what: str = 'recording', reports: Collection[str] = ()) -> str:
+def page(
+    records: Iterable[ArchiveRecord], what: str = 'recording', reports: Collection[str] = ()
+) -> str:
     """Make the page for records; ``reports`` are the outputs that have one."""
     rows = compare(records)
     names = sorted({name for row in rows for name in row.rejected_by})
@@ -142,7 +146,7 @@ def _safe(text: str) -> str:
     return escape(printable(text))
 
 
-def _made_by(done: Sequence[Row]) -> Iterator[str]:
+def _made_by(done: Sequence[ArchiveRow]) -> Iterator[str]:
     """Say when, and by which versions and parameters outputs were made, the most frequent first."""
     runs = Counter((row.record.code, row.record.parameters) for row in done).most_common()
     days = sorted(row.record.finished[:10] for row in done)
@@ -159,7 +163,7 @@ def _made_by(done: Sequence[Row]) -> Iterator[str]:
 
 
 def _totals(
-    rows: Sequence[Row], done: Sequence[Row], colours: Mapping[str, str], what: str
+    rows: Sequence[ArchiveRow], done: Sequence[ArchiveRow], colours: Mapping[str, str], what: str
 ) -> Iterator[str]:
     """Give the sums over all rows."""
     sums = sum((row.sums for row in done), Counter())
@@ -197,7 +201,7 @@ def _totals(
     yield '</p>'
 
 
-def _chart(rows: Sequence[Row], what: str) -> Iterator[str]:
+def _chart(rows: Sequence[ArchiveRow], what: str) -> Iterator[str]:
     """Draw a bar for each row, or for several, by name; each links to its row."""
     if not rows:
         return
@@ -231,7 +235,7 @@ def _chart(rows: Sequence[Row], what: str) -> Iterator[str]:
 
 
 def _table(
-    rows: Sequence[Row], colours: Mapping[str, str], what: str, reports: Collection[str]
+    rows: Sequence[ArchiveRow], colours: Mapping[str, str], what: str, reports: Collection[str]
 ) -> Iterator[str]:
     highest = max((REJECTED.value(row) for row in rows if row.is_done), default=0) or 1
     columns = on_page(what)
@@ -253,7 +257,7 @@ def _table(
     yield '</tbody></table></div>'
 
 
-def _head(row: Row, ending: str, reports: Collection[str]) -> str:
+def _head(row: ArchiveRow, ending: str, reports: Collection[str]) -> str:
     """Name a row, with links to its output and report, and what is odd about it."""
     record, links = row.record, ''
     if row.is_done:
@@ -272,7 +276,7 @@ def _head(row: Row, ending: str, reports: Collection[str]) -> str:
 
 
 def _cells(
-    row: Row, columns: Sequence[Column], colours: Mapping[str, str], highest: float
+    row: ArchiveRow, columns: Sequence[Column], colours: Mapping[str, str], highest: float
 ) -> Iterator[str]:
     if row.is_done:
         mark = ' class="odd"' if abs(row.z) >= LIMIT else ''
@@ -297,7 +301,7 @@ def _unbroken(line: str) -> str:
     return line.replace(' %', '\N{NO-BREAK SPACE}%').replace('(z ', '(z\N{NO-BREAK SPACE}')
 
 
-def _bar(row: Row, colours: Mapping[str, str], highest: float) -> str:
+def _bar(row: ArchiveRow, colours: Mapping[str, str], highest: float) -> str:
     """Draw the share of each detector, scaled where several reject the same points."""
     total = sum(row.rejected_by.values())
     parts = [

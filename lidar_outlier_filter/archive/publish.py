@@ -36,7 +36,7 @@ from lidar_outlier_filter.recordings.remote_path import reached, written
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from lidar_outlier_filter.archive.sidecar import Record
+    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.recordings.remote_path import RecordingPath, RemotePath
 
 HIDDEN = '.unfinished'  # folder in that of the outputs
@@ -45,7 +45,7 @@ _READ_BYTES = 2**23
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundOutputs:
     """The outputs of a task that exist, all of them unchanged outputs of earlier runs.
 
     Attributes
@@ -55,11 +55,11 @@ class Found:
 
     """
 
-    noted: Record | None
-    intended: Record | None
+    noted: ArchiveRecord | None
+    intended: ArchiveRecord | None
     files: Mapping[str, RecordingPath]
 
-    def done(self, goal: Record, task: Task) -> Record | None:
+    def done(self, goal: ArchiveRecord, task: Task) -> ArchiveRecord | None:
         """Return the record of complete outputs of the same input, parameters and code."""
         for record in (self.noted, self.intended):
             if record is None or record.outputs.keys() != self.files.keys():
@@ -74,13 +74,13 @@ class Found:
         return None
 
 
-def is_same_input(record: Record, task: Task) -> bool:
+def is_same_input(record: ArchiveRecord, task: Task) -> bool:
     """Compare an input of the same size by its state, and by hash if the state differs."""
     is_same = record.source_state == task.location.state
     return is_same or record.source_hash == content_hash(task.location)
 
 
-def look(task: Task, *, read: bool = False) -> Found:
+def look(task: Task, *, read: bool = False) -> FoundOutputs:
     """Find the outputs of a task that exist; ``read`` does not trust equal states.
 
     Raises
@@ -97,7 +97,7 @@ def look(task: Task, *, read: bool = False) -> Found:
     return found
 
 
-def _look_once(task: Task, *, read: bool) -> tuple[Found, list[RecordingPath]]:
+def _look_once(task: Task, *, read: bool) -> tuple[FoundOutputs, list[RecordingPath]]:
     """Find the outputs of a task, and those that no record explains."""
     # In this order: a run at the same time writes the sidecar before it removes the intent.
     intended = sidecar.read(_intent(task))
@@ -114,7 +114,7 @@ def _look_once(task: Task, *, read: bool) -> tuple[Found, list[RecordingPath]]:
             known[name] = path
         elif exists(path):  # not moved by a run at the same time
             foreign.append(path)
-    return Found(noted, intended, known), foreign
+    return FoundOutputs(noted, intended, known), foreign
 
 
 def _taken(path: RecordingPath) -> FilterError:
@@ -189,8 +189,8 @@ def tidy(folder: RecordingPath) -> None:
 
 
 def publish(
-    task: Task, built: Path, record: Record, log: Mapping[str, Any], before: Found
-) -> Record:
+    task: Task, built: Path, record: ArchiveRecord, log: Mapping[str, Any], before: FoundOutputs
+) -> ArchiveRecord:
     """Give the outputs of a task their names, and write the sidecar.
 
     Parameters
@@ -202,7 +202,7 @@ def publish(
 
     Returns
     -------
-    Record
+    ArchiveRecord
         That of the sidecar, which a run at the same time may have written.
 
     Raises
@@ -263,11 +263,11 @@ def new_bag(path: RecordingPath) -> Iterator[Path]:
     with workshop(path.parent) as built, ExitStack() as undo:
         yield built / path.name
         streams = _send(task, _built(task, built), undo)
-        _complete(task, streams, Found(None, None, {}))
+        _complete(task, streams, FoundOutputs(None, None, {}))
         undo.pop_all()
 
 
-def settle(task: Task, found: Found, record: Record) -> None:
+def settle(task: Task, found: FoundOutputs, record: ArchiveRecord) -> None:
     """Write the sidecar of a killed run whose outputs are complete, and remove its intent."""
     if record != found.noted:
         with suppress(FileNotFoundError), workshop(task.folder) as built:
@@ -294,7 +294,7 @@ def _built(task: Task, built: Path) -> dict[str, Path]:
     return files
 
 
-def _check(task: Task, before: Found) -> Found:
+def _check(task: Task, before: FoundOutputs) -> FoundOutputs:
     """Refuse outputs that came or changed since the work began."""
     now = look(task, read=isinstance(task.folder, Path))  # a store marks the content
     if now.noted != before.noted:
@@ -305,7 +305,7 @@ def _check(task: Task, before: Found) -> Found:
     return now
 
 
-def _rename(task: Task, built: Path, now: Found) -> None:
+def _rename(task: Task, built: Path, now: FoundOutputs) -> None:
     """Move old outputs into the hidden folder and new ones to their names, all or none."""
     states = {name: file_state(path) for name, path in now.files.items()}
     (built / 'older').mkdir()
@@ -354,7 +354,7 @@ def _discard(stream: Any) -> None:
     stream.closed = True  # or it would try to write the rest when it is collected
 
 
-def _complete(task: Task, streams: Sequence[Any], now: Found) -> None:
+def _complete(task: Task, streams: Sequence[Any], now: FoundOutputs) -> None:
     """Remove old objects, and give new ones their names, in their order."""
     for path in now.files.values():
         remove(path)

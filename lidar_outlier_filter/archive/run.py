@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING
 from lidar_outlier_filter.archive.fingerprints import code, content_hash, parameters_hash
 from lidar_outlier_filter.archive.jobs import Made, wanted
 from lidar_outlier_filter.archive.publish import look, publish, settle, workshop
-from lidar_outlier_filter.archive.sidecar import DONE, NO_CLOUDS, Record
+from lidar_outlier_filter.archive.sidecar import DONE, NO_CLOUDS, ArchiveRecord
 from lidar_outlier_filter.errors import FilterError, NoCloudsError, SchedulerError, said_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from lidar_outlier_filter.archive.jobs import Inform, Job, Note, Task
-    from lidar_outlier_filter.archive.publish import Found
+    from lidar_outlier_filter.archive.publish import FoundOutputs
     from lidar_outlier_filter.archive.workers import Workers
 
 POLL_S = 0.2  # between two checks for an interrupt
@@ -36,12 +36,12 @@ LOOKING = 16  # threads that look for outputs, most of which wait for a disk or 
 class Result:
     """The record of a task, what was made if it was not there, and what is to be said."""
 
-    record: Record
+    record: ArchiveRecord
     made: Made | None = None
     said: Sequence[str] = ()
 
 
-def attempt(task: Task, job: Job, record: Record, note: Note, inform: Inform) -> Result:
+def attempt(task: Task, job: Job, record: ArchiveRecord, note: Note, inform: Inform) -> Result:
     """Read, judge and write one recording or file, unless another run has done so.
 
     Raises
@@ -75,7 +75,9 @@ def attempt(task: Task, job: Job, record: Record, note: Note, inform: Inform) ->
         return Result(publish(task, built, record, made.log, before), made)
 
 
-def attempt_safely(task: Task, job: Job, record: Record, note: Note, inform: Inform) -> Result:
+def attempt_safely(
+    task: Task, job: Job, record: ArchiveRecord, note: Note, inform: Inform
+) -> Result:
     """Return a failed record instead of an error: it costs only its own recording or file."""
     began = perf_counter()
     try:
@@ -91,7 +93,7 @@ def attempt_safely(task: Task, job: Job, record: Record, note: Note, inform: Inf
     return Result(replace(record, error=str(wrong), seconds=seconds, finished=finished))
 
 
-def attempt_on_worker(task: Task, job: Job, record: Record) -> Result:
+def attempt_on_worker(task: Task, job: Job, record: ArchiveRecord) -> Result:
     """Work on a task on a worker of Dask, with kernels on one thread.
 
     Raises
@@ -169,12 +171,12 @@ class Calls:
     keep: Callable[[Task, Result], object] = lambda _task, _result: None
 
 
-def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Record]]:
+def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, ArchiveRecord]]:
     """Return the tasks to be done, and the records of the others: done before, or refused."""
     if job.dry:
         return list(tasks), {}
 
-    def record_of(task: Task) -> Record | None:
+    def record_of(task: Task) -> ArchiveRecord | None:
         goal = wanted(task, job)
         try:
             return _done(task, goal, look(task))
@@ -187,7 +189,7 @@ def pending(tasks: Sequence[Task], job: Job) -> tuple[list[Task], dict[Task, Rec
     return [task for task in tasks if task not in records], records
 
 
-def _done(task: Task, goal: Record, found: Found) -> Record | None:
+def _done(task: Task, goal: ArchiveRecord, found: FoundOutputs) -> ArchiveRecord | None:
     """Return the record of a task that is done."""
     record = found.done(goal, task)
     if record is not None:
@@ -195,7 +197,9 @@ def _done(task: Task, goal: Record, found: Found) -> Record | None:
     return record
 
 
-def run_all(tasks: Sequence[Task], job: Job, workers: Workers, calls: Calls) -> dict[Task, Record]:
+def run_all(
+    tasks: Sequence[Task], job: Job, workers: Workers, calls: Calls
+) -> dict[Task, ArchiveRecord]:
     """Work on all tasks, and return the record of each.
 
     Raises
@@ -212,10 +216,10 @@ class _Run:
 
     def __init__(self, job: Job, workers: Workers, calls: Calls, progress: Progress) -> None:
         self._job, self._workers, self._calls, self._progress = job, workers, calls, progress
-        self._records: dict[Task, Record] = {}
+        self._records: dict[Task, ArchiveRecord] = {}
         self._suspects: list[Task] = []
 
-    def all(self, tasks: Iterable[Task]) -> dict[Task, Record]:
+    def all(self, tasks: Iterable[Task]) -> dict[Task, ArchiveRecord]:
         """Run tasks; then those whose workers died, one at a time.
 
         Dask blames the death of a worker on all tasks that it had, also on those that waited.

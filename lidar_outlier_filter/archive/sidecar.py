@@ -33,7 +33,7 @@ _BROKEN = (ValueError, TypeError, LookupError, AttributeError, RecursionError)
 
 
 @dataclass(frozen=True)
-class Record:
+class ArchiveRecord:
     """The result for one recording or file; that of a failed one is not written.
 
     Attributes
@@ -88,13 +88,13 @@ class Record:
         return self.state == DONE and not lacks
 
 
-def as_text(record: Record, log: Mapping[str, Any]) -> str:
+def as_text(record: ArchiveRecord, log: Mapping[str, Any]) -> str:
     """Write a sidecar: a log, the record, and the seal."""
     values = json.loads(json.dumps({**log, RECORD: asdict(record)}))
     return json.dumps({**values, SEAL: _seal(values)}, indent=1) + '\n'
 
 
-def parse(text: bytes) -> Record:
+def parse(text: bytes) -> ArchiveRecord:
     """Read the record of a sidecar.
 
     Raises
@@ -107,7 +107,7 @@ def parse(text: bytes) -> Record:
         values = json.loads(text)
         if values.pop(SEAL) != _seal(values):
             raise ValueError
-        record = Record(**values[RECORD])
+        record = ArchiveRecord(**values[RECORD])
         outputs = {name: FileMark(*mark) for name, mark in record.outputs.items()}
         return replace(record, outputs=outputs)
     except _BROKEN as err:
@@ -118,7 +118,7 @@ def _seal(values: Mapping[str, Any]) -> str:
     return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
-def read(path: RecordingPath) -> Record | None:
+def read(path: RecordingPath) -> ArchiveRecord | None:
     """Read a sidecar; None if there is none.
 
     Raises
@@ -127,7 +127,7 @@ def read(path: RecordingPath) -> Record | None:
         If the file is no sidecar, or was changed since it was written.
 
     """
-    records: list[Record] = []
+    records: list[ArchiveRecord] = []
     with suppress(FileNotFoundError):  # removed by a run at the same time
         found = files_below(path)
         if not found and not isinstance(path, Path):
@@ -140,14 +140,14 @@ def read(path: RecordingPath) -> Record | None:
     return records[0] if records else None
 
 
-def read_folder(folder: RecordingPath) -> list[Record]:
+def read_folder(folder: RecordingPath) -> list[ArchiveRecord]:
     """Read all sidecars in a folder, recursively; other and hidden files are skipped."""
     start = len(str(folder))
     found = files_below(folder).items() if exists(folder) else ()
     return _parsed({path: state for path, state in found if '/.' not in str(path)[start:]})
 
 
-def _parsed(files: Mapping[RecordingPath, State]) -> list[Record]:
+def _parsed(files: Mapping[RecordingPath, State]) -> list[ArchiveRecord]:
     small = [path for path, (size, _) in files.items() if size <= MAX_BYTES]
     found = []
     for text in read_all(path for path in small if path.suffix == SUFFIX):

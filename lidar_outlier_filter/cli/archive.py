@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.archive.jobs import Job, Task
     from lidar_outlier_filter.archive.run import Progress, Result
-    from lidar_outlier_filter.archive.sidecar import Record
+    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.archive.workers import Workers
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
     from lidar_outlier_filter.recordings.replay import ReplayReport
@@ -197,7 +197,7 @@ def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the r
     name: str,
     folder: RecordingPath | None,
     keep: Callable[[Task, Result], object] = lambda _task, _result: None,
-) -> tuple[list[Record], list[Task]]:
+) -> tuple[list[ArchiveRecord], list[Task]]:
     """Do a job for all tasks that are not done; write the page of ``folder``, if there is one.
 
     ``keep`` is called with each result. Return the records of all, and the tasks that were tried.
@@ -221,7 +221,7 @@ def go_through(  # noqa: PLR0913  tasks, how, by whom, and what becomes of the r
         check_reached(folder)
         check_page(folder)
     todo, records = pending(tasks, job)
-    done: dict[Task, Record] = {}
+    done: dict[Task, ArchiveRecord] = {}
 
     def note(task: Task, result: Result) -> None:
         done[task] = result.record

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.archive.jobs import Job, Task
-    from lidar_outlier_filter.archive.sidecar import Record
+    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
 
 MAX_ROWS = 1000  # of a table: more take a terminal seconds
 MAX_NAMES = 5  # of recordings without clouds, in the last line
@@ -25,7 +25,7 @@ MAX_NAMES = 5  # of recordings without clouds, in the last line
 
 def show(
     tasks: Sequence[Task],
-    records: Sequence[Record],
+    records: Sequence[ArchiveRecord],
     tried: Collection[Task],
     job: Job,
     folder: object,
@@ -43,7 +43,7 @@ def show(
 
 
 def print_counts(
-    tasks: Sequence[Task], records: Sequence[Record], tried: Collection[Task], job: Job
+    tasks: Sequence[Task], records: Sequence[ArchiveRecord], tried: Collection[Task], job: Job
 ) -> None:
     """Print how many are done, now and before, failed and incomplete."""
     from rich.console import Console
@@ -72,7 +72,7 @@ def _states() -> tuple[str, str, str]:
     return sidecar.DONE, sidecar.FAILED, sidecar.NO_CLOUDS
 
 
-def say_lacks(task: Task, record: Record) -> None:
+def say_lacks(task: Task, record: ArchiveRecord) -> None:
     """Say what an output lacks, or why there is none."""
     path = task.location.path
     if record.state == _states()[1]:
@@ -88,7 +88,7 @@ def say_lacks(task: Task, record: Record) -> None:
 
 
 def table_of_all(
-    tasks: Sequence[Task], records: Sequence[Record], tried: Collection[Task], job: Job
+    tasks: Sequence[Task], records: Sequence[ArchiveRecord], tried: Collection[Task], job: Job
 ) -> Table:
     """Make the table, a row for each recording or file.
 
@@ -98,12 +98,12 @@ def table_of_all(
     from rich import box
 
     from lidar_outlier_filter.archive.columns import in_terminal
-    from lidar_outlier_filter.archive.oddness import Row
+    from lidar_outlier_filter.archive.oddness import ArchiveRow
 
     pairs = list(zip(tasks, records, strict=True))
     if len(pairs) > MAX_ROWS:
         pairs = sorted(pairs, key=lambda pair: pair[1].is_complete)[:MAX_ROWS]
-    rows, of_files = [Row(record) for _, record in pairs], job.what == 'file'
+    rows, of_files = [ArchiveRow(record) for _, record in pairs], job.what == 'file'
     columns = in_terminal(rows, job.what)
     heads = [column.name.replace('real time', 'real\ntime') for column in columns]
     style: dict[str, Any] = {'box': box.SIMPLE_HEAD, 'padding': 0, 'show_edge': False}
@@ -122,7 +122,7 @@ def table_of_all(
     return made
 
 
-def _state(record: Record, job: Job, *, is_new: bool) -> str:
+def _state(record: ArchiveRecord, job: Job, *, is_new: bool) -> str:
     if record.error is not None:
         return job.failed
     if record.untested:
@@ -141,7 +141,7 @@ def numbers(first: str, *others: str, **style: Any) -> Table:
     return made
 
 
-def status(records: Sequence[Record]) -> int:
+def status(records: Sequence[ArchiveRecord]) -> int:
     """Choose the exit status; recordings without clouds do not count."""
     done, _, empty = _states()
     if not any(record.state == done for record in records):

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.archive.jobs import Job, Made, Task
     from lidar_outlier_filter.archive.run import Result
-    from lidar_outlier_filter.archive.sidecar import Record
+    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.cli.terminal import Advance, Commands
     from lidar_outlier_filter.files.judged_file import CleanOptions, JudgedFile
     from lidar_outlier_filter.report.worst import Worst
@@ -218,7 +218,9 @@ def _wanted(options: argparse.Namespace) -> CleanOptions:
     )
 
 
-def _clean_one(task: Task, job: Job, outliers: Path | None, made: dict[Task, Made]) -> Record:
+def _clean_one(
+    task: Task, job: Job, outliers: Path | None, made: dict[Task, Made]
+) -> ArchiveRecord:
     """Clean a single file, with a bar for each step; an error ends the command."""
     from lidar_outlier_filter.archive.jobs import Made, count_file, wanted
     from lidar_outlier_filter.archive.sidecar import DONE

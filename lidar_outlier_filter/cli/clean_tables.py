@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.archive.jobs import Job, Made, Task
-    from lidar_outlier_filter.archive.sidecar import Record
+    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
     from lidar_outlier_filter.files.clean import CleanReport
     from lidar_outlier_filter.report.worst import Worst
 
@@ -52,7 +52,7 @@ MOST_GROUPS = 10  # that are listed
 
 def show(
     tasks: Sequence[Task],
-    records: Sequence[Record],
+    records: Sequence[ArchiveRecord],
     tried: Sequence[Task],
     job: Job,
     made: Mapping[Task, Made],

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser
 
-    from lidar_outlier_filter.archive.sidecar import Record
+    from lidar_outlier_filter.archive.sidecar import ArchiveRecord
 
 
 def test_files_are_clouds_without_a_length() -> None:
@@ -102,7 +102,7 @@ def test_several_topics_are_summed() -> None:
 
 
 @pytest.mark.parametrize('lines', [[], [failed('one', 'it failed')], [record('x', points=0)]])
-def test_small_archives(lines: list[Record]) -> None:
+def test_small_archives(lines: list[ArchiveRecord]) -> None:
     """None, one that failed and one without points make a page, too."""
     text = page(lines)
     assert text.count('<tr id=') == len(lines)

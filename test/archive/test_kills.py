@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -132,7 +133,11 @@ def test_broken_off_and_continued(
         assert f'of {COUNT} files are done; the same command continues with the others' in said
         assert not hidden(tmp_path / 'out')
     assert main(words) == 0
-    assert f'\n{COUNT - before} cleaned, {before} done before, 0 ' in capsys.readouterr().out
+    counts = re.search(r'(\d+) cleaned, (\d+) done before, 0 ', capsys.readouterr().out)
+    assert counts is not None
+    # A file of which only the sidecar was missing is done, too.
+    assert sum(map(int, counts.groups())) == COUNT
+    assert before <= int(counts[2]) <= before + 2
     assert main(cleaning(clouds, tmp_path / 'whole')) == 0
     assert content(tmp_path / 'out') == content(tmp_path / 'whole')
     assert not hidden(tmp_path / 'out')

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from helpers.drives import FAST, write_drive
-from lidar_outlier_filter.archive.sidecar import FAILED, Record, read_folder
+from lidar_outlier_filter.archive.sidecar import FAILED, ArchiveRecord, read_folder
 
 if TYPE_CHECKING:
     import signal
@@ -84,7 +84,7 @@ def signalled(words: list[str], number: signal.Signals, last: int) -> tuple[int,
     return done.returncode, done.stderr
 
 
-def records(folder: Path) -> dict[str, Record]:
+def records(folder: Path) -> dict[str, ArchiveRecord]:
     """Read the sidecars of a folder by the names of their sources."""
     return {record.source: record for record in read_folder(folder)}
 
@@ -112,7 +112,7 @@ def hidden(folder: Path) -> list[str]:
     return [path.name for path in folder.rglob('.*')]
 
 
-def record(name: str, **changes: Any) -> Record:
+def record(name: str, **changes: Any) -> ArchiveRecord:
     """Make the record of a usual recording of 20 s; ``changes`` are of counts or of the record."""
     counts: dict[str, Any] = {
         'messages': 200,
@@ -139,15 +139,15 @@ def record(name: str, **changes: Any) -> Record:
         'duration': 20.0,
         'topics': {'/lidar': counts},
     }
-    return Record(**values | own)
+    return ArchiveRecord(**values | own)
 
 
-def failed(name: str, error: str) -> Record:
+def failed(name: str, error: str) -> ArchiveRecord:
     """Make the record of a recording without an output."""
     return replace(record(name), state=FAILED, error=error, duration=0.0, topics={})
 
 
-def archive(count: int) -> list[Record]:
+def archive(count: int) -> list[ArchiveRecord]:
     """Make an archive of usual recordings, and one of each oddness among the first."""
     rng = np.random.default_rng(1)
     found = []
