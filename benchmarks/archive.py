@@ -106,7 +106,7 @@ def kill_runs(
         run = start(drives, output, workers)
         try:
             # In later runs more time, so that each makes progress however long a start takes.
-            run.wait(rng.uniform(0.2, 1.0) * (5 + whole * (kills + 1) / 10))
+            run.wait(rng.uniform(0.5, 1.0) * (4 + whole * (kills + 1) / 40))
         except subprocess.TimeoutExpired:
             children = psutil.Process(run.pid).children(recursive=True)
             os.killpg(run.pid, number)
@@ -125,7 +125,7 @@ def kill_workers(drives: Path, output: Path, whole: float, workers: int) -> int:
     rng, kills = random.Random(2), 0  # noqa: S311  workers
     run = start(drives, output, workers)
     while run.poll() is None:
-        sleep(max(5.0, whole / 8))
+        sleep(max(3.0, whole / 8))
         found = [
             one
             for one in psutil.Process(run.pid).children(recursive=True)
@@ -149,6 +149,7 @@ def measure(options: argparse.Namespace) -> None:
     print('| ---: | ---: | ---: | ---: | ---: |')
     for count in options.tiny:
         drives = options.folder / f'tiny{count}'
+        drives.mkdir()
         for number in range(count):
             write_drive(drives / f'{number:05}', CLOUDS, seed=number, points=POINTS)
         cells = []
