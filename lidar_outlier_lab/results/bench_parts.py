@@ -9,9 +9,9 @@ import pstats
 import time
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import first_pass, second_pass
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import find_groups
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import first_pass, second_pass
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_groups import find_groups
+from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.core.scan_pattern.profile_scanner import find_scanner
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.explain.pattern_reasons import explain
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import find_either
+from lidar_outlier_filter.core.detectors.boosted_trees.explanation import explain
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either
 from lidar_outlier_filter.core.points.points import concatenate
 from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.messages.truth import Cause, Kind

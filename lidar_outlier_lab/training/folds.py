@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.models import read_trees
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import read_trees
 from lidar_outlier_lab.training.learner import learn
 
 if TYPE_CHECKING:

@@ -12,12 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, measure
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import (
-    COUNT_AGAIN,
-    count_scores,
-    measure_again,
-)
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
+from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_scores
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees, add_up
 
 if TYPE_CHECKING:
@@ -26,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared
+    from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 
     Learner = Any  # a HistGradientBoostingClassifier: scikit-learn is an extra
 
@@ -59,16 +55,12 @@ def window_features(prepared: Prepared, odds: Singles | None) -> Singles:
     ``odds`` (N,) is what the first pass gave them; None: this is the first.
     """
     pattern = prepared.pattern
-    there, lines = pattern.order >= 0, len(pattern.first)
+    there = pattern.order >= 0
     if odds is None:
-        out = np.zeros((COUNT, len(there)), np.float32)
-        measure(prepared, 0, lines, out)
-        return out[:, there]
+        return measure(prepared)[:, there]
     score = np.zeros(len(there), np.float32)
     score[there] = odds
-    out = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-    measure_again(prepared, count_scores(pattern, score), 0, lines, out)
-    return out[:, there]
+    return measure(prepared, count_scores(pattern, score))[:, there]
 
 
 def judge_pass(

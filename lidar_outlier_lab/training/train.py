@@ -25,11 +25,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.models import VERSION, read_trees
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import AGAIN
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
-from lidar_outlier_filter.core.scan_pattern.brightness import UNKNOWN
+from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import VERSION, read_trees
+from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import UNKNOWN
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.training.held_out import (
@@ -51,7 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from lidar_outlier_filter.annotations import Bools, Progress, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared
+    from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
     from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
@@ -284,7 +283,7 @@ def lie_between(pattern: Pattern, values: Singles) -> Bools:
     beside = (phase[cell] - phase[cell - 1] <= most) & (phase[cell + 1] - phase[cell] <= most)
     least = BETWEEN + pattern.gap[line] * reach[cell]
     apart = (before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
-    between: Bools = beside & apart & (values[FEATURES.index('along_m')] > OFF)
+    between: Bools = beside & apart & (values[[*WINDOW].index('along_m')] > OFF)
     return between
 
 
@@ -299,7 +298,7 @@ def _learn(drawn: Sequence[Drawn], recipe: Recipe, *, again: bool) -> dict[str, 
 
 
 def _names(*, again: bool) -> tuple[str, ...]:
-    return (*FEATURES, *(AGAIN if again else ()))
+    return (*WINDOW, *(SECOND_PASS if again else ()))
 
 
 def _used(names: Sequence[str], recipe: Recipe) -> list[str]:

@@ -19,16 +19,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.models import VERSION
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import (
-    COUNT_PROFILE,
-    PROFILE,
-    measure_profile,
+from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
+    FoundPattern,
+    prepare_all,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import find_groups
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import AGAIN
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import VERSION
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 from lidar_outlier_filter.errors import FilterError
@@ -50,8 +46,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Ints, Progress, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared
     from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
+    from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
     from lidar_outlier_lab.simulation.world.drive import Drive
 
 STREETS = 64
@@ -64,8 +60,8 @@ GOOD_COUNTS = 5.0  # how much good points count
 BAD_COUNTS = {Cause.MIXED: 0.5, Cause.BARRIER: 2.0}  # and outliers of a cause; 1 for others
 LIMITS = np.arange(0, 61) / 10.0  # log-odds tried as thresholds
 MOST_LOST = 2.5e-5  # share of the good points that may be lost, of the median street
-MEASURED = FEATURES.index('bright')  # features of the window: these scanners need no intensities
-NAMES = (*FEATURES[:MEASURED], *PROFILE)
+MEASURED = [*WINDOW].index('bright')  # features of the window: these scanners need no intensities
+NAMES = (*[*WINDOW][:MEASURED], *PROFILE)
 FEWEST = 1000  # points of a block, fewer are left out
 DIGITS = 6
 
@@ -152,7 +148,7 @@ def train_profile(
         'version': VERSION,
         **about,
         'seed': seed,
-        'uses': [*NAMES, *AGAIN],
+        'uses': [*NAMES, *SECOND_PASS],
         'streets': [street.name for street in streets],
         'held_out': held_out,
         'doubtful': DOUBTFUL,
@@ -176,7 +172,7 @@ def _pass(
     returns the same. The second returns what it says of each street's points.
     """
     again = odds is not None
-    names = (*NAMES, *(AGAIN if again else ()))
+    names = (*NAMES, *(SECOND_PASS if again else ()))
     steps, done = 2 * (FOLDS + 2), again * (FOLDS + 2)
     progress(done, steps, 'features')
     drawn = [
@@ -210,21 +206,16 @@ def _blocks(street: Street) -> Iterator[_Block]:
         pattern = find_profile_pattern(street.points.take(slice(int(low), int(high))))
         if pattern is None:
             continue
-        prepared = prepare(pattern)
+        prepared = prepare_all(FoundPattern(pattern, profile=True))
         order = low + pattern.order[pattern.order >= 0]
         own = (t[order] >= begin) & (t[order] < begin + block)
-        prepared = prepared._replace(groups=find_groups(pattern, prepared.near))
         yield _Block(prepared, own, street.code[order])
 
 
 def _values(block: _Block, odds: Singles | None) -> Singles:
     """Return the features (F, P) of a pass."""
-    pattern = block.prepared.pattern
-    there = pattern.order >= 0
-    window = window_features(block.prepared, odds)
-    more = np.zeros((COUNT_PROFILE, len(there)), np.float32)
-    measure_profile(block.prepared, 0, len(pattern.first), more)
-    return np.concatenate([window[:MEASURED], more[:, there], window[COUNT:]])
+    values = window_features(block.prepared, odds)
+    return np.concatenate([values[:MEASURED], values[len(WINDOW) :]])
 
 
 def _draw(street: Street, seed: int, number: int, odds: list[Singles] | None) -> Drawn:

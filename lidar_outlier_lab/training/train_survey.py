@@ -19,17 +19,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.models import VERSION
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.far import COUNT, MOST, NAMES, Far
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.judge import (
+from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST, Far
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_trees import (
+    far_values,
     first_odds,
-    measure_far,
-    measure_near,
+    near_values,
     neighbours,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.near import COUNT as COUNT_NEAR
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.near import NEAR
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    NAMES,
+    SURVEY_MODEL,
+    VERSION,
+    add_up,
+)
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.neighbours.places import K
@@ -123,7 +125,7 @@ def train_survey(
         'version': VERSION,
         **about,
         'seed': seed,
-        'uses': [*NAMES],
+        'uses': [*NAMES[SURVEY_MODEL][1]],
         'scenes': [scene.name for scene in scenes],
         'held_out': held_out,
         'doubtful': DOUBTFUL,
@@ -152,7 +154,7 @@ def _pass(
     ``odds`` is what the first pass says of all points of each scene; None: this is the first.
     """
     again = odds is not None
-    names = NAMES if again else NEAR
+    names = NAMES[SURVEY_MODEL][again]
     steps, done = 2 * (FOLDS + 2), again * (FOLDS + 2)
     progress(done, steps, 'features')
     drawn = [
@@ -179,13 +181,9 @@ def _values(scene: _SceneSeen, which: Ints, odds: Singles | None) -> Singles:
     """Return the features (F, M) of some points in a pass."""
     near = neighbours(scene.hood, scene.around)
     if odds is None:
-        values = np.empty((COUNT_NEAR, len(which)), np.float32)
-        measure_near(near, which, values)
-        return values
-    values = np.empty((COUNT, len(which)), np.float32)
+        return near_values(near, which)
     index = scene.hood.nearest_of(which, min(MOST, len(scene.hood) - 1))
-    measure_far(Far(near, odds, index), which, values)
-    return values
+    return far_values(Far(near, odds, index), which)
 
 
 def _draw(scene: _SceneSeen, seed: int, number: int, odds: Singles | None) -> Drawn:

@@ -47,7 +47,7 @@ def test_the_first_run_says_what_is_compiled(tmp_path: Path) -> None:
 def test_each_part_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
     """A detector's own kernels by its name, those of the core as shared; plug-ins' not at all."""
     say_once = notice()
-    for module in ('detectors.lof', 'kernels', 'detectors.boosted_trees.survey.near'):
+    for module in ('detectors.lof', 'kernels', 'detectors.boosted_trees.near_features'):
         say_once(f'{PACKAGE}.core.{module}')
         say_once(f'{PACKAGE}.core.{module}')
     say_once('lidar_outlier_lab.simulation.world.caster')

@@ -15,8 +15,8 @@ from helpers.detectors import BITS
 from helpers.page_runs import DATA, Pages, run, write_clouds
 from lidar_outlier_filter import detect_outliers
 from lidar_outlier_filter.cli.terminal import REFUSED
-from lidar_outlier_filter.core.detectors.boosted_trees.models import PATTERN_MODEL, read_file
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import judge
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import PATTERN_MODEL, read_file
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_recording

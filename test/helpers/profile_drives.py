@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import (
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_groups import (
     find_groups,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared, prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared, prepare
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, measure
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
+from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
@@ -61,6 +61,4 @@ def pattern_of(points: Points) -> Pattern:
 
 def measured(pattern: Pattern) -> NDArray[np.float32]:
     """Return the features of all cells."""
-    out = np.zeros((COUNT, len(pattern.order)), np.float32)
-    measure(prepare(pattern), 0, len(pattern.first), out)
-    return out
+    return measure(prepare(pattern))

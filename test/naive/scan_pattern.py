@@ -129,7 +129,7 @@ def features(
         'there_own': len(own) / 10,
         'there_other': len(other) / 28,
         'range': me.range,
-        'glare': me.range**2 / farthest,
+        'range_ratio_glare': me.range**2 / farthest,
         'depth': me.range / farthest,
         'dense': sum(d <= 2 * unit for d in far) / 38,
         'sparse': sum(d <= 6 * unit for d in far) / 38,

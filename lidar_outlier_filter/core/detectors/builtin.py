@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 DEFAULT = 'boosted_trees'  # the chain
 # Detectors that explain their scores, each by an Explanation.
 EXPLANATIONS = {
-    'boosted_trees': f'{__package__}.boosted_trees.explain.explanation:EXPLANATION',
+    'boosted_trees': f'{__package__}.boosted_trees.explanation:EXPLANATION',
 }
 _EVERY = (
     Detector(

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import as_turn, elevations
-from lidar_outlier_filter.core.scan_pattern.ring_origin import Origin
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import Origin, as_turn, elevations
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
 
 if TYPE_CHECKING:

@@ -20,11 +20,13 @@ from lidar_outlier_filter.core.points.scan_lines import (
     order_by_line,
 )
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
+    OrderedLines,
     Pattern,
     Spacing,
     lines_at_once,
     make_pattern,
     place,
+    sort_lines,
 )
 from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     AWAY,
@@ -33,7 +35,6 @@ from lidar_outlier_filter.core.scan_pattern.profile_scanner import (
     find_scanner,
 )
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import TURN
-from lidar_outlier_filter.core.scan_pattern.sorted_lines import OrderedLines, sort_lines
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Ints, Singles

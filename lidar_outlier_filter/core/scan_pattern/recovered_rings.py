@@ -8,15 +8,15 @@ there, and nothing is between. Clouds of others have no such elevations.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.core.points.scan_lines import line_starts
-from lidar_outlier_filter.core.scan_pattern.ring_origin import Origin, find_origin, spread
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import FEWEST, TURN, arctangent
 
 if TYPE_CHECKING:
@@ -24,6 +24,74 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.annotations import Floats, Ints
     from lidar_outlier_filter.core.points.points import Points
+
+# The origin of the beams: lenses sit beside the axis, and frames begin below them, so near points
+# of a ring are not at its elevation. Seen from the right position, elevations lie closest together.
+SEARCH_STEPS = 6  # steps of the first search, each way
+STEP_M = 0.02  # metres
+FINEST_STEP_M = 0.0005
+MOVES = 4  # with each step
+SOME, MORE = 1 << 12, 1 << 14  # points of the first search, and of the others
+ON = 4  # positions on in the order of elevations: copies lie at the same one
+LEAST_GAP_RAD = 2e-5  # rad that is added to a distance: copies have none
+BETTER = 0.02  # halvings of the distance, less than which the origin is as good
+
+
+class Origin(NamedTuple):
+    """Metres above the origin of the frame, and from its axis outwards."""
+
+    up: float
+    out: float
+
+
+def find_origin(flat: Floats, z: Floats) -> Origin:
+    """Find where beams leave from.
+
+    Parameters
+    ----------
+    flat, z : (N,) float64
+        Distance from the axis, and height, metres, in an order that the points alone give.
+
+    """
+    best, least = Origin(0.0, 0.0), math.inf
+    few = slice(None, None, max(1, len(z) // SOME))
+    for i in range(-SEARCH_STEPS, SEARCH_STEPS + 1):
+        for j in range(-SEARCH_STEPS, SEARCH_STEPS + 1):
+            tried = Origin(STEP_M * i, STEP_M * j)
+            value = spread(flat[few], z[few], *tried)
+            if value < least:
+                best, least = tried, value
+    many = slice(None, None, max(1, len(z) // MORE))
+    flat, z = flat[many], z[many]
+    least, step = spread(flat, z, *best), STEP_M / 2
+    while step >= FINEST_STEP_M:
+        for _ in range(MOVES):
+            around = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+            near = [Origin(best.up + step * i, best.out + step * j) for i, j in around]
+            values = [spread(flat, z, *one) for one in near]
+            if min(values) >= least:
+                break
+            least = min(values)
+            best = near[values.index(least)]
+        step /= 2
+    return best if spread(flat, z, 0.0, 0.0) > least + BETTER else Origin(0.0, 0.0)
+
+
+@kernel
+def spread(flat: Floats, z: Floats, up: float, out: float) -> float:
+    """Return how far apart elevations are, seen from a position: mean logarithm to the base 2."""
+    count = len(z)
+    elevation = np.empty(count)
+    for i in range(count):
+        elevation[i] = arctangent(z[i] - up, flat[i] - out)
+    elevation.sort()
+    total = 0.0
+    for i in range(count - ON):
+        # Straight lines between powers of two: no processor's own logarithm.
+        part, power = math.frexp(elevation[i + ON] - elevation[i] + LEAST_GAP_RAD)
+        total += power + 2.0 * (part - 1.0)
+    return total / max(count - ON, 1)
+
 
 LEAST_RINGS, MOST_RINGS = 8, 160  # of a sensor: there are some with 8, and none above 128
 MOST_POINTS = 2_000_000  # of a turn: two returns of 128 rings, a shot each 0.1°, are half of that

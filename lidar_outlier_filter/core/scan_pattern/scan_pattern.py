@@ -15,25 +15,99 @@ import numpy as np
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel, median
 from lidar_outlier_filter.core.points.scan_lines import is_interleaved, line_starts, order_by_line
-from lidar_outlier_filter.core.scan_pattern.brightness import write_brightness
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import (
+    SAME_SHOT,
+    UNKNOWN,
+    OrderedLines,
     Pattern,
     Spacing,
+    find_copies,
+    join_shots,
     lines_at_once,
     make_pattern,
     place,
-)
-from lidar_outlier_filter.core.scan_pattern.sorted_lines import (
-    SAME_SHOT,
-    OrderedLines,
-    find_copies,
-    join_shots,
     sort_lines,
 )
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Ints, Singles
     from lidar_outlier_filter.core.points.points import Points
+
+# Brightness is intensity ÷ the median of the same points at about the same range, because makers
+# give intensities in units of their own, with or without the range taken out.
+# Metres. Two to an octave, which single precision holds exactly.
+EDGES = np.array([s * 2.0**k for k in range(-1, 8) for s in (1.0, 1.5)], np.float32)
+EVERY = 4  # the part of the cells that shows what is usual
+ENOUGH_CELLS = 30  # of them between two edges; fewer show nothing
+CELLS_AT_ONCE = 16_384
+BRIGHTEST = np.float32(8.0)
+
+
+def write_brightness(
+    order: Ints, reach: Singles, intensity: Singles, bright: Singles, threads: int = 0
+) -> None:
+    """Write the brightness (M,) of each cell; ``UNKNOWN`` where nothing is usual.
+
+    Parameters
+    ----------
+    order : (M,) which of the N points is at each cell; -1 for none
+    reach : (M,) metres
+    intensity : (N,) of the points; NaN and less than 0 are unknown
+    bright : (M,) is written
+    threads : at most so many at once; 0 for as many as there are cores
+
+    """
+    count = np.zeros(len(EDGES) + 1, np.int64)
+    values = np.empty((len(count), len(order) // EVERY + 1), np.float32)
+    _collect(order, reach, intensity, count, values)
+    usual = np.zeros(len(count), np.float32)  # 0 where there are too few
+    for b in np.flatnonzero(count >= ENOUGH_CELLS):
+        usual[b] = np.median(values[b, : count[b]])
+    pool.run(
+        lambda i, j: _compare(order, reach, intensity, usual, i, j, bright),
+        *(len(order), CELLS_AT_ONCE, threads),
+    )
+
+
+@inner_kernel
+def _bin(reach: np.float32) -> int:
+    """Count the edges that are nearer."""
+    count = 0
+    for edge in range(len(EDGES)):
+        count += EDGES[edge] < reach
+    return count
+
+
+@kernel
+def _collect(order: Ints, reach: Singles, intensity: Singles, count: Ints, values: Singles) -> None:
+    """Collect intensities between edges."""
+    for k in range(0, len(order), EVERY):
+        i = order[k]
+        if i >= 0 and intensity[i] >= 0:
+            b = _bin(reach[k])
+            values[b, count[b]] = intensity[i]
+            count[b] += 1
+
+
+@kernel
+def _compare(
+    order: Ints,
+    reach: Singles,
+    intensity: Singles,
+    usual: Singles,
+    begin: int,
+    end: int,
+    bright: Singles,
+) -> None:
+    """Divide intensities by what is usual."""
+    for k in range(begin, end):
+        i = order[k]
+        bright[k] = UNKNOWN
+        if i >= 0:
+            middle, value = usual[_bin(reach[k])], intensity[i]
+            if middle > 0 and value >= 0:
+                bright[k] = min(value / middle, BRIGHTEST)
+
 
 TURN = 2.0 * np.pi
 BESIDE_EACH = 2  # rings beside each, below and above
@@ -69,7 +143,9 @@ ATAN = np.array(
 )
 
 
-def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pattern | None:
+def find_pattern(
+    points: Points, threads: int = 0, *, spins: bool = False, steady: float = STEADY
+) -> Pattern | None:
     """Sort points by ring and azimuth.
 
     Parameters
@@ -77,6 +153,7 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
     points : valid ones, in the sensor's own frame
     threads : at most so many at once; 0 for as many as there are cores
     spins : the sensor is known to spin; otherwise it does where lines are measured at once
+    steady : the share of the steps along rings that must go the way the head turns
 
     Returns
     -------
@@ -92,7 +169,7 @@ def find_pattern(points: Points, threads: int = 0, *, spins: bool = False) -> Pa
     if not spins and not is_interleaved(t, first):
         return None
     lines = OrderedLines(points.xyz, points.range, order, first)
-    turned = _turn(lines, t, threads)
+    turned = _turn(lines, t, steady, threads)
     if turned is None:
         return None
     lines, turned, copies = _leave_out_copies(lines, turned, points.intensity)
@@ -120,7 +197,7 @@ class _Turned(NamedTuple):
     up: Floats
 
 
-def _turn(lines: OrderedLines, t: Ints, threads: int) -> _Turned | None:
+def _turn(lines: OrderedLines, t: Ints, share: float, threads: int) -> _Turned | None:
     """Sort each ring by the angle turned; None where the head does not turn steadily."""
     count, number = len(t), len(lines.first) - 1
     azimuth, up, phase = np.empty(count), np.empty(count), np.empty(count)
@@ -135,7 +212,7 @@ def _turn(lines: OrderedLines, t: Ints, threads: int) -> _Turned | None:
         at_once,
         threads,
     )
-    if steady.sum() < STEADY * count:
+    if steady.sum() < share * count:
         return None
 
     def sort(begin: int, end: int) -> None:

@@ -16,7 +16,7 @@ from naive import hierarchical as naive
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
 from lidar_outlier_filter.core.engine.chain import Chain
-from lidar_outlier_filter.core.scan_pattern.sorted_lines import OrderedLines, sort_lines
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import OrderedLines, sort_lines
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:

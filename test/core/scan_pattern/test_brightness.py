@@ -12,9 +12,9 @@ from helpers.clouds import cloud, table
 from helpers.sweeps import measured, pattern_of, sweep
 from naive import scan_pattern as naive
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import FEATURES
+from lidar_outlier_filter.core.detectors.boosted_trees.features import WINDOW
 from lidar_outlier_filter.core.points.points import Points, concatenate
-from lidar_outlier_filter.core.scan_pattern.brightness import write_brightness
+from lidar_outlier_filter.core.scan_pattern.scan_pattern import write_brightness
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
@@ -46,7 +46,7 @@ def with_intensity(points: Points, scale: float = 1.0) -> Points:
 def test_unit_and_order_do_not_matter() -> None:
     """It is a ratio; nothing else of a pattern depends on it."""
     points = sweep(1, 0.2, columns=300)
-    row = FEATURES.index('bright')
+    row = [*WINDOW].index('bright')
     plain = measured(pattern_of(points))
     assert {*plain[row, pattern_of(points).order >= 0].tolist()} == {-1.0}
     once = measured(pattern_of(with_intensity(points)))

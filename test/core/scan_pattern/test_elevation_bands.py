@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.core.detectors.boosted_trees.explain.pattern_reasons import explain
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import find_either, judge
+from lidar_outlier_filter.core.detectors.boosted_trees.explanation import explain
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either, judge
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.elevation_bands import HEIGHTS, in_bands
 

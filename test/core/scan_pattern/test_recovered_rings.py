@@ -14,9 +14,12 @@ import yaml
 from naive import recovered_rings as naive
 
 from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.core.scan_pattern import ring_origin
-from lidar_outlier_filter.core.scan_pattern.recovered_rings import find_peaks, recover_rings
-from lidar_outlier_filter.core.scan_pattern.ring_origin import find_origin
+from lidar_outlier_filter.core.scan_pattern.recovered_rings import (
+    find_origin,
+    find_peaks,
+    recover_rings,
+    spread,
+)
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.cloud_file import filled, open_cloud, read_exact
 from lidar_outlier_filter.files.judged_file import SEPARATE, CleanOptions, describe_file
@@ -194,7 +197,7 @@ def test_spread_is_that_of_loops() -> None:
     for up, out in ((0.0, 0.0), (0.03, -0.02)):
         expected = naive.spread(flat.tolist(), z.tolist(), up, out)
         # Angles here and there differ by a millionth.
-        assert ring_origin.spread(flat, z, up, out) == pytest.approx(expected, abs=0.05)
+        assert spread(flat, z, up, out) == pytest.approx(expected, abs=0.05)
 
 
 def test_peaks_are_those_of_loops() -> None:

@@ -9,11 +9,9 @@ import pytest
 from helpers.sweeps import sweep
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from lidar_outlier_filter.core.detectors.boosted_trees.models import read_trees
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import AGAIN
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_up, read_trees
+from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import find_pattern
 from lidar_outlier_filter.errors import FilterError
@@ -70,10 +68,10 @@ def test_file_is_complete_and_repeats() -> None:
     data = json.loads(text)
     assert data.items() >= about.items()
     assert (data['seed'], data['sweeps']) == (1, ['room 0', 'room 1', 'room 2', 'room 3'])
-    assert data['uses'] == [*FEATURES, *(name for name in AGAIN if name != 'share')]
+    assert data['uses'] == [*WINDOW, *(name for name in SECOND_PASS if name != 'share')]
     assert [len(data[key]['values']) for key in ('first', 'again')] == [3, 4]
-    assert {name for tree in data['first']['features'] for name in tree} <= {*FEATURES}
-    assert {name for tree in data['again']['features'] for name in tree} <= {*FEATURES, *AGAIN}
+    assert {name for tree in data['first']['features'] for name in tree} <= {*WINDOW}
+    assert {name for tree in data['again']['features'] for name in tree} <= {*WINDOW, *SECOND_PASS}
 
 
 def test_features_are_left_out() -> None:
@@ -92,7 +90,7 @@ def test_log_odds_rise_and_fall_as_physics_says() -> None:
     rng = np.random.default_rng(5)
     inverse = [one._replace(outlier=~one.outlier) for one in sweeps()]
     data = json.loads(train(inverse, {}, Recipe(1, FEW, monotone=True)).text)
-    for key, names in (('first', FEATURES), ('again', (*FEATURES, *AGAIN))):
+    for key, names in (('first', (*WINDOW,)), ('again', (*WINDOW, *SECOND_PASS))):
         trees = read_trees(data[key], names)
         values = rng.uniform(-4.0, 8.0, (len(names), 400)).astype(np.float32)
         before = np.empty(400, np.float32)

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from lidar_outlier_filter.core.detectors.boosted_trees.models import NAMES, PROFILE_MODEL, load
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import PROFILE
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import AGAIN
+from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, PROFILE_MODEL, load
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.simulation.scenes.profile_streets import training_street
 from lidar_outlier_lab.training.train_profile import Street, measured, train_profile
@@ -51,7 +49,7 @@ def test_file_is_complete_and_repeats() -> None:
     data = json.loads(text)
     assert data.items() >= about.items()
     assert (data['seed'], data['streets']) == (1, [f'street {n}' for n in range(3)])
-    assert data['uses'] == [*FEATURES[: FEATURES.index('bright')], *PROFILE, *AGAIN]
+    assert data['uses'] == [*[*WINDOW][: [*WINDOW].index('bright')], *PROFILE, *SECOND_PASS]
     assert [len(data[key]['values']) for key in ('first', 'again')] == [3, 4]
     asked = {name for tree in data['first']['features'] for name in tree}
     assert asked <= {*NAMES[PROFILE_MODEL][0]}
@@ -81,4 +79,4 @@ def test_model_of_the_package() -> None:
     model = load(PROFILE_MODEL)
     assert model.threshold > model.doubtful
     rows = {*model.first.feature.ravel().tolist(), *model.again.feature.ravel().tolist()}
-    assert rows & {*range(len(FEATURES), len(FEATURES) + len(PROFILE))}
+    assert rows & {*range(len(WINDOW), len(WINDOW) + len(PROFILE))}

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.detectors.boosted_trees.models import SURVEY_MODEL, load
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.far import NAMES
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, load
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.simulation.scenes.survey_errors import NEIGHBOUR, add_errors
@@ -60,7 +59,7 @@ def test_file_is_complete_and_repeats(walls: list[SurveyScene]) -> None:
     first, second = (train_survey(walls, {'about': 'a test'}, rounds=(4, 4)) for _ in range(2))
     assert first.text == second.text
     data = json.loads(first.text)
-    assert data['uses'] == list(NAMES)
+    assert data['uses'] == list(NAMES[SURVEY_MODEL][1])
     assert data['scenes'] == [scene.name for scene in walls]
     assert len(data['first']['features']) == len(data['again']['features']) == 4
     assert set(data['held_out']['kinds']) == {'walls'}

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidar_outlier_filter.core.detectors.boosted_trees import far_features as far
+from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
 from lidar_outlier_filter.core.detectors.boosted_trees.parameters import BoostedTrees
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import find_either, judge
-from lidar_outlier_filter.core.detectors.boosted_trees.survey import far
-from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import find_either, judge
 from lidar_outlier_filter.core.detectors.declaration import Reaching
 from lidar_outlier_filter.core.detectors.scores import Scores
 from lidar_outlier_filter.core.neighbours.floor import look_around
 from lidar_outlier_filter.core.points.scan_lines import has_lines
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import FoundPattern
+    from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import FoundPattern
     from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
     from lidar_outlier_filter.parameters.filter import FilterParameters
 

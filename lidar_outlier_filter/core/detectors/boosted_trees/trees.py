@@ -1,39 +1,55 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Sums of small decision trees: each asks three questions, one after the other.
-
-All trees have seven questions, of which a point answers three, and eight values: so many points are
-asked side by side without a branch.
-"""
+"""Ensembles of decision trees of depth 3, and the model files that hold them."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import json
+from functools import lru_cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.boosted_trees import features
 from lidar_outlier_filter.core.kernels.kernels import apart_kernel, kernel
+from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from lidar_outlier_filter.annotations import Singles
 
-QUESTIONS, VALUES = 7, 8
+VERSION = 1
+PATTERN_MODEL = 'pattern_model.json'  # of spinning sensors
+PROFILE_MODEL = 'profile_model.json'
+SURVEY_MODEL = 'survey_model.json'  # of the nearest neighbours
+# The features of both passes.
+NAMES = {
+    PATTERN_MODEL: ((*features.WINDOW,), (*features.WINDOW, *features.SECOND_PASS)),
+    PROFILE_MODEL: (
+        (*features.WINDOW, *features.PROFILE),
+        (*features.WINDOW, *features.PROFILE, *features.SECOND_PASS),
+    ),
+    SURVEY_MODEL: ((*features.NEAR,), (*features.NEAR, *features.FAR)),
+}
+QUESTIONS, VALUES = 7, 8  # of a tree: a point answers three of the questions
+LEAST_LOG_ODDS = -8.0  # a score of 0
 
 
 class Trees(NamedTuple):
-    """T trees.
+    """An ensemble of T trees, all of them complete, so that lanes need no branch.
 
     Attributes
     ----------
     feature : (T, 7) int32
-        What is asked for: the first; then the second, left and right; then the third, from left to
-        right. A point goes right where its feature is greater.
+        Row of the feature asked about by the root, then by its children from left to right, and by
+        theirs. A point goes right where its feature is greater.
     limit : (T, 7) float32
     value : (T, 8) float32
-        From left to right.
+        Of the leaves, from left to right.
     start : float32
-        What the sum begins with.
+        The sum without trees.
 
     """
 
@@ -43,9 +59,73 @@ class Trees(NamedTuple):
     start: np.float32
 
 
+class TreeModel(NamedTuple):
+    """A trained model.
+
+    Attributes
+    ----------
+    first, again : the trees of both passes; their sums are log-odds
+    doubtful : log-odds of the first pass above which the second judges a point
+    threshold : log-odds above which a point is rejected
+    threshold_bright : the same for points with known intensity
+
+    """
+
+    first: Trees
+    again: Trees
+    doubtful: float
+    threshold: float
+    threshold_bright: float
+
+
+@lru_cache
+def load(name: str = PATTERN_MODEL) -> TreeModel:
+    """Read a model of this package.
+
+    Raises
+    ------
+    FilterError
+        If its version or a feature is unknown.
+
+    """
+    data, (names, names_again) = read_file(name), NAMES[name]
+    return TreeModel(
+        read_trees(data['first'], names),
+        read_trees(data['again'], names_again),
+        float(data['doubtful']),
+        float(data['threshold']),
+        float(data.get('threshold_bright', data['threshold'])),
+    )
+
+
+def read_file(name: str) -> dict[str, Any]:
+    """Read the file of a model of this package; refuse another version."""
+    text = (files(__package__) / name).read_text(encoding='utf-8')
+    data: dict[str, Any] = json.loads(text)
+    if data['version'] != VERSION:
+        raise FilterError(f'the version of {name}', f'{VERSION}', data['version'])
+    return data
+
+
+def read_trees(data: dict[str, Any], names: tuple[str, ...]) -> Trees:
+    """Read an ensemble whose questions name these features."""
+    known = {name: number for number, name in enumerate(names)}
+    unknown = sorted({name for tree in data['features'] for name in tree} - set(known))
+    if unknown:
+        raise FilterError('the features of a model', 'known ones', ', '.join(unknown))
+    feature = np.array([[known[name] for name in tree] for tree in data['features']], np.int32)
+    limit = np.array(data['limits'], np.float32)
+    value = np.array(data['values'], np.float32)
+    shapes = feature.shape, limit.shape, value.shape
+    count = len(feature)
+    if shapes != ((count, QUESTIONS), (count, QUESTIONS), (count, VALUES)):
+        raise FilterError('the trees of a model', f'{QUESTIONS} questions, {VALUES} values', shapes)
+    return Trees(feature, limit, value, np.float32(data['start']))
+
+
 @kernel
 def add_up(trees: Trees, features: Singles, total: Singles) -> None:
-    """Do as :func:`add_lanes`: an entry for Python."""
+    """Call :func:`add_lanes` from Python."""
     add_lanes(trees, features, total)
 
 

@@ -59,6 +59,25 @@ def test_method(points: Points, whole: bool, expected: Method) -> None:  # noqa:
     assert not (verdict.rejected & np.isnan(verdict.score)).any()
 
 
+@pytest.mark.parametrize(
+    ('unsorted', 'expected'),
+    [(0.5, Method.PATTERN), (0.7, Method.PATTERN), (2.0, Method.NEIGHBOURS)],
+)
+def test_rows_of_a_range_image(unsorted: float, expected: Method) -> None:
+    """Azimuths may go back in a fifth of the steps; the trees still find the strays of a room."""
+    points = sweep(4, 0.0, columns=900)
+    turn = np.random.default_rng(1).normal(0, unsorted * 2 * np.pi / 900, len(points))
+    sine, cosine = np.sin(turn), np.cos(turn)
+    x, y, z = points.xyz.T
+    rows = replace(points, xyz=np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=1))
+    chain = Chain(FilterParameters())
+    rejected = chain.judge(rows).rejected
+    assert chain.ways == {expected.value: 1}
+    if expected is Method.PATTERN:
+        sorted_ones = Chain(FilterParameters()).judge(points).rejected
+        assert (rejected == sorted_ones).mean() > 0.98
+
+
 @pytest.mark.parametrize('count', [8, 9])
 def test_fewest_neighbours(count: int) -> None:
     """Nine points have eight neighbours each; of eight none is judged."""

@@ -14,21 +14,16 @@ from naive import profile_pattern as naive
 from naive import scan_pattern as naive_pattern
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern import features as pattern_features
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern import profile_groups
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import FEATURES
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import judge
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import (
-    COUNT_PROFILE,
-    PROFILE,
-    measure_profile,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import (
+from lidar_outlier_filter.core.detectors.boosted_trees import profile_groups
+from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_groups import (
     GROUPS,
     REACHES,
     find_groups,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.scan_lines import line_starts
 from lidar_outlier_filter.core.scan_pattern.profile_pattern import find_profile_pattern
@@ -153,23 +148,19 @@ def test_window_as_loops(lost: float, lines: int) -> None:
     """The features that spinning sensors have, too, and those of pairs, are those of loops."""
     pattern = pattern_of(Drive(6, lost, lines, 60 if lost == 0.0 else 100).points)
     found = prepared(pattern)
-    count = len(pattern.first)
-    window = np.zeros((pattern_features.COUNT, len(pattern.order)), np.float32)
-    pairs = np.zeros((COUNT_PROFILE, len(pattern.order)), np.float32)
-    pattern_features.measure(found, 0, count, window)
-    measure_profile(found, 0, count, pairs)
+    names, values = [*WINDOW, *PROFILE], measure(found)
     rings = lines_of(pattern)
     for number, ring in enumerate(rings):
         for k in range(len(ring.points)):
             place = pattern.first[number] + k
             metres = [float(of[number]) for of in (pattern.apart, pattern.level)]
             wanted = naive_pattern.features(rings, number, k, *metres)
-            got = {name: float(window[FEATURES.index(name), place]) for name in wanted}
+            got = {name: float(values[names.index(name), place]) for name in wanted}
             assert got == pytest.approx(wanted, rel=2e-3, abs=1e-5), (number, k)
             sigma = float(pattern.noise[number]) / 2
             predicted = naive.predictions(rings, number, k, sigma)
             wanted = naive.of_pairs(predicted)
-            got = {name: float(pairs[PROFILE.index(name), place]) for name in wanted}
+            got = {name: float(values[names.index(name), place]) for name in wanted}
             # A range of single precision, squared, in standard deviations.
             assert got == pytest.approx(wanted, rel=2e-3, abs=0.02), (number, k)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The reason that is published of a rejected point: the feature that adds most to its score."""
+"""Contributions of features add up to the log-odds, and the strongest one is published."""
 
 from __future__ import annotations
 
@@ -10,43 +10,55 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers import ROOT
-from helpers.profile_drives import Drive, prepared
-from helpers.profile_drives import pattern_of as profile_of
-from helpers.sweeps import pattern_of as spinning_of
-from helpers.sweeps import sweep
+from helpers.profile_drives import Drive
+from helpers.sweeps import pattern_of, sweep
+from naive import scan_pattern as naive
 
-from lidar_outlier_filter.core.detectors.boosted_trees.explain.pattern_reasons import contribute
-from lidar_outlier_filter.core.detectors.boosted_trees.explain.reasons import (
+from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
+from lidar_outlier_filter.core.detectors.boosted_trees.explanation import (
+    Reasons,
+    contribute,
+    contributions,
+    explain,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.methods import Method
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import (
+    find_either,
+    first_pass,
+    prepare_all,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
+from lidar_outlier_filter.core.detectors.boosted_trees.reasons import (
+    LIKELY,
     REASON_NAMES,
     strongest_of_trees,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.models import (
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    NAMES,
+    PATTERN_MODEL,
     PROFILE_MODEL,
     TreeModel,
+    Trees,
     load,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import first_pass
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import (
-    PROFILE,
-    measure_profile,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import (
-    AGAIN,
-    COUNT_AGAIN,
-    measure_again,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees
+from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
+from lidar_outlier_filter.core.detectors.detector_input import DetectorInput
 from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.neighbours.floor import look_around
+from lidar_outlier_filter.core.points.points import Points
+from lidar_outlier_filter.core.scan_pattern.placed_pattern import spread
+from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.parameters.filter import FilterParameters
 
 if TYPE_CHECKING:
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared
-    from lidar_outlier_filter.core.points.points import Points
+    from numpy.typing import NDArray
+
     from lidar_outlier_filter.core.verdict import Verdict
 
 PAGE = ROOT / 'doc/detectors/boosted_trees.md'
+SNOW, ARMS = sweep(5, 0.2, 1.4, columns=200), Drive(12, 0.1, lines=20, shots=400, strays=0.03)
+CLOUDS = {'spinning': SNOW, 'profile': ARMS.points}
 
 
 def judged(points: Points, **changed: object) -> Verdict:
@@ -56,28 +68,24 @@ def judged(points: Points, **changed: object) -> Verdict:
     return Chain(FilterParameters().changed(parameters)).judge(points)
 
 
-def strongest(points: Points, some: Prepared, model: TreeModel, *more: str) -> list[str]:
-    """Name the strongest feature of each point, of all that either pass measures."""
-    pattern = some.pattern
-    there, lines = pattern.order >= 0, len(pattern.first)
-    first = first_pass(some, model.first)
-    window = np.zeros((COUNT_AGAIN, len(there)), np.float32)
-    measure_again(some, first, 0, lines, window)
-    others = np.zeros((len(more), len(there)), np.float32)
-    if more:
-        measure_profile(some, 0, lines, others)
-    values = np.concatenate([window[:COUNT], others, window[COUNT:]])
-    names = np.array([*FEATURES, *more, *AGAIN])
+def strongest(points: Points, sensor: str) -> NDArray[np.str_]:
+    """Name the strongest feature of each point by the contributions in both passes."""
+    pattern = find_either(points, sensor)
+    assert pattern is not None
+    some, name = prepare_all(pattern), PROFILE_MODEL if pattern.profile else PATTERN_MODEL
+    model, names = load(name), np.array(NAMES[name][1])
+    first, there = first_pass(some, model.first), some.pattern.order >= 0
+    values = measure(some, first)
     once, twice = np.zeros_like(values), np.zeros_like(values)
     contribute(model.first, values, there, once)
     contribute(model.again, values, there, twice)
-    likely = np.isin(names, ['range', 'glare', 'share', 'share_range'])
+    likely = np.isin(names, LIKELY)
     once[likely], twice[likely] = -np.inf, -np.inf
     found, again = names[once.argmax(axis=0)], names[twice.argmax(axis=0)]
     known = (first.score > np.float32(model.doubtful)) & (again != 'first')
     result = np.empty(len(points), names.dtype)
-    result[pattern.order[there]] = np.where(known, again, found)[there]
-    return [str(name) for name in result]
+    spread(some.pattern, np.where(known, again, found), result)
+    return result
 
 
 def names_of(found: Verdict) -> list[str]:
@@ -86,28 +94,69 @@ def names_of(found: Verdict) -> list[str]:
     return [REASON_NAMES.get(number, '') for number in found.reason.tolist()]
 
 
+def test_contributions_are_those_of_loops() -> None:
+    """Of random trees, with ties at limits, with NaN, and a feature asked about twice."""
+    rng = np.random.default_rng(1)
+    trees = Trees(
+        rng.integers(0, 4, (30, 7)).astype(np.int32),
+        rng.integers(-2, 3, (30, 7)).astype(np.float32),
+        rng.standard_normal((30, 8)).astype(np.float32),
+        np.float32(0.5),
+    )
+    values = rng.integers(-3, 4, (4, 60)).astype(np.float32)
+    values[2, :5] = np.nan
+    wanted = rng.random(60) < 0.8
+    added = np.zeros_like(values)
+    contribute(trees, values, wanted, added)
+    expected = np.zeros_like(values, np.float64)
+    for k in np.flatnonzero(wanted):
+        for f, t, v in zip(trees.feature, trees.limit, trees.value, strict=True):
+            point = values[:, k].tolist()
+            for number, change in naive.additions(
+                f.tolist(), t.tolist(), v.tolist(), point
+            ).items():
+                expected[number, k] += change
+    assert added == pytest.approx(expected, abs=1e-4)
+    assert not added[:, ~wanted].any()
+
+
+@pytest.mark.parametrize('sensor', CLOUDS)
+def test_contributions_add_up(sensor: str) -> None:
+    """With the average they are the log-odds, of points of either pass; the verdict is the same."""
+    points = CLOUDS[sensor]
+    points = points.take(np.random.default_rng(4).permutation(len(points)))
+    reasons = explain(points, sensor=sensor)
+    assert reasons.added.shape == (len(reasons.names), len(points))
+    whole = reasons.average + reasons.added.sum(axis=0)
+    assert whole == pytest.approx(reasons.odds, abs=2e-3)
+    assert len({*reasons.average.tolist()}) == 2  # the trees of both passes
+    rejected = judged(points, boosted_trees__sensor=sensor).rejected
+    assert np.array_equal(rejected, reasons.odds > np.float32(reasons.threshold))
+    assert 0 < np.count_nonzero(rejected) < len(points)
+
+
+def test_reasons_of_some() -> None:
+    """Those that are wanted have the reasons that they have among all; others have none."""
+    points = sweep(3, 0.1, columns=200)
+    wanted = np.random.default_rng(6).random(len(points)) < 0.1
+    every, some = explain(points), explain(points, wanted=wanted)
+    assert np.array_equal(some.added[:, wanted], every.added[:, wanted])
+    assert not some.added[:, ~wanted].any()
+    assert np.array_equal(some.odds, every.odds)
+
+
 @pytest.mark.parametrize('threads', [1, 3])
-def test_spinning_sensor(threads: int) -> None:
-    """Rejected points, in any order, have the strongest feature."""
-    points = sweep(5, 0.2, 1.4, columns=200)
+@pytest.mark.parametrize('sensor', CLOUDS)
+def test_published_reason(sensor: str, threads: int) -> None:
+    """It is the feature with the largest contribution; of the first pass if that is its result."""
+    points = CLOUDS[sensor]
     points = points.take(np.random.default_rng(threads).permutation(len(points)))
-    expected = strongest(points, prepare(spinning_of(points)), load())
     found = judged(points, threads=threads)
-    assert names_of(found) == [
-        name if out else '' for name, out in zip(expected, found.rejected, strict=True)
-    ]
+    expected = np.where(found.rejected, strongest(points, sensor), '')
+    assert names_of(found) == expected.tolist()
     assert found.rejected.sum() > 30
-
-
-def test_profile_scanner() -> None:
-    """The trees of profile scanners have features of their own."""
-    points = Drive(12, 0.1, lines=20, shots=400, strays=0.03).points
-    expected = strongest(points, prepared(profile_of(points)), load(PROFILE_MODEL), *PROFILE)
-    found = judged(points)
-    assert names_of(found) == [
-        name if out else '' for name, out in zip(expected, found.rejected, strict=True)
-    ]
-    assert {*names_of(found)} & {*PROFILE}
+    assert 'first' not in names_of(found)
+    assert sensor == 'spinning' or {*names_of(found)} & {*PROFILE}
 
 
 @pytest.mark.parametrize(
@@ -121,11 +170,11 @@ def test_profile_scanner() -> None:
 )
 def test_only_what_trees_ask(asked: list[str], asked_again: list[str], expected: str) -> None:
     """A feature that no tree asks about is no reason, even where all others speak against it."""
-    some = prepare(spinning_of(sweep(5, 0.2, columns=200)))
+    some = prepare(pattern_of(sweep(5, 0.2, columns=200)))
 
     def ask(names: list[str]) -> Trees:
         """Ask always the same, what no value is above: the least value is right."""
-        every = [*FEATURES, *AGAIN]
+        every = [*WINDOW, *SECOND_PASS]
         feature = np.repeat([[every.index(name)] for name in names], 7, axis=1).astype(np.int32)
         value = np.tile(np.arange(-8, 0, dtype=np.float32), (len(names), 1))
         limit = np.full(feature.shape, np.inf, np.float32)
@@ -139,7 +188,7 @@ def test_only_what_trees_ask(asked: list[str], asked_again: list[str], expected:
 
 def test_scores_are_the_same_without_reasons() -> None:
     """Nothing is explained where scores are not published, and no score depends on it."""
-    for points in (sweep(6, 0.1), Drive(13).points):
+    for points in CLOUDS.values():
         found, without = judged(points), judged(points, scores=False)
         assert found.score.tobytes() == without.score.tobytes()
         assert not without.reason.any()
@@ -150,3 +199,37 @@ def test_page_lists_the_numbers() -> None:
     """The documentation names every number, and no other."""
     rows = re.findall(r'^\| (\d+) \| `(\w+)` \|', PAGE.read_text(encoding='utf-8'), re.MULTILINE)
     assert {int(number): name for number, name in rows} == REASON_NAMES
+
+
+def test_strongest_is_one_that_was_asked() -> None:
+    """Not one that adds nothing, where all others take away; nothing of points not explained."""
+    nothing = np.zeros(3, np.float32)
+    added = np.array([[0, 0, 0], [-1, 2, 0], [-2, 1, 0]], np.float32)
+    reasons = Reasons(nothing, nothing, added, ('step', 'leap', 'along'), 0.0)
+    assert reasons.strongest == ['leap', 'leap', '']
+
+
+def test_points_without_a_pattern() -> None:
+    """They have no reasons."""
+    with pytest.raises(FilterError, match='scan pattern'):
+        explain(sweep(4, 0.0).take(slice(0, 9)))
+
+
+def test_survey_adds_up_to_the_log_odds() -> None:
+    """With what the trees say on average; only wanted points are given."""
+    rng = np.random.default_rng(3)
+    xyz = rng.uniform((0, 0, 0), (30, 30, 0.05), (2000, 3))
+    xyz[:20, 2] += rng.uniform(2, 9, 20)
+    xyz[100:150] = xyz[50:100]  # two at one place
+    zeros = np.zeros(len(xyz), np.int64)
+    points = Points(xyz, zeros, zeros, np.ones(len(xyz), np.bool_))
+    parameters = FilterParameters()
+    seen = DetectorInput(points, parameters, 20, whole=True)
+    wanted = rng.random(len(xyz)) < 0.3
+    wanted[:20] = True
+    found = contributions(seen, parameters, wanted)
+    assert found.way == Method.NEIGHBOURS.value
+    odds, _ = survey.measure(xyz, look_around(xyz, np.arange(len(xyz))))
+    total = found.added.sum(axis=0, dtype=np.float64) + found.average
+    np.testing.assert_allclose(total, odds[wanted], atol=2e-4)
+    assert len(np.unique(found.average)) == 2  # both passes judge some of them

@@ -13,16 +13,12 @@ from naive import scan_pattern as naive
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.judge import judge
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import (
-    AGAIN,
-    COUNT_AGAIN,
-    count_scores,
-    measure_again,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import prepare
+from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_trees import judge
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import measure
+from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import count_scores
 from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_up
+from lidar_outlier_filter.core.detectors.boosted_trees.window import prepare
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import count_points
 from lidar_outlier_filter.core.scan_pattern.scan_pattern import arctangent, find_pattern
@@ -53,7 +49,7 @@ def test_as_loops(lost: float, turns: float, *, staggered: bool) -> None:
         assert [p.number for p in ring.points] == pattern.order[list(places)].tolist()
         for k, place in enumerate(places):
             wanted = naive.features(rings, number, k)
-            got = {name: float(out[FEATURES.index(name), place]) for name in wanted}
+            got = {name: float(out[[*WINDOW].index(name), place]) for name in wanted}
             assert got == pytest.approx(wanted, rel=2e-3, abs=1e-5), (number, k)
 
 
@@ -157,7 +153,7 @@ def test_beams_near_the_zenith_see_their_neighbours() -> None:
     pattern = pattern_of(points)
     for line in range(4):
         some = slice(pattern.first[line] + 5, pattern.last[line] - 5)
-        assert (out[FEATURES.index('there_own'), some] == 1).mean() > 0.9
+        assert (out[[*WINDOW].index('there_own'), some] == 1).mean() > 0.9
 
 
 def test_a_plane_is_predicted_across_uneven_rings() -> None:
@@ -171,7 +167,7 @@ def test_a_plane_is_predicted_across_uneven_rings() -> None:
     xyz = far[:, None] * np.stack([level * np.cos(azimuth), level * np.sin(azimuth), up], axis=1)
     t = shot // len(down) * 138_889 + ring
     pattern = pattern_of(Points(xyz, t, ring, np.ones(len(shot), np.bool_)))
-    out = measured(pattern)[FEATURES.index('across')]
+    out = measured(pattern)[[*WINDOW].index('across')]
     some = np.concatenate([np.arange(pattern.first[n] + 9, pattern.last[n] - 9) for n in range(7)])
     # An arc of the sine of the elevation is not straight: a part of the angle between rings.
     assert out[some].max() < 0.2
@@ -314,9 +310,8 @@ def test_scores_of_the_first_pass_around_points() -> None:
     prepared = prepare(pattern)
     score = np.full(len(pattern.order), -1.0, np.float32)
     score[pattern.first[0] : pattern.first[0] + 9] = 1.0
-    out = np.zeros((COUNT_AGAIN, len(score)), np.float32)
-    measure_again(prepared, count_scores(pattern, score), 0, len(pattern.first), out)
-    found = dict(zip(AGAIN, out[COUNT:], strict=True))
+    out = measure(prepared, count_scores(pattern, score))
+    found = dict(zip(SECOND_PASS, out[len(WINDOW) :], strict=True))
     there = pattern.order >= 0
     # Nearer than 1 m, than 2 m and so on: an edge belongs to what is nearer.
     octave = np.ceil(np.log2(np.maximum(pattern.range, 1.0)))

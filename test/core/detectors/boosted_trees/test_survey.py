@@ -11,11 +11,10 @@ import pytest
 from naive import survey as naive
 
 from lidar_outlier_filter import detect_outliers
-from lidar_outlier_filter.core.detectors.boosted_trees.models import SURVEY_MODEL, load
-from lidar_outlier_filter.core.detectors.boosted_trees.survey import far as survey_far
-from lidar_outlier_filter.core.detectors.boosted_trees.survey import judge as survey
-from lidar_outlier_filter.core.detectors.boosted_trees.survey import near as survey_near
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.far import MOST, Far
+from lidar_outlier_filter.core.detectors.boosted_trees import neighbour_trees as survey
+from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST, Far
+from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import NAMES, SURVEY_MODEL, load
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.engine.tiled_chain import TiledChain
 from lidar_outlier_filter.core.engine.whole_cloud import judge_whole
@@ -110,12 +109,10 @@ def measured(xyz: Floats) -> tuple[Neighbourhood, NDArray[np.float32], NDArray[n
     """Return the features of all points, those of the first trees and all, in the order given."""
     hood = Neighbourhood(xyz, K)
     near, which = survey.neighbours(hood, around(xyz)), np.arange(len(xyz))
-    first = np.empty((survey_near.COUNT, len(xyz)), np.float32)
-    survey.measure_near(near, which, first)
+    first = survey.near_values(near, which)
     odds, _ = survey.first_odds(near, load(SURVEY_MODEL).first)
     index = hood.nearest_of(which, min(MOST, len(xyz) - 1))
-    every = np.empty((survey_far.COUNT, len(xyz)), np.float32)
-    survey.measure_far(Far(near, odds, index), which, every)
+    every = survey.far_values(Far(near, odds, index), which)
     back = np.argsort(hood.order)
     return hood, first[:, back], every[:, back]
 
@@ -130,7 +127,7 @@ def test_features_against_loops(name: str) -> None:
     given = odds[np.argsort(hood.order)].tolist()
     expected = np.array(naive.near_features(places, around(xyz).typical)).T
     wide = np.array(naive.far_features(places, given, around(xyz).typical)).T
-    for n, feature in enumerate(survey_far.NAMES):
+    for n, feature in enumerate(NAMES[SURVEY_MODEL][1]):
         if feature in VAGUE.get(name, ()):
             continue
         loop = expected[n] if n < len(expected) else wide[n - len(expected)]
@@ -142,7 +139,7 @@ def test_features_against_loops(name: str) -> None:
 def test_closed_groups(size: int) -> None:
     """Of a group that is apart the feature is its size, up to 60; of all others it is 61."""
     _, first, _ = measured(mirrored(size))
-    closed = first[survey_near.NEAR.index('closed')]
+    closed = first[[*NEAR].index('component_size')]
     np.testing.assert_array_equal(closed[:300], 61)
     np.testing.assert_array_equal(closed[300:], min(size, 61))
 

@@ -11,10 +11,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, copy_points
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import GROUPS
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import COUNT_AGAIN
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
+from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, rows
+from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     AROUND,
     FAR,
     HALF,
@@ -29,46 +27,24 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
     TWO,
     ZERO,
     F,
-    gather,
-    look_from,
-    make_window,
 )
-from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES, network, rows_of_singles, sort
+from lidar_outlier_filter.core.detectors.boosted_trees.window_features import COUNT
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel
+from lidar_outlier_filter.core.kernels.lanes import network, sort
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Ints, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
+    from lidar_outlier_filter.core.detectors.boosted_trees.window import (
         PatternWindow,
         Prepared,
     )
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
-PROFILE = (
-    'middle',  # median difference of the pairs' predictions from the range, standard deviations
-    'agree',  # share of the pairs that are right; -1 for no pair
-    *GROUPS,
-)
-FIRST = COUNT  # row of the first of them
-COUNT_PROFILE = len(PROFILE)
-COUNT_ALL = COUNT_AGAIN + COUNT_PROFILE
+ROW = rows(PROFILE, COUNT)
 PAIRS = OWN + RINGS * AROUND
 RIGHT = F(3.5)  # standard deviations up to which a pair is right
 MISSING = F(1e6)  # behind all others
 ALL = network(PAIRS, range(PAIRS))
-
-
-@kernel
-def measure_profile(prepared: Prepared, begin: int, end: int, out: Singles) -> None:
-    """Write the features of all points of lines begin to end: (COUNT_PROFILE, M)."""
-    pattern, window, pairs = prepared.pattern, make_window(), rows_of_singles(PAIRS)
-    values = rows_of_singles(COUNT_ALL)
-    for line in range(begin, end):
-        for k in range(pattern.first[line], pattern.last[line], LANES):
-            look_from(k, window.places)
-            gather(prepared, line, window)
-            write_profile(prepared, line, window, pairs, values)
-            copy_points(values[FIRST : FIRST + COUNT_PROFILE], pattern.last[line] - k, out[:, k:])
 
 
 @inlined_kernel
@@ -78,18 +54,18 @@ def write_profile(
     """Write the features of the points of gathered windows, behind those that all sensors have."""
     _predict_own(prepared.pattern, line, window, pairs)
     _predict_other(prepared.pattern, line, window, pairs)
-    _write_right(pairs, values[FIRST + 1])
+    _write_right(pairs, values[ROW.agree])
     sort(pairs, ALL)
-    _write_median(pairs, values[FIRST])
+    _write_median(pairs, values[ROW.middle])
     _write_groups(prepared.groups, window.places, values)
 
 
 @apart_kernel
 def _write_groups(groups: Singles, places: Ints, values: Singles) -> None:
     """Write what is said of the groups of points."""
-    for row in range(len(GROUPS)):
+    for row in range(len(groups)):
         for lane in range(len(places)):
-            values[FIRST + 2 + row, lane] = groups[row, places[lane]]
+            values[ROW.group + row, lane] = groups[row, places[lane]]
 
 
 @apart_kernel

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import OTHER, RINGS
+from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE
+from lidar_outlier_filter.core.detectors.boosted_trees.window import OTHER, RINGS
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.jacobi import eigen
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
@@ -29,13 +30,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Floats, Index, Singles
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
-GROUPS = (
-    'group',  # returns of the free group; -1, as all of them, where a point is in none
-    'group_slope',  # sine of its direction
-    'group_width',  # its standard deviation across ÷ along
-    'group_advance',  # spread of what each line sees on average ÷ that of all, along it
-    'group_length',  # metres
-)
+GROUPS = tuple(name for name in PROFILE if name.startswith('group'))
 REACHES = (4.0, 1.6)  # × what beams are apart: up to which returns are joined
 LARGE = 40  # returns of a segment: more are a surface
 SMALLEST = 6  # returns of a group

@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import COUNT, FEATURES
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_features import (
-    COUNT_PROFILE,
-    PROFILE,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import AGAIN, FirstPass
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.values import (
+from lidar_outlier_filter.core.detectors.boosted_trees.features import PROFILE, SECOND_PASS, WINDOW
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import (
     make_pattern_room,
     write_values,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import QUESTIONS, VALUES, Trees
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    QUESTIONS,
+    VALUES,
+    TreeModel,
+    Trees,
+)
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import fill
@@ -34,20 +34,17 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lidar_outlier_filter.annotations import Bools, Bytes, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.models import TreeModel
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared
+    from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import FirstPass
+    from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared
 
 # A number never changes its meaning, so each group has numbers to spare: of the window, of the
 # second pass, and of profile scanners. 0 is none.
-WINDOW, SECOND, OF_PROFILE = 1, 65, 129
-LIKELY = ('range', 'glare', 'uneven', 'share', 'share_range')  # no reasons
+FIRST_NUMBERS = ((1, WINDOW), (65, SECOND_PASS), (129, PROFILE))
+OWN, MORE = len(WINDOW), len(PROFILE)
+LIKELY = ('range', 'range_ratio_glare', 'uneven', 'share', 'share_range')  # no reasons
 REASON_NAMES = {
     first + k: name
-    for first, names in (
-        (WINDOW, FEATURES),
-        (SECOND, AGAIN),
-        (OF_PROFILE, PROFILE),
-    )
+    for first, names in FIRST_NUMBERS
     for k, name in enumerate(names)
     if name not in LIKELY
 }
@@ -77,8 +74,8 @@ def strongest_of_trees(
     threads : at most so many at once; 0 for as many as there are cores
 
     """
-    more = PROFILE if len(prepared.groups) > 0 else ()
-    rows = number_rows((*FEATURES, *more, *AGAIN))
+    more = PROFILE if prepared.profile else ()
+    rows = number_rows((*WINDOW, *more, *SECOND_PASS))
     reason = np.zeros(len(wanted), np.uint8)
     both, low = (model.first, model.again), np.float32(model.doubtful)
     pool.run(
@@ -109,9 +106,9 @@ def _explain(
     means, values = (find_means(both[0]), find_means(both[1])), buffers.values
     more = 0
     if profile is not None:
-        more = COUNT_PROFILE
+        more = MORE
     places = buffers.window.places
-    own = COUNT + more  # the row of the point's own result of the first pass
+    own = OWN + more  # the row of the point's own result of the first pass
     for line in range(begin, end):
         k = pattern.first[line]
         while k < pattern.last[line]:

@@ -1,37 +1,8 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Features of a point among its sixty nearest neighbours, behind those of :mod:`.survey_near`.
+"""The features of a point among its sixty nearest neighbours, see :mod:`.features`.
 
 All lengths are divided by S, the median distance of the sixty to their own eighth.
-
-``wide8``, ``wide20``, ``wide60``
-    Distance to the eighth, twentieth and sixtieth neighbour ÷ S.
-``densest``
-    Distance to the eighth ÷ that of the sixth densest neighbour.
-``contrast``
-    S ÷ s, the median of the eight.
-``first_edge``, ``longest``, ``before``, ``against``
-    The sixty are joined to the point one by one, always the one nearest to any that are joined.
-    The first and the longest distance of these ÷ S; how many were joined before the longest, and
-    how long it is ÷ the longest before it.
-``group``
-    How many are joined before the first distance of more than 2 S.
-``off20``, ``flat20``, ``off_flat20``, ``off60``, ``flat60``, ``off_flat60``
-    As ``off``, ``flat`` and ``off_flat``, of the planes through 20 and 60.
-``below20``, ``above20``, ``below60``, ``above60``
-    How far the point is below the lowest, and above the highest of them, ÷ S.
-``sunk20``, ``raised20``, ``sunk60``, ``raised60``
-    The same, ÷ how far the lowest quarter of them, or the highest, is apart, and a fiftieth of S.
-``rare60``
-    S ÷ the typical distance to the eighth neighbour in the whole cloud.
-``higher``
-    Share of the sixty that are higher than the point.
-``under``, ``over``
-    Two of the twenty that lie opposite each other, seen from above, say a height between them. How
-    far the point is below the lowest, and above the highest of these, ÷ S.
-``first``, ``near_odds``, ``company8``, ``company60``
-    Log-odds by the first trees; the mean of the eight; share of the eight and of the sixty for
-    which they are more than 0.
 """
 
 from __future__ import annotations
@@ -40,8 +11,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.survey import near as survey_near
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.lanes import (
+from lidar_outlier_filter.core.detectors.boosted_trees import near_features
+from lidar_outlier_filter.core.detectors.boosted_trees.features import FAR, NEAR, rows
+from lidar_outlier_filter.core.detectors.boosted_trees.near_features import FAR as MOST_VALUE
+from lidar_outlier_filter.core.detectors.boosted_trees.near_features import SMOOTH
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_lanes import (
     NARROW,
     add_moments,
     copy_rows,
@@ -51,7 +25,6 @@ from lidar_outlier_filter.core.detectors.boosted_trees.survey.lanes import (
     write_between,
     write_heights,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.near import FAR, NEAR, SMOOTH
 from lidar_outlier_filter.core.kernels.eigen import (
     eigenvalues,
     eigenvectors,
@@ -62,7 +35,7 @@ from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Floats, Index, Ints, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.survey.near import Near
+    from lidar_outlier_filter.core.detectors.boosted_trees.near_features import Near
 
 MOST, SOME = 60, 20  # neighbours
 STEPS = 3  # to any of them, and from there to any of theirs, lead to all that counts
@@ -71,17 +44,7 @@ GAP = 2.0  # S: a longer distance ends a group
 SORT_SOME, SORT_MOST = network(SOME, range(SOME)), network(MOST, range(MOST))
 JOINING = 10  # numbers for each lane, while neighbours are joined
 
-WIDE = (
-    *('wide8', 'wide20', 'wide60', 'densest', 'contrast'),
-    *('first_edge', 'longest', 'before', 'against', 'group'),
-    *('off20', 'flat20', 'off_flat20', 'off60', 'flat60', 'off_flat60'),
-    *('below20', 'above20', 'below60', 'above60'),
-    *('sunk20', 'raised20', 'sunk60', 'raised60', 'rare60', 'higher', 'under', 'over'),
-    *('first', 'near_odds', 'company8', 'company60'),
-)
-NAMES = (*NEAR, *WIDE)
-BEGIN, COUNT = len(NEAR), len(NAMES)
-PLANES, HEIGHTS, FIRST = BEGIN + 10, BEGIN + 16, BEGIN + 28
+BEGIN, COUNT, ROW = len(NEAR), len(NEAR) + len(FAR), rows(FAR, len(NEAR))
 
 
 class Far(NamedTuple):
@@ -120,7 +83,7 @@ class FarBuffers(NamedTuple):
 
     """
 
-    near: survey_near.NearBuffers
+    near: near_features.NearBuffers
     scale: Floats
     offset: Floats
     distance: Floats
@@ -135,7 +98,7 @@ def make_buffers() -> FarBuffers:
     """Allocate for points that are measured side by side."""
     lists = np.empty((3, MOST, LANES))
     return FarBuffers(
-        survey_near.make_buffers(),
+        near_features.make_buffers(),
         np.empty(LANES),
         np.empty((3, MOST, LANES)),
         *(lists[0], lists[1], lists[2]),
@@ -148,23 +111,23 @@ def write_far(far: Far, points: Ints, rows: Ints, buffers: FarBuffers, values: S
     """Write all features (COUNT, LANES) of points, whose neighbours are in these rows."""
     near, scale, count = far.near, buffers.scale, far.index.shape[1]
     some = min(SOME, count)
-    survey_near.write_near(near, points, buffers.near, values)
+    near_features.write_near(near, points, buffers.near, values)
     for lane in range(LANES):
         p, others = points[lane], far.index[rows[lane]]
         gather(near.xyz, near.radius, p, others, lane, buffers.offset, buffers.radii)
         _write_odds(far.odds, near.index[p], p, others, lane, values)
     measure(buffers.offset, count, buffers.distance)
     _write_distances(near, count, points, buffers, values)
-    _write_planes(some, PLANES, buffers, values)
-    _write_planes(count, PLANES + 3, buffers, values)
+    _write_planes(some, ROW.off20, buffers, values)
+    _write_planes(count, ROW.off60, buffers, values)
     z = buffers.offset[2]
-    write_heights(z, some, SORT_SOME, scale, HEIGHTS, HEIGHTS + 4, buffers.some, values)
-    write_heights(z, count, SORT_MOST, scale, HEIGHTS + 2, HEIGHTS + 6, buffers.work, values)
+    write_heights(z, some, SORT_SOME, scale, ROW.below20, ROW.sunk20, buffers.some, values)
+    write_heights(z, count, SORT_MOST, scale, ROW.below60, ROW.sunk60, buffers.work, values)
     _write_between(count, buffers, values)
     _write_group(count, buffers, values)
     for feature in range(BEGIN, COUNT):
         for lane in range(len(scale)):
-            values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
+            values[feature, lane] = min(max(values[feature, lane], -MOST_VALUE), MOST_VALUE)
 
 
 @inner_kernel
@@ -180,12 +143,12 @@ def _write_distances(
     for lane in range(len(scale)):
         s = scale[lane] = work[half, lane] + LEAST
         own = near.radius[points[lane]]
-        values[BEGIN, lane] = own / s
-        values[BEGIN + 1, lane] = distance[twentieth, lane] / s
-        values[BEGIN + 2, lane] = distance[count - 1, lane] / s
-        values[BEGIN + 3, lane] = own / (work[dense, lane] + LEAST)
-        values[BEGIN + 4, lane] = s / buffers.near.scale[lane]
-        values[HEIGHTS + 8, lane] = s / near.around.typical
+        values[ROW.wide8, lane] = own / s
+        values[ROW.wide20, lane] = distance[twentieth, lane] / s
+        values[ROW.wide60, lane] = distance[count - 1, lane] / s
+        values[ROW.densest, lane] = own / (work[dense, lane] + LEAST)
+        values[ROW.contrast, lane] = s / buffers.near.scale[lane]
+        values[ROW.rare60, lane] = s / near.around.typical
 
 
 @inner_kernel
@@ -216,10 +179,10 @@ def _write_group(count: int, buffers: FarBuffers, values: Singles) -> None:
             group[lane] = apart if edge > GAP * scale[lane] else group[lane]
         _take_out(offset, count - joined - 1, x, y, z, reach, best)
     for lane in range(len(scale)):
-        values[BEGIN + 5, lane] = first[lane] / scale[lane]
-        values[BEGIN + 6, lane] = longest[lane] / scale[lane]
-        values[BEGIN + 7, lane], values[BEGIN + 8, lane] = before[lane], against[lane]
-        values[BEGIN + 9, lane] = group[lane]
+        values[ROW.first_edge, lane] = first[lane] / scale[lane]
+        values[ROW.longest, lane] = longest[lane] / scale[lane]
+        values[ROW.before, lane], values[ROW.against, lane] = before[lane], against[lane]
+        values[ROW.group, lane] = group[lane]
 
 
 @inner_kernel
@@ -276,7 +239,7 @@ def _write_planes(count: int, row: int, buffers: FarBuffers, values: Singles) ->
 @inner_kernel
 def _write_between(count: int, buffers: FarBuffers, values: Singles) -> None:
     """Write how many neighbours are higher, and where the point is between opposite ones."""
-    offset, work, scale, row = buffers.offset, buffers.work, buffers.scale, HEIGHTS + 9
+    offset, work, scale = buffers.offset, buffers.work, buffers.scale
     higher, low, high = work[SOME], work[MOST - 2], work[MOST - 1]
     for lane in range(len(scale)):
         higher[lane] = 0.0
@@ -286,9 +249,9 @@ def _write_between(count: int, buffers: FarBuffers, values: Singles) -> None:
     write_between(offset, min(SOME, count), work)
     for lane in range(len(scale)):
         s = scale[lane]
-        values[row, lane] = higher[lane] / count
-        values[row + 1, lane] = low[lane] / s if low[lane] < np.inf else 0.0
-        values[row + 2, lane] = -high[lane] / s if high[lane] > -np.inf else 0.0
+        values[ROW.higher, lane] = higher[lane] / count
+        values[ROW.under, lane] = low[lane] / s if low[lane] < np.inf else 0.0
+        values[ROW.over, lane] = -high[lane] / s if high[lane] > -np.inf else 0.0
 
 
 @inner_kernel
@@ -302,5 +265,6 @@ def _write_odds(
         few += odds[nearest[m]] > 0
     for m in range(len(others)):
         many += odds[others[m]] > 0
-    values[FIRST, lane], values[FIRST + 1, lane] = odds[p], total / K
-    values[FIRST + 2, lane], values[FIRST + 3, lane] = few / K, many / len(others)
+    values[ROW.first, lane], values[ROW.near_odds, lane] = odds[p], total / K
+    values[ROW.rejected_neighbour_share8, lane] = few / K
+    values[ROW.rejected_neighbour_share60, lane] = many / len(others)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the window of a spinning sensor's point says of it: features, one number each.
+"""The features of a window in the scan pattern, see :mod:`.features`.
 
-Lengths are divided by what the beams are apart there: range × step along the ring, or × the angle
-to the next ring. :mod:`.pattern_window` says what a window is.
+Lengths are divided by the spacing of the beams: range × step along the ring, or × the angle to the
+next ring. :mod:`.window` defines windows.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
+from lidar_outlier_filter.core.detectors.boosted_trees.features import WINDOW, rows
+from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     BEFORE,
     BEHIND,
     DENSE,
@@ -35,76 +36,19 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
     THERE,
     ZERO,
     F,
-    gather,
-    look_from,
-    make_window,
 )
-from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
+from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Single, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
-        PatternWindow,
-        Prepared,
-    )
+    from lidar_outlier_filter.core.detectors.boosted_trees.window import PatternWindow
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
-FEATURES = (
-    'step',  # distance to the nearer return of the ring, beside it
-    'leap',  # to the farther
-    'along',  # least difference of the range from three predictions along the ring
-    'along_m',  # the same, metres
-    'between',  # difference from the prediction between both neighbours
-    'beside',  # distance to the nearest return of other rings
-    'across',  # least difference of the range from three predictions across the rings
-    'near3',  # mean distance to the three nearest of the window
-    'near5',
-    'near5_m',  # the same, metres
-    'before_own',  # share of the ring's returns that are nearer to the sensor
-    'behind_own',
-    'before_other',
-    'behind_other',
-    'level_own',  # share of all places, that are at the same range
-    'level_other',
-    'there_own',  # share of the places that have a return
-    'there_other',
-    'rough_own',  # how much ranges differ from predictions along the ring, around the point
-    'rough_other',
-    'range',
-    'glare',  # range² ÷ range of the background: what a particle must outshine
-    'depth',  # range ÷ that of the background
-    'dense',  # share of the window within 2 beams
-    'sparse',  # within 6 beams
-    'bright',  # intensity ÷ what is usual at the range; -1 where the cloud has none
-    'uneven',  # angle to the farther ring beside ÷ that to the nearer
-)
-COUNT = len(FEATURES)
+COUNT, ROW = len(WINDOW), rows(WINDOW)
 SAME = F(1.5)  # beams apart: still at one range
 THREE, FIVE = F(3.0), F(5.0)
 DENSE_SQUARE, SPARSE_SQUARE = F(4.0), F(36.0)  # beams apart, squared
 PLACES_OWN, PLACES_OTHER, PLACES = F(2 * OWN), F(SIZE - 2 * OWN), F(SIZE)
-
-
-@kernel
-def measure(prepared: Prepared, begin: int, end: int, out: Singles) -> None:
-    """Write the features of all points of lines begin to end: (COUNT, M)."""
-    pattern, window = prepared.pattern, make_window()
-    values = rows_of_singles(COUNT)
-    for line in range(begin, end):
-        for k in range(pattern.first[line], pattern.last[line], LANES):
-            look_from(k, window.places)
-            gather(prepared, line, window)
-            write_features(pattern, line, window, values)
-            copy_points(values, pattern.last[line] - k, out[:, k:])
-
-
-@apart_kernel
-def copy_points(values: Singles, count: int, out: Singles) -> None:
-    """Write the features of the first ``count`` lanes, or of all of them."""
-    for f in range(len(values)):
-        for lane in range(min(count, LANES)):
-            out[f, lane] = values[f, lane]
 
 
 @inlined_kernel
@@ -178,9 +122,9 @@ def _along(pattern: Pattern, line: int, window: PatternWindow, values: Singles) 
         after = _off(r, rb[lane], b, rd[lane], pd[lane], most)
         least = min(middle, before, after)
         unit = step + noise / r
-        values[2, lane] = min(least / unit, MOST)
-        values[3, lane] = min(least * r, MOST)
-        values[4, lane] = min(middle / unit, MOST)
+        values[ROW.along, lane] = min(least / unit, MOST)
+        values[ROW.along_m, lane] = min(least * r, MOST)
+        values[ROW.between, lane] = min(middle / unit, MOST)
 
 
 @apart_kernel
@@ -209,14 +153,14 @@ def _distances(pattern: Pattern, line: int, window: PatternWindow, values: Singl
         mine = reach[lane]
         own_unit, unit = mine * step + noise, mine * gap + apart
         a, b = np.sqrt(square[OWN - 1, lane]), np.sqrt(square[OWN, lane])
-        values[0, lane] = min(min(a, b) / own_unit, MOST)
-        values[1, lane] = min(max(a, b) / own_unit, MOST)
-        values[5, lane] = min(np.sqrt(sums[NEAREST_OTHER, lane]) / unit, MOST)
+        values[ROW.step, lane] = min(min(a, b) / own_unit, MOST)
+        values[ROW.leap, lane] = min(max(a, b) / own_unit, MOST)
+        values[ROW.beside, lane] = min(np.sqrt(sums[NEAREST_OTHER, lane]) / unit, MOST)
         three = np.sqrt(best[0, lane]) + np.sqrt(best[1, lane]) + np.sqrt(best[2, lane])
         five = three + np.sqrt(best[3, lane]) + np.sqrt(best[4, lane])
-        values[7, lane] = min(three / (THREE * unit), MOST)
-        values[8, lane] = min(five / (FIVE * unit), MOST)
-        values[9, lane] = min(five / FIVE, MOST)
+        values[ROW.near3, lane] = min(three / (THREE * unit), MOST)
+        values[ROW.near5, lane] = min(five / (FIVE * unit), MOST)
+        values[ROW.near5_m, lane] = min(five / FIVE, MOST)
 
 
 @apart_kernel
@@ -225,18 +169,20 @@ def _shares(window: PatternWindow, values: Singles) -> None:
     sums = window.sums
     for lane in range(width(values)):
         own, others = max(sums[THERE, lane], ONE), max(sums[THERE + 1, lane], ONE)
-        values[10, lane] = sums[BEFORE, lane] / own
-        values[11, lane] = sums[BEHIND, lane] / own
-        values[12, lane] = sums[BEFORE + 1, lane] / others
-        values[13, lane] = sums[BEHIND + 1, lane] / others
-        values[14, lane] = sums[LEVEL, lane] / PLACES_OWN
-        values[15, lane] = sums[LEVEL + 1, lane] / PLACES_OTHER
-        values[16, lane] = sums[THERE, lane] / PLACES_OWN
-        values[17, lane] = sums[THERE + 1, lane] / PLACES_OTHER
-        values[18, lane] = sums[ROUGH, lane] / max(sums[ROUGH_COUNT, lane], ONE)
-        values[19, lane] = sums[ROUGH + 1, lane] / max(sums[ROUGH_COUNT + 1, lane], ONE)
-        values[23, lane] = sums[DENSE, lane] / PLACES
-        values[24, lane] = sums[SPARSE, lane] / PLACES
+        values[ROW.before_own, lane] = sums[BEFORE, lane] / own
+        values[ROW.behind_own, lane] = sums[BEHIND, lane] / own
+        values[ROW.before_other, lane] = sums[BEFORE + 1, lane] / others
+        values[ROW.behind_other, lane] = sums[BEHIND + 1, lane] / others
+        values[ROW.level_own, lane] = sums[LEVEL, lane] / PLACES_OWN
+        values[ROW.level_other, lane] = sums[LEVEL + 1, lane] / PLACES_OTHER
+        values[ROW.there_own, lane] = sums[THERE, lane] / PLACES_OWN
+        values[ROW.there_other, lane] = sums[THERE + 1, lane] / PLACES_OTHER
+        values[ROW.rough_own, lane] = sums[ROUGH, lane] / max(sums[ROUGH_COUNT, lane], ONE)
+        values[ROW.rough_other, lane] = sums[ROUGH + 1, lane] / max(
+            sums[ROUGH_COUNT + 1, lane], ONE
+        )
+        values[ROW.dense, lane] = sums[DENSE, lane] / PLACES
+        values[ROW.sparse, lane] = sums[SPARSE, lane] / PLACES
 
 
 @apart_kernel
@@ -249,11 +195,11 @@ def _ranges(pattern: Pattern, line: int, window: PatternWindow, values: Singles)
     low, high = beside[1] / (beside[0] - beside[1]), beside[2] / (beside[3] - beside[2])
     for lane in range(width(values)):
         mine, farthest = reach[lane], sums[FARTHEST, lane]
-        values[20, lane] = mine
-        values[21, lane] = mine * mine / farthest
-        values[22, lane] = mine / farthest
-        values[25, lane] = bright[lane]
-        values[26, lane] = uneven
+        values[ROW.range, lane] = mine
+        values[ROW.range_ratio_glare, lane] = mine * mine / farthest
+        values[ROW.depth, lane] = mine / farthest
+        values[ROW.bright, lane] = bright[lane]
+        values[ROW.uneven, lane] = uneven
         # Of a plane, the inverse range is straight across the rings; below 0 it is unknown.
         a, b, c, d = inverse[0, lane], inverse[1, lane], inverse[2, lane], inverse[3, lane]
         between = abs(ONE - mine * ((ONE - part) * b + part * c))
@@ -262,4 +208,4 @@ def _ranges(pattern: Pattern, line: int, window: PatternWindow, values: Singles)
         below = below if (a > ZERO) & (b > ZERO) else MOST
         above = abs(ONE - mine * ((ONE + high) * c - high * d)) / (ONE + high)
         above = above if (c > ZERO) & (d > ZERO) else MOST
-        values[6, lane] = min(min(between, below, above) / (gap + noise / mine), MOST)
+        values[ROW.across, lane] = min(min(between, below, above) / (gap + noise / mine), MOST)

@@ -14,17 +14,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.models import SURVEY_MODEL, load
-from lidar_outlier_filter.core.detectors.boosted_trees.survey import far as survey_far
-from lidar_outlier_filter.core.detectors.boosted_trees.survey import near as survey_near
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.far import MOST, Far, write_far
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.lanes import add_farthest
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.near import (
+from lidar_outlier_filter.core.detectors.boosted_trees import far_features, near_features
+from lidar_outlier_filter.core.detectors.boosted_trees.far_features import MOST, Far, write_far
+from lidar_outlier_filter.core.detectors.boosted_trees.near_features import (
     Near,
-    write_leads,
     write_near,
+    write_reach_bounds,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_lanes
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_lanes import add_farthest
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    LEAST_LOG_ODDS,
+    SURVEY_MODEL,
+    Trees,
+    add_lanes,
+    load,
+)
 from lidar_outlier_filter.core.detectors.distances import squared_k_distances
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
@@ -37,8 +41,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.neighbours.floor import Floor
 
 AT_ONCE = 128 * LANES  # points that a thread takes at once
-LEADS = 8  # points: of one of so many, how far it leads is found first
-LEAST = -8.0  # log-odds that make a score of 0
+BOUNDS = 8  # points: of one of so many, the reach bound is found first
 
 
 def measure(
@@ -106,8 +109,8 @@ def _measure(hood: Neighbourhood, around: Floor, wanted: Bools | None) -> tuple[
 
 def score(odds: Floats, threshold: float) -> Floats:
     """Return scores from 0, more than 1 where rejected; ``threshold`` is the user's, 1 usually."""
-    scores: Floats = np.maximum(odds - LEAST, 0.0) / (
-        threshold * (load(SURVEY_MODEL).threshold - LEAST)
+    scores: Floats = np.maximum(odds - LEAST_LOG_ODDS, 0.0) / (
+        threshold * (load(SURVEY_MODEL).threshold - LEAST_LOG_ODDS)
     )
     return scores
 
@@ -116,9 +119,11 @@ def neighbours(hood: Neighbourhood, around: Floor) -> Near:
     """Find the eight nearest neighbours of more than eight points."""
     radius, unknown = np.sqrt(squared_k_distances(hood, K)), np.full(len(hood), np.nan)
     near = Near(hood.xyz, hood.nearest(K).index, radius, around, unknown)
-    some, lead = np.flatnonzero(numbers(hood.xyz) % LEADS == 0), unknown.copy()
-    pool.run(lambda i, j: write_leads(near, some[i:j], lead), len(some), AT_ONCE, hood.threads)
-    return near._replace(lead=lead)
+    some, bound = np.flatnonzero(numbers(hood.xyz) % BOUNDS == 0), unknown.copy()
+    pool.run(
+        lambda i, j: write_reach_bounds(near, some[i:j], bound), len(some), AT_ONCE, hood.threads
+    )
+    return near._replace(reach_bound=bound)
 
 
 def first_odds(near: Near, trees: Trees, threads: int = 0) -> tuple[Singles, Floats]:
@@ -146,8 +151,8 @@ def second_odds(
 
 @kernel
 def _first(near: Near, trees: Trees, begin: int, end: int, odds: Singles, extent: Floats) -> None:
-    buffers, points = survey_near.make_buffers(), np.empty(LANES, np.int64)
-    values, total = np.empty((survey_near.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    buffers, points = near_features.make_buffers(), np.empty(LANES, np.int64)
+    values, total = np.empty((near_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     for start in range(begin, end, LANES):
         for lane in range(LANES):
             points[lane] = min(start + lane, end - 1)
@@ -169,9 +174,9 @@ def _again(
     odds: Singles,
     wide: Floats,
 ) -> None:
-    buffers = survey_far.make_buffers()
+    buffers = far_features.make_buffers()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
-    values, total = np.empty((survey_far.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
+    values, total = np.empty((far_features.COUNT, LANES), np.float32), np.empty(LANES, np.float32)
     farthest, count = np.empty(LANES), far.index.shape[1]
     for start in range(begin, end, LANES):
         for lane in range(LANES):
@@ -188,11 +193,25 @@ def _again(
             wide[start + lane] = max(extent[points[lane]], farthest[lane])
 
 
+def near_values(near: Near, which: Ints) -> Singles:
+    """Return the features (COUNT, M) of points for the first trees."""
+    values = np.empty((near_features.COUNT, len(which)), np.float32)
+    _measure_near(near, which, values)
+    return values
+
+
+def far_values(far: Far, which: Ints) -> Singles:
+    """Return the features (COUNT, M) of points for the second trees."""
+    values = np.empty((far_features.COUNT, len(which)), np.float32)
+    _measure_far(far, which, values)
+    return values
+
+
 @kernel
-def measure_near(near: Near, which: Ints, result: Singles) -> None:
+def _measure_near(near: Near, which: Ints, result: Singles) -> None:
     """Write the features (COUNT, M) of some points that the first trees see."""
-    buffers, points = survey_near.make_buffers(), np.empty(LANES, np.int64)
-    values = np.empty((survey_near.COUNT, LANES), np.float32)
+    buffers, points = near_features.make_buffers(), np.empty(LANES, np.int64)
+    values = np.empty((near_features.COUNT, LANES), np.float32)
     for start in range(0, len(which), LANES):
         for lane in range(LANES):
             points[lane] = which[min(start + lane, len(which) - 1)]
@@ -202,11 +221,11 @@ def measure_near(near: Near, which: Ints, result: Singles) -> None:
 
 
 @kernel
-def measure_far(far: Far, which: Ints, result: Singles) -> None:
+def _measure_far(far: Far, which: Ints, result: Singles) -> None:
     """Write the features (COUNT, M) of some points that the second trees see."""
-    buffers = survey_far.make_buffers()
+    buffers = far_features.make_buffers()
     points, rows = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
-    values = np.empty((survey_far.COUNT, LANES), np.float32)
+    values = np.empty((far_features.COUNT, LANES), np.float32)
     for start in range(0, len(which), LANES):
         for lane in range(LANES):
             rows[lane] = min(start + lane, len(which) - 1)

@@ -1,43 +1,9 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Features of a point among its eight nearest neighbours, without scan lines.
+"""The features of a point among its eight nearest neighbours, see :mod:`.features`.
 
 All lengths are divided by the local scale s, the median distance of those neighbours to their own
 eighth: so features have no unit, and follow the density. z is expected to point up.
-
-``near1``, ``near3``, ``near8``
-    Distance to the nearest neighbour, mean of the three nearest, distance to the eighth, ÷ s.
-``denser``
-    Distance to the eighth ÷ the least of the neighbours' distances to theirs.
-``sparser``
-    The greatest of the neighbours' distances to their eighth ÷ s.
-``jump``, ``jump_at``
-    Greatest ratio of the distances to a neighbour and to the one before; neighbours before it.
-``listed``
-    How many of the neighbours are at least as far from their own eighth as from the point.
-``steps2``
-    How many other points two steps reach, each to one of the eight nearest.
-``closed``
-    How many points any number of such steps reach, with the point itself; 61 stands for all larger
-    numbers. Fewer are a group that is apart from all else, however even it is in itself.
-``off``, ``flat``, ``off_flat``
-    Distance from the plane through the neighbours, and their standard deviation from it, ÷ s; the
-    first ÷ the second and a hundredth of s.
-``thin``
-    Standard deviations of the neighbours across and along the plane's longest direction: a ratio.
-``aside``
-    Distance of the neighbours' mean from the point, ÷ their root mean square distance from it.
-``level``
-    Size of the vertical part of the plane's normal.
-``below``, ``above``
-    How far the point is below its lowest, and above its highest neighbour, ÷ s.
-``sunk``, ``raised``
-    The same, ÷ how far the third lowest is above the lowest, or the third highest below the
-    highest, and a fiftieth of s.
-``rare``
-    Distance to the eighth neighbour ÷ the typical one in the whole cloud.
-
-Behind these come the features of the :mod:`lidar_outlier_filter.core.neighbours.floor`.
 """
 
 from __future__ import annotations
@@ -46,7 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.survey.lanes import (
+from lidar_outlier_filter.core.detectors.boosted_trees.features import NEAR, rows
+from lidar_outlier_filter.core.detectors.boosted_trees.neighbour_lanes import (
     NARROW,
     add_moments,
     aside,
@@ -62,7 +29,6 @@ from lidar_outlier_filter.core.kernels.eigen import (
 )
 from lidar_outlier_filter.core.kernels.kernels import inner_kernel, kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, network, sort
-from lidar_outlier_filter.core.neighbours.floor import NAMES as FLOOR
 from lidar_outlier_filter.core.neighbours.floor import write_depth
 from lidar_outlier_filter.core.neighbours.places import LEAST, K
 
@@ -74,18 +40,12 @@ FEW = 3  # of them
 SMOOTH = 0.01  # of s: less is not expected of any surface
 TABLE = 1024  # slots for the points that two steps reach, a power of 2: few of them meet
 MARK = 1 << 32  # more than there are points
-CLOSED = 61  # points: so many are no group
-ROOM = CLOSED + 1 + K + K * K  # points that are found before the steps end, at most
+LARGEST_COMPONENT = 61  # points: so many are no group
+ROOM = LARGEST_COMPONENT + 1 + K + K * K  # points that are found before the steps end, at most
 FAR = 1e6  # features are at most so large
 SORT = network(K, range(K))
 
-NEAR = (
-    *('near1', 'near3', 'near8', 'denser', 'sparser', 'jump', 'jump_at', 'listed', 'steps2'),
-    *('off', 'flat', 'off_flat', 'thin', 'aside', 'level', 'below', 'above'),
-    *('sunk', 'raised', 'rare', 'closed'),
-    *FLOOR,
-)
-COUNT, DEPTH = len(NEAR), len(NEAR) - len(FLOOR)
+COUNT, ROW = len(NEAR), rows(NEAR)
 
 
 class Near(NamedTuple):
@@ -100,9 +60,9 @@ class Near(NamedTuple):
         Distance to the eighth, metres.
     around : Floor
         What the whole cloud is like.
-    lead : (N,) float64
-        Of some points, which :func:`write_leads` looked at, that lead to more than sixty: how far
-        what was looked at may be, metres. NaN of all others.
+    reach_bound : (N,) float64
+        Of some points in large components: how far what :func:`write_reach_bounds` looked at may
+        be, metres. NaN of all others.
 
     """
 
@@ -110,7 +70,7 @@ class Near(NamedTuple):
     index: Index  # type: ignore[assignment]  # nobody misses that of tuples
     radius: Floats
     around: Floor
-    lead: Floats
+    reach_bound: Floats
 
 
 class NearBuffers(NamedTuple):
@@ -164,23 +124,23 @@ def make_buffers() -> NearBuffers:
 
 
 @kernel
-def write_leads(near: Near, looked_at: Ints, lead: Floats) -> None:
+def write_reach_bounds(near: Near, looked_at: Ints, reach_bound: Floats) -> None:
     """Write how far what leads from some points to more than sixty others may be, where it does.
 
     Parameters
     ----------
-    near : without any lead
+    near : without any bound
     looked_at : (M,) int64
         The points.
-    lead : (N,) float64
+    reach_bound : (N,) float64
         Is written where there is one.
 
     """
     buffers = make_buffers()
     for p in looked_at:
-        _, closed = _count_steps(near, p, 0, buffers)
-        if closed == CLOSED:
-            lead[p] = buffers.extent[0]
+        _, size = _count_steps(near, p, 0, buffers)
+        if size == LARGEST_COMPONENT:
+            reach_bound[p] = buffers.extent[0]
 
 
 @inner_kernel
@@ -189,25 +149,28 @@ def write_near(near: Near, points: Ints, buffers: NearBuffers, values: Singles) 
     for lane in range(LANES):
         p = points[lane]
         gather(near.xyz, near.radius, p, near.index[p], lane, buffers.offset, buffers.radii)
-        values[8, lane], values[20, lane] = _count_steps(near, p, lane, buffers)
-        values[19, lane] = near.radius[p] / near.around.typical
+        values[ROW.steps2, lane], values[ROW.component_size, lane] = _count_steps(
+            near, p, lane, buffers
+        )
+        values[ROW.rare, lane] = near.radius[p] / near.around.typical
         x, y, z = near.xyz[p, 0], near.xyz[p, 1], near.xyz[p, 2]
-        write_depth(near.around, x, y, z, DEPTH, lane, values)
+        write_depth(near.around, x, y, z, ROW.deep, lane, values)
     measure(buffers.offset, K, buffers.distance)
     _write_distances(buffers, values)
-    write_heights(buffers.offset[2], K, SORT, buffers.scale, 15, 17, buffers.work, values)
+    scale, work = buffers.scale, buffers.work
+    write_heights(buffers.offset[2], K, SORT, scale, ROW.below, ROW.sunk, work, values)
     add_moments(buffers.offset, K, buffers.moment, buffers.mean)
     eigenvalues(buffers.moment, buffers.value)
     eigenvectors(buffers.moment, buffers.value, NARROW, buffers.vector)
     for lane in range(len(buffers.scale)):
         s = buffers.scale[lane]
         off, flat = off_plane(buffers.mean, buffers.value, buffers.vector, lane)
-        values[9, lane], values[10, lane] = off / s, flat / s
-        values[11, lane] = off / (flat + SMOOTH * s)
+        values[ROW.off, lane], values[ROW.flat, lane] = off / s, flat / s
+        values[ROW.off_flat, lane] = off / (flat + SMOOTH * s)
         along = np.sqrt(max(buffers.value[2, lane], 0.0))
-        values[12, lane] = np.sqrt(max(buffers.value[1, lane], 0.0)) / (along + LEAST)
-        values[13, lane] = aside(buffers.moment, buffers.mean, lane)
-        values[14, lane] = abs(buffers.vector[2, lane])
+        values[ROW.thin, lane] = np.sqrt(max(buffers.value[1, lane], 0.0)) / (along + LEAST)
+        values[ROW.aside, lane] = aside(buffers.moment, buffers.mean, lane)
+        values[ROW.level, lane] = abs(buffers.vector[2, lane])
     for feature in range(COUNT):
         for lane in range(len(buffers.scale)):
             values[feature, lane] = min(max(values[feature, lane], -FAR), FAR)
@@ -224,9 +187,9 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
         s = scale[lane] = (work[half - 1, lane] + work[half, lane]) / 2 + LEAST
         least, most = work[0, lane], work[K - 1, lane]
         first, eighth = distance[0, lane], distance[K - 1, lane]
-        values[0, lane], values[2, lane] = first / s, eighth / s
-        values[1, lane] = (first + distance[1, lane] + distance[2, lane]) / (FEW * s)
-        values[3, lane], values[4, lane] = eighth / (least + LEAST), most / s
+        values[ROW.near1, lane], values[ROW.near8, lane] = first / s, eighth / s
+        values[ROW.near3, lane] = (first + distance[1, lane] + distance[2, lane]) / (FEW * s)
+        values[ROW.denser, lane], values[ROW.sparser, lane] = eighth / (least + LEAST), most / s
     jump, jump_at, listed = work[0], work[1], work[2]
     for lane in range(len(scale)):
         jump[lane], jump_at[lane] = 1.0, 0.0
@@ -238,8 +201,8 @@ def _write_distances(buffers: NearBuffers, values: Singles) -> None:
             jump[lane] = max(jump[lane], ratio)
             listed[lane] += distance[m, lane] <= radii[m, lane]
     for lane in range(len(scale)):
-        values[5, lane], values[6, lane] = jump[lane], jump_at[lane]
-        values[7, lane] = listed[lane]
+        values[ROW.jump, lane], values[ROW.jump_at, lane] = jump[lane], jump_at[lane]
+        values[ROW.listed, lane] = listed[lane]
 
 
 @inner_kernel
@@ -262,16 +225,16 @@ def _count_steps(near: Near, p: int, lane: int, buffers: NearBuffers) -> tuple[i
     # What leads to a point leads to all that this one leads to.
     for i in range(count):
         o = reached[i]
-        if not np.isnan(near.lead[o]):
-            covered = _distance(near.xyz, p, o) + near.lead[o]
+        if not np.isnan(near.reach_bound[o]):
+            covered = _distance(near.xyz, p, o) + near.reach_bound[o]
             buffers.extent[lane] = max(buffers.extent[lane], covered)
-            return two, CLOSED
-    while begin < at and count < CLOSED:
+            return two, LARGEST_COMPONENT
+    while begin < at and count < LARGEST_COMPONENT:
         at -= 1
         count = _step(near, p, reached[at], count, mark, lane, buffers)
         if at == begin:
             begin, end, at = end, count, count
-    return two, min(count, CLOSED)
+    return two, min(count, LARGEST_COMPONENT)
 
 
 @inner_kernel

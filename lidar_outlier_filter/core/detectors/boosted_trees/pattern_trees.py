@@ -4,7 +4,7 @@
 
 The first pass has the features of each point's window alone. The second pass judges the points that
 are not clearly good. It has also the scores of the first pass around them, and how many points have
-high ones. The trees were trained; :mod:`.pattern_model` says on what.
+high ones. The model files say what the trees were trained on.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.explain.reasons import strongest_of_trees
-from lidar_outlier_filter.core.detectors.boosted_trees.models import (
-    PATTERN_MODEL,
-    PROFILE_MODEL,
-    load,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.profile_groups import find_groups
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.scores import (
-    FirstPass,
-    count_scores,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.values import (
+from lidar_outlier_filter.core.detectors.boosted_trees.pattern_values import (
     make_pattern_room,
+    no_first_pass,
     write_values,
 )
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import Prepared, prepare
-from lidar_outlier_filter.core.detectors.boosted_trees.trees import Trees, add_lanes
+from lidar_outlier_filter.core.detectors.boosted_trees.profile_groups import find_groups
+from lidar_outlier_filter.core.detectors.boosted_trees.reasons import strongest_of_trees
+from lidar_outlier_filter.core.detectors.boosted_trees.second_pass import FirstPass, count_scores
+from lidar_outlier_filter.core.detectors.boosted_trees.trees import (
+    LEAST_LOG_ODDS,
+    PATTERN_MODEL,
+    PROFILE_MODEL,
+    Trees,
+    add_lanes,
+    load,
+)
+from lidar_outlier_filter.core.detectors.boosted_trees.window import Prepared, prepare
 from lidar_outlier_filter.core.kernels import threads as pool
 from lidar_outlier_filter.core.kernels.kernels import kernel
 from lidar_outlier_filter.core.kernels.lanes import LANES, fill
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Bools, Bytes, Floats, Singles
     from lidar_outlier_filter.core.points.points import Points
 
-LEAST = -8.0  # log-odds that make a score of 0
+UNSORTED = 0.8  # share of the steps along rings that go the way the head turns, at least
 
 
 class FoundPattern(NamedTuple):
@@ -78,9 +78,9 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
     # the three fits. The frame of points that others may have moved is sought last, as it takes
     # longest.
     recovered = points.ring is not None
+    # Azimuths are known in the sensor's own frame only.
+    turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
     if sensor != 'profile':
-        # Azimuths are known in the sensor's own frame only.
-        turned, spins = as_turn(points).in_own_frame, recovered or sensor == 'spinning'
         pattern = find_pattern(turned, threads, spins=spins)
         if pattern is not None:
             return FoundPattern(pattern, profile=False)
@@ -88,12 +88,16 @@ def find_either(points: Points, sensor: str, threads: int = 0) -> FoundPattern |
         pattern = find_profile_pattern(points, threads)
         if pattern is not None:
             return FoundPattern(pattern, profile=True)
-    if sensor != 'profile' and points.own is None and not recovered:
+    if sensor == 'profile':
+        return None
+    pattern = None
+    if points.own is None and not recovered:
         moved = find_own_frame(points)
         pattern = None if moved is None else find_pattern(moved.in_own_frame, threads)
-        if pattern is not None:
-            return FoundPattern(pattern, profile=False)
-    return None
+    if pattern is None:
+        # Rows of a range image, whose azimuths are not sorted.
+        pattern = find_pattern(turned, threads, spins=spins, steady=UNSORTED)
+    return None if pattern is None else FoundPattern(pattern, profile=False)
 
 
 def judge(
@@ -121,13 +125,13 @@ def judge(
 
     """
     model = load(PROFILE_MODEL if profile else PATTERN_MODEL)
-    prepared = prepare(pattern, threads)
-    if profile:
-        groups = find_groups(pattern, prepared.near, threads)
-        prepared = prepared._replace(groups=groups)
+    prepared = prepare_all(FoundPattern(pattern, profile), threads)
     first = first_pass(prepared, model.first, threads)
     odds = second_pass(prepared, first, model.again, model.doubtful, threads)
-    limit = threshold * (model.threshold - LEAST), threshold * (model.threshold_bright - LEAST)
+    limit = (
+        threshold * (model.threshold - LEAST_LOG_ODDS),
+        threshold * (model.threshold_bright - LEAST_LOG_ODDS),
+    )
     score, rejected = np.empty(count_points(pattern)), np.zeros(len(odds), np.bool_)
     pool.run(
         lambda i, j: _scale(pattern, odds, limit, i, j, score, rejected),
@@ -142,14 +146,20 @@ def judge(
     return score
 
 
+def prepare_all(found: FoundPattern, threads: int = 0) -> Prepared:
+    """Compute what the windows of a pattern share, and the groups of a profile scanner."""
+    prepared = prepare(found.pattern, threads)
+    if not found.profile:
+        return prepared
+    return prepared._replace(groups=find_groups(found.pattern, prepared.near, threads))
+
+
 def first_pass(prepared: Prepared, trees: Trees, threads: int = 0) -> FirstPass:
     """Give each place its log-odds; those of places without a point are 0."""
     pattern = prepared.pattern
-    places, unknown = len(pattern.order), np.empty(0, np.float32)
+    places = len(pattern.order)
     score, all_of_them = np.zeros(places, np.float32), np.ones(places, np.bool_)
-    # There are no scores that anybody looks at.
-    nothing = FirstPass(unknown, np.empty(0, np.int32), unknown, 0.0)
-    profile, second = prepared.profile, False
+    profile, second, nothing = prepared.profile, False, no_first_pass()
     pool.run(
         lambda i, j: _judge(prepared, profile, nothing, second, all_of_them, trees, i, j, score),
         len(pattern.first),
@@ -214,13 +224,13 @@ def _scale(
 ) -> None:
     """Write the scores of the points of lines begin to end, as given, and which are rejected.
 
-    Log-odds of ``limit`` above ``LEAST`` make a score of 1: without a brightness, and with one.
+    Log-odds of ``limit`` above the least make a score of 1: without a brightness, and with one.
     """
     order, bright = pattern.order, pattern.bright
     dark_limit, bright_limit = limit
     for line in range(begin, end):
         for k in range(pattern.first[line], pattern.last[line]):
             most = bright_limit if bright[k] >= 0 else dark_limit
-            value = max(float(odds[k]) - LEAST, 0.0) / most
+            value = max(float(odds[k]) - LEAST_LOG_ODDS, 0.0) / most
             score[order[k]] = value
             rejected[k] = value > 1

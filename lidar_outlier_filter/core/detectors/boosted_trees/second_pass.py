@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Features of the second pass: those of the window, and scores of the first pass around it."""
+"""The features of the second pass: log-odds of the first pass around a point."""
 
 from __future__ import annotations
 
@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.features import (
-    COUNT,
-    copy_points,
-    level_within,
-    width,
-    write_features,
-)
-from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
+from lidar_outlier_filter.core.detectors.boosted_trees.features import SECOND_PASS, rows
+from lidar_outlier_filter.core.detectors.boosted_trees.window import (
     AROUND,
     FAR,
     ONE,
@@ -27,37 +21,24 @@ from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
     TWO,
     ZERO,
     F,
-    gather,
-    look_from,
-    make_window,
     offset_of,
 )
+from lidar_outlier_filter.core.detectors.boosted_trees.window_features import (
+    COUNT,
+    level_within,
+    width,
+)
 from lidar_outlier_filter.core.kernels.kernels import apart_kernel, inlined_kernel, kernel
-from lidar_outlier_filter.core.kernels.lanes import LANES, rows_of_singles
 from lidar_outlier_filter.core.scan_pattern.placed_pattern import STRETCH
 
 if TYPE_CHECKING:
     from lidar_outlier_filter.annotations import Index, Ints, Single, Singles
-    from lidar_outlier_filter.core.detectors.boosted_trees.pattern.window import (
+    from lidar_outlier_filter.core.detectors.boosted_trees.window import (
         PatternWindow,
-        Prepared,
     )
     from lidar_outlier_filter.core.scan_pattern.placed_pattern import Pattern
 
-AGAIN = (
-    'first',  # score of the first pass, -4 to 4
-    'first_own',  # mean of those of the ring's returns
-    'first_other',  # of other rings'
-    'first_close',  # of all, the closer the more weight
-    'first_level',  # of those at the same range; -5 for none
-    'first_behind',  # of those farther from the sensor; -5 for none
-    'first_before',
-    'wide_own',  # share of a longer stretch of the ring whose score is above 0
-    'wide_other',  # the same of other rings
-    'share',  # of all points seen together
-    'share_range',  # of those of them that are as far from the sensor
-)
-COUNT_AGAIN = COUNT + len(AGAIN)
+ROW = rows(SECOND_PASS, COUNT)
 CLIP = F(4.0)
 UNKNOWN = F(-5.0)
 PLACES_WIDE = F(2 * STRETCH + 1)  # of the longer stretch
@@ -114,20 +95,6 @@ def count_scores(pattern: Pattern, score: Singles) -> FirstPass:
     return FirstPass(score, before, share, float(np.float32(outliers / max(points, 1))))
 
 
-@kernel
-def measure_again(prepared: Prepared, first: FirstPass, begin: int, end: int, out: Singles) -> None:
-    """Write the features of all points of lines begin to end: (COUNT_AGAIN, M)."""
-    pattern, window = prepared.pattern, make_window()
-    values = rows_of_singles(COUNT_AGAIN)
-    for line in range(begin, end):
-        for k in range(pattern.first[line], pattern.last[line], LANES):
-            look_from(k, window.places)
-            gather(prepared, line, window)
-            write_features(pattern, line, window, values)
-            write_scores(prepared.pattern, first, line, window, values)
-            copy_points(values, pattern.last[line] - k, out[:, k:])
-
-
 @inlined_kernel
 def write_scores(
     pattern: Pattern, first: FirstPass, line: int, window: PatternWindow, values: Singles
@@ -140,13 +107,15 @@ def write_scores(
     _sum_scores(pattern, first.score, line, window, total)
     for lane in range(width(values)):
         score = first.score[places[lane]]
-        values[COUNT, lane] = min(max(score, -CLIP), CLIP)
-        values[COUNT + 1, lane] = _mean(total[OWN_SCORE, lane], total[OWN_WEIGHT, lane])
-        values[COUNT + 2, lane] = _mean(total[OWN_SCORE + 1, lane], total[OWN_WEIGHT + 1, lane])
-        values[COUNT + 3, lane] = _mean(total[CLOSE, lane], total[CLOSE + 1, lane])
-        values[COUNT + 4, lane] = _mean(total[LEVEL, lane], total[LEVEL + 1, lane])
-        values[COUNT + 5, lane] = _mean(total[BEHIND, lane], total[BEHIND + 1, lane])
-        values[COUNT + 6, lane] = _mean(total[BEFORE, lane], total[BEFORE + 1, lane])
+        values[ROW.first, lane] = min(max(score, -CLIP), CLIP)
+        values[ROW.first_own, lane] = _mean(total[OWN_SCORE, lane], total[OWN_WEIGHT, lane])
+        values[ROW.first_other, lane] = _mean(
+            total[OWN_SCORE + 1, lane], total[OWN_WEIGHT + 1, lane]
+        )
+        values[ROW.first_close, lane] = _mean(total[CLOSE, lane], total[CLOSE + 1, lane])
+        values[ROW.first_level, lane] = _mean(total[LEVEL, lane], total[LEVEL + 1, lane])
+        values[ROW.first_behind, lane] = _mean(total[BEHIND, lane], total[BEHIND + 1, lane])
+        values[ROW.first_before, lane] = _mean(total[BEFORE, lane], total[BEFORE + 1, lane])
     _write_shares(window.others, first, places, values)
 
 
@@ -203,16 +172,16 @@ def _mean(total: Single, count: Single) -> Single:
 @apart_kernel
 def _write_shares(others: Ints, first: FirstPass, places: Ints, values: Singles) -> None:
     """Write the shares of points with a score above 0."""
-    before, share, row = first.before, first.share, COUNT + 7
+    before, share = first.before, first.share
     for lane in range(width(values)):
         k = places[lane]
         some = before[k + STRETCH + 1] - before[k - STRETCH]
-        values[row, lane] = np.float32(some) / PLACES_WIDE
-        values[row + 1, lane] = ZERO
-        values[row + 2, lane] = first.whole
-        values[row + 3, lane] = share[k]
+        values[ROW.wide_own, lane] = np.float32(some) / PLACES_WIDE
+        values[ROW.wide_other, lane] = ZERO
+        values[ROW.share, lane] = first.whole
+        values[ROW.share_range, lane] = share[k]
     for ring in range(len(others)):
         for lane in range(len(places)):
             j = max(others[ring, lane], STRETCH)
             some = before[j + STRETCH + 1] - before[j - STRETCH]
-            values[row + 1, lane] += np.float32(some) / (PLACES_WIDE * np.float32(2 * RINGS))
+            values[ROW.wide_other, lane] += np.float32(some) / (PLACES_WIDE * np.float32(2 * RINGS))

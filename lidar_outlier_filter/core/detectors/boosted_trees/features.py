@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The features of all models: their names, what each means, and the rows that kernels write.
+
+A model file names the features that its trees ask about. A feature keeps its name as long as its
+values are the same.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+# Of the window in the scan pattern. Lengths are divided by the spacing of the beams at that range.
+WINDOW = {
+    'step': 'gap to the nearer neighbour on its scan line',
+    'leap': 'gap to the farther neighbour on its scan line',
+    'along': 'how far it leaves the course of its scan line',
+    'along_m': 'how far it leaves the course of its scan line, metres',
+    'between': 'how far it is off the line between its two neighbours',
+    'beside': 'gap to the nearest point on other scan lines',
+    'across': 'how far it leaves the course across the scan lines',
+    'near3': 'mean distance to the 3 nearest points, for its range',
+    'near5': 'mean distance to the 5 nearest points, for its range',
+    'near5_m': 'mean distance to the 5 nearest points, metres',
+    'before_own': 'share of its scan line beside it that is nearer',
+    'behind_own': 'share of its scan line beside it that is farther',
+    'before_other': 'share of the scan lines beside it that is nearer',
+    'behind_other': 'share of the scan lines beside it that is farther',
+    'level_own': 'share of its scan line beside it at the same range',
+    'level_other': 'share of the scan lines beside it at the same range',
+    'there_own': 'share of the beams beside it, on its line, that hit',
+    'there_other': 'share of the beams beside it, on other lines, that hit',
+    'rough_own': 'how rough its scan line is around it',
+    'rough_other': 'how rough the scan lines beside it are',
+    'range': 'distance from the sensor',
+    'range_ratio_glare': 'range² ÷ background range: a particle there must outshine it',
+    'depth': 'its range ÷ the range of the background',
+    'dense': 'share of the beams around it that hit within 2 beam spacings',
+    'sparse': 'share of the beams around it that hit within 6 beam spacings',
+    'bright': 'intensity ÷ usual intensity at its range; -1: unknown',
+    'uneven': 'how unevenly the scan lines beside it are spaced',
+}
+# Of profile scanners besides: predictions by opposite returns, and the free group of a point.
+PROFILE = {
+    'middle': 'median deviation from the predictions of opposite points',
+    'agree': 'share of opposite points that predict its range; -1: none',
+    'group': 'number of points in its free group; -1, as all of group: none',
+    'group_slope': 'how steep its group is: sine of the direction',
+    'group_width': 'width ÷ length of its group',
+    'group_advance': 'how far its group moves on from scan line to scan line',
+    'group_length': 'length of its group, metres',
+}
+# Of the second pass besides: log-odds of the first, clipped to ±4; means are -5 without points.
+SECOND_PASS = {
+    'first': 'log-odds of the first pass',
+    'first_own': 'mean log-odds of its scan line around it',
+    'first_other': 'mean log-odds of the scan lines beside it',
+    'first_close': 'mean log-odds of the points around it, weighted by distance',
+    'first_level': 'mean log-odds of the points around it at the same range',
+    'first_behind': 'mean log-odds of farther points around it',
+    'first_before': 'mean log-odds of nearer points around it',
+    'wide_own': 'share of suspects in a long stretch of its scan line',
+    'wide_other': 'share of suspects in a long stretch of other lines',
+    'share': 'share of suspects in the whole cloud',
+    'share_range': 'share of suspects at its range',
+}
+# Of the eight nearest neighbours. Lengths are divided by s, the median distance of these to their
+# own eighth neighbour. The last two are of the floor of the whole cloud.
+NEAR = {
+    'near1': 'distance to the nearest point',
+    'near3': 'mean distance to the 3 nearest points',
+    'near8': 'distance to the 8th nearest point',
+    'denser': 'its distance to the 8th ÷ the least of its neighbours',
+    'sparser': 'the greatest of its neighbours to their 8th',
+    'jump': 'greatest ratio of successive distances to its neighbours',
+    'jump_at': 'number of neighbours before that step',
+    'listed': 'number of neighbours that have it among their nearest',
+    'steps2': 'number of points within two steps to a neighbour',
+    'off': 'distance from the plane through its 8 neighbours',
+    'flat': 'standard deviation of its 8 neighbours from their plane',
+    'off_flat': 'distance from that plane ÷ standard deviation',
+    'thin': 'ratio of standard deviations: whether its neighbours lie on a line',
+    'aside': 'distance from the mean of its neighbours ÷ their spread',
+    'level': 'how level the plane through its neighbours is',
+    'below': 'how far it is below its neighbours',
+    'above': 'how far it is above its neighbours',
+    'sunk': 'how far it is below them ÷ how uneven they are',
+    'raised': 'how far it is above them ÷ how uneven they are',
+    'rare': 'distance to the 8th nearest ÷ the typical one of the cloud',
+    'component_size': 'points in its connected component, up to 61',
+    'deep': 'how far it is below the floor around',
+    'deep_steep': 'how far it is below the floor around ÷ how steep that is',
+}
+# Of the sixty nearest neighbours. Lengths are divided by S, the same median of sixty.
+FAR = {
+    'wide8': 'distance to the 8th nearest point',
+    'wide20': 'distance to the 20th nearest point',
+    'wide60': 'distance to the 60th nearest point',
+    'densest': 'distance to the 8th ÷ that of the sixth densest neighbour',
+    'contrast': 'S ÷ s: how much the density changes around it',
+    'first_edge': 'first edge of the spanning tree of its 60 neighbours, grown from it',
+    'longest': 'longest edge of that tree',
+    'before': 'number of points joined before the longest edge',
+    'against': 'longest edge ÷ the longest before it',
+    'group': 'number of points joined before the first edge above 2 S',
+    'off20': 'distance from the plane through 20 neighbours',
+    'flat20': 'standard deviation of 20 neighbours from their plane',
+    'off_flat20': 'distance from the plane of 20 ÷ standard deviation',
+    'off60': 'distance from the plane through 60 neighbours',
+    'flat60': 'standard deviation of 60 neighbours from their plane',
+    'off_flat60': 'distance from the plane of 60 ÷ standard deviation',
+    'below20': 'how far it is below 20 neighbours',
+    'above20': 'how far it is above 20 neighbours',
+    'below60': 'how far it is below 60 neighbours',
+    'above60': 'how far it is above 60 neighbours',
+    'sunk20': 'how far it is below 20 ÷ how uneven they are',
+    'raised20': 'how far it is above 20 ÷ how uneven they are',
+    'sunk60': 'how far it is below 60 ÷ how uneven they are',
+    'raised60': 'how far it is above 60 ÷ how uneven they are',
+    'rare60': 'S ÷ the typical distance to the 8th of the cloud',
+    'higher': 'share of 60 neighbours that are higher',
+    'under': 'how far it is below the line between opposite neighbours',
+    'over': 'how far it is above the line between opposite neighbours',
+    'first': 'log-odds of the first pass',
+    'near_odds': 'mean log-odds of its 8 neighbours',
+    'rejected_neighbour_share8': 'share of suspects among 8 neighbours',
+    'rejected_neighbour_share60': 'share of suspects among 60 neighbours',
+}
+
+
+def rows(names: Iterable[str], begin: int = 0) -> Any:
+    """Return the row of each feature as an attribute, which kernels take as a constant."""
+    listed = [(name, int) for name in names]
+    made: Any = NamedTuple('Rows', listed)  # type: ignore[misc]
+    return made(*range(begin, begin + len(listed)))
