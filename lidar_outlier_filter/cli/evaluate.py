@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.terminal import DONE
-from lidar_outlier_filter.errors import FilterError, RecordingError
+from lidar_outlier_filter.errors import RecordingError
 
 if TYPE_CHECKING:
     import argparse
@@ -63,22 +63,6 @@ def add_evaluate(commands: Commands) -> None:
         type=float,
         metavar='X',
         help='points of a file with a larger score are rejected; default: 1',
-    )
-    parser.add_argument(
-        '--ranges',
-        default='0,10,20,30,50,75,100',
-        metavar='M,M,...',
-        help="where ranges begin, metres from the frame's origin; default: %(default)s",
-    )
-    parser.add_argument(
-        '--confidence',
-        type=float,
-        default=0.95,
-        metavar='P',
-        help='of the intervals; default: 0.95',
-    )
-    parser.add_argument(
-        '--seed', type=int, default=1, metavar='N', help='of the interval of F1; default: 1'
     )
     parser.add_argument(
         '--output',
@@ -156,14 +140,14 @@ def _run(options: argparse.Namespace) -> int:
         import_module('matplotlib')  # before the work
         check_new(options.output, FOLDER)
     points, codes = _read(options)
-    result = evaluate(points, codes, _numbers(options.ranges))
+    result = evaluate(points, codes)
     console = Console()
-    for number, table in enumerate(tables(result, options.confidence, options.seed)):
+    for number, table in enumerate(tables(result)):
         if number:
             console.print()
         console.print(table)
     if options.output is not None:
-        write(result, options.output, options.confidence, options.seed)
+        write(result, options.output)
         console.print(f'written to {options.output}', markup=False, highlight=False, soft_wrap=True)
     return DONE
 
@@ -183,14 +167,7 @@ def _read(options: argparse.Namespace) -> tuple[Judged, Codes]:
     return judged.read_files(options.verdicts, truth, codes, columns), codes
 
 
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(',')]
-    except ValueError:
-        raise FilterError('--ranges', "numbers as in '0,10,50'", repr(text)) from None
-
-
-def write(result: Evaluation, folder: Path, confidence: float, seed: int) -> None:
+def write(result: Evaluation, folder: Path) -> None:
     """Write numbers and pictures to a new folder, which appears whole or not at all.
 
     Raises
@@ -206,7 +183,7 @@ def write(result: Evaluation, folder: Path, confidence: float, seed: int) -> Non
     from lidar_outlier_filter.evaluation.report import to_json
 
     with new_output(folder, FOLDER) as built:
-        text = json.dumps(to_json(result, confidence, seed), indent=1) + '\n'
+        text = json.dumps(to_json(result), indent=1) + '\n'
         (built / NUMBERS).write_text(text, encoding='utf-8')
         if result.curve is not None:
             curves, settings = {'score': result.curve}, {'score': result.whole}

@@ -100,12 +100,6 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         help='a parameter to leave as it is; may be repeated',
     )
     parser.add_argument(
-        '--by',
-        choices=('f1', 'auc'),
-        default='f1',
-        help='what settings are chosen by, thresholds being chosen by F1; default: f1',
-    )
-    parser.add_argument(
         '--most-lost',
         type=float,
         default=0.01,
@@ -119,24 +113,16 @@ def _add_search(parser: argparse.ArgumentParser) -> None:
         help='parts, each of which is left out once; default: 5, of several recordings each',
     )
     parser.add_argument(
-        '--confidence',
-        type=float,
-        default=0.95,
-        metavar='P',
-        help='of the interval; default: 0.95',
-    )
-    parser.add_argument(
         '--seed',
         type=int,
         default=1,
         metavar='N',
-        help='of what is injected and of the interval; default: 1',
+        help='of what is injected; default: 1',
     )
 
 
 def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.disk.new_files import check_new
-    from lidar_outlier_filter.evaluation.confusion import check_confidence
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning import output as tuned
     from lidar_outlier_filter.tuning.model import Goal
@@ -148,8 +134,7 @@ def _run(options: argparse.Namespace) -> int:
     if folds is None:
         folds = FOLDS if len(options.data) == 1 else len(options.data)
     check_new(output)
-    check_confidence(options.confidence)
-    goal = Goal(options.by, options.most_lost)
+    goal = Goal(options.most_lost)
     parameters = FilterParameters().changed(read_parameters(options.params, options.settings))
     wanted = _parse_searches(options.searched)
     with stoppable_bar('tuning') as progress:
@@ -165,9 +150,9 @@ def _run(options: argparse.Namespace) -> int:
             progress=progress,
         )
     names = ', '.join(path.name for path in options.data)
-    about = tuned.sentence(found, names, options.confidence, options.seed)
+    about = tuned.sentence(found, names)
     tuned.write(output, found.parameters, about)
-    _show(found, parameters, output, options)
+    _show(found, parameters, output)
     if data.refused:
         say(f'{data.refused} of its clouds were refused by the filter, and not learnt from')
     if data.unmoved:
@@ -233,9 +218,7 @@ def _injection(options: argparse.Namespace) -> Injection | None:
     return Injection(options.inject, tuple(options.inject_distance), seed=options.seed)
 
 
-def _show(
-    found: Tuned, parameters: FilterParameters, output: Path, options: argparse.Namespace
-) -> None:
+def _show(found: Tuned, parameters: FilterParameters, output: Path) -> None:
     """Print what was found, and how to use it."""
     from rich.console import Console
 
@@ -243,7 +226,7 @@ def _show(
     from lidar_outlier_filter.tuning import output as tuned
 
     console = Console()
-    for table in tuned.tables(found, parameters, options.confidence, options.seed):
+    for table in tuned.tables(found, parameters):
         console.print(table)
         console.print()
     lines = ros_lines(parameters, found.values)

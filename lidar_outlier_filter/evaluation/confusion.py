@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from lidar_outlier_filter.errors import FilterError
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -52,30 +50,24 @@ class Share(NamedTuple):
         """Part ÷ total; NaN of nothing."""
         return self.part / self.total if self.total else math.nan
 
-    def interval(self, confidence: float = CONFIDENCE) -> Interval:
-        """Return Wilson's score interval, which holds for points that are independent.
+    @property
+    def interval(self) -> Interval:
+        """Wilson's score interval of 95 %, which holds for points that are independent.
 
         Wilson (1927): the shares p whose own standard deviation √(p (1 - p) / n) does not make the
         observed one improbable. Unlike p ± z·√(…) it never leaves [0, 1], and says something at 0
         and at n. Outliers come in clouds: for whole drives the truth is wider.
         """
-        check_confidence(confidence)
         n = self.total
         if n == 0:
             return UNKNOWN
-        z2 = float(ndtri(0.5 + confidence / 2)) ** 2
+        z2 = float(ndtri(0.5 + CONFIDENCE / 2)) ** 2
         middle = self.part + z2 / 2
         half = math.sqrt(z2 * (self.part * (n - self.part) / n + z2 / 4))
         # At the ends rounding must not leave a trace of either sign.
         low = 0.0 if self.part == 0 else (middle - half) / (n + z2)
         high = 1.0 if self.part == n else (middle + half) / (n + z2)
         return Interval(low, high)
-
-
-def check_confidence(confidence: float) -> None:
-    """Refuse a confidence that is none."""
-    if not 0 < confidence < 1:
-        raise FilterError('the confidence', 'between 0 and 1', confidence)
 
 
 @dataclass(frozen=True)
@@ -202,7 +194,7 @@ def f1(counts: Ints) -> NDArray[np.float64]:
     return result
 
 
-def f1_interval(counts: Ints, confidence: float = CONFIDENCE, seed: int = 1) -> Interval:
+def f1_interval(counts: Ints, seed: int = 1) -> Interval:
     """Say how far the F1 would vary between recordings like this one.
 
     Percentile bootstrap: as many stretches as there are, drawn with replacement 2000 times; what
@@ -213,12 +205,10 @@ def f1_interval(counts: Ints, confidence: float = CONFIDENCE, seed: int = 1) -> 
     ----------
     counts : (S, 4) int64
         Tally of each stretch. Fewer than two give no interval.
-    confidence : float
     seed : int
         The same seed gives the same interval.
 
     """
-    check_confidence(confidence)
     count = len(counts)
     if count < FEWEST_STRETCHES:
         return UNKNOWN
@@ -227,6 +217,6 @@ def f1_interval(counts: Ints, confidence: float = CONFIDENCE, seed: int = 1) -> 
     known = drawn[~np.isnan(drawn)]
     if len(known) == 0:
         return UNKNOWN
-    tail = (1 - confidence) / 2
+    tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(known, [tail, 1 - tail])
     return Interval(float(low), float(high))

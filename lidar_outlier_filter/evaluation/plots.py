@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from lidar_outlier_filter.errors import FilterError, RecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -45,13 +45,13 @@ def draw_roc(
     settings : what the threshold in use gave, for some of the curves: a dot on each
 
     """
-    _check(curves)
+    check(curves)
     figure = Figure((10.5, 4.8), facecolor='white', layout='constrained')
     plain, close = figure.subplots(1, 2)
     fewest = min(1 / curve.lost[-1] for curve in curves.values())
     left = max(10.0 ** np.floor(np.log10(fewest)), 10.0**-MOST_DECADES)
     for number, (name, whole) in enumerate(curves.items()):
-        curve, look = whole.thinned(), _look(number)
+        curve, look = whole.thinned(), look_of(number)
         text = f'{name}  AUC {whole.auc:.4f}' + _about(name, settings)
         plain.plot(curve.false_rejections, curve.recall, label=text, **look)
         # A logarithm has no 0: the curve enters at the left edge with what it had there.
@@ -69,7 +69,7 @@ def draw_roc(
     for axes in (plain, close):
         dress(axes, 'share of the good points rejected', 'share of the outliers rejected')
         axes.set_ylim(0, 1.01)
-    _legend(figure, plain, 'lower right')
+    legend(figure, plain, 'lower right')
     return save(figure, path)
 
 
@@ -77,11 +77,11 @@ def draw_precision_recall(
     curves: Mapping[str, Curve], path: Path, settings: Mapping[str, Confusion] | None = None
 ) -> list[Path]:
     """Draw precision–recall curves; see :func:`draw_roc`."""
-    _check(curves)
+    check(curves)
     figure = Figure((6.4, 4.8), facecolor='white', layout='constrained')
     axes = figure.subplots()
     for number, (name, whole) in enumerate(curves.items()):
-        curve, look = whole.thinned(), _look(number)
+        curve, look = whole.thinned(), look_of(number)
         text = f'{name}  average {whole.average_precision:.4f}' + _about(name, settings)
         axes.plot(curve.recall, curve.precision, label=text, drawstyle='steps-pre', **look)
         if settings and name in settings:
@@ -90,52 +90,18 @@ def draw_precision_recall(
     dress(axes, 'recall: share of the outliers rejected', 'precision: outliers among the rejected')
     axes.set_xlim(0, 1.01)
     axes.set_ylim(0, 1.01)
-    _legend(figure, axes, 'best')
+    legend(figure, axes, 'best')
     return save(figure, path)
 
 
-def draw_lines(  # noqa: PLR0913  all that a plain picture needs
-    series: Mapping[str, Sequence[float]],
-    x: Sequence[float],
-    path: Path,
-    *,
-    x_label: str,
-    y_label: str,
-    from_zero: bool = False,
-    colours: Mapping[str, str] | None = None,
-) -> list[Path]:
-    """Draw figures against a parameter: area under the curve against k, time against points.
-
-    Parameters
-    ----------
-    series : values at each x, by the name that the legend gives them; NaN leaves a gap
-    x : ascending
-    path : without suffix
-    x_label, y_label : with units
-    from_zero : let both axes begin at 0, as where a straight line through it is claimed
-    colours : '#rrggbb' by name; None: one after the other of :data:`COLOURS`
-
-    """
-    _check(series)
-    figure = Figure((6.4, 4.4), facecolor='white', layout='constrained')
-    axes = figure.subplots()
-    for number, (name, values) in enumerate(series.items()):
-        look = _look(number) if colours is None else _look(0) | {'color': colours[name]}
-        axes.plot(x, values, label=name, marker='o', markersize=4, **look)
-    dress(axes, x_label, y_label)
-    if from_zero:
-        axes.set_xlim(left=0)
-        axes.set_ylim(bottom=0)
-    _legend(figure, axes, 'best')
-    return save(figure, path)
-
-
-def _check(series: Mapping[str, Any]) -> None:
+def check(series: Mapping[str, Any]) -> None:
+    """Refuse a picture without curves."""
     if not series:
         raise FilterError('what is to be drawn', 'at least one curve', 'none')
 
 
-def _look(number: int) -> dict[str, Any]:
+def look_of(number: int) -> dict[str, Any]:
+    """Return colour and dashes of a curve, by its number."""
     return {
         'color': COLOURS[number % len(COLOURS)],
         'linestyle': DASHES[number // len(COLOURS) % len(DASHES)],
@@ -166,17 +132,17 @@ def dress(axes: Axes, x_label: str, y_label: str) -> None:
         axes.spines[side].set_color(FRAME)
 
 
-def _legend(figure: Figure, axes: Axes, where: str) -> None:
+def legend(figure: Figure, axes: Axes, where: str) -> None:
     """Name the curves within the picture, or, if they are many, beside it."""
     handles, labels = axes.get_legend_handles_labels()
     look: dict[str, Any] = {'fontsize': 9, 'labelcolor': INK, 'framealpha': 0.9}
     if len(handles) > MOST_INSIDE:
         figure.set_figwidth(figure.get_figwidth() + BESIDE)
-        legend = figure.legend(handles, labels, loc='outside right upper', **look)
+        box = figure.legend(handles, labels, loc='outside right upper', **look)
     else:
         corner: Any = where
-        legend = axes.legend(handles, labels, loc=corner, **look)
-    legend.get_frame().set_edgecolor(GRID)
+        box = axes.legend(handles, labels, loc=corner, **look)
+    box.get_frame().set_edgecolor(GRID)
 
 
 def save(figure: Figure, path: Path) -> list[Path]:

@@ -13,7 +13,6 @@ import numpy as np
 from rich.table import Table
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import (
     CONFIDENCE,
     Confusion,
@@ -28,7 +27,7 @@ from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.messages.truth import Kind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
@@ -66,23 +65,21 @@ class Evaluation:
     untested: Share | None
     curve: Curve | None
 
-    def f1_interval(self, confidence: float = CONFIDENCE, seed: int = 1) -> Interval:
-        """Say how far the F1 would vary between recordings like this one."""
-        return f1_interval(self.stretches, confidence, seed)
+    @property
+    def f1_interval(self) -> Interval:
+        """How far the F1 would vary between recordings like this one."""
+        return f1_interval(self.stretches)
 
 
-def evaluate(points: Judged, codes: Codes, edges: Sequence[float] = RANGES) -> Evaluation:
+def evaluate(points: Judged, codes: Codes) -> Evaluation:
     """Compare verdicts with the truth.
 
     Parameters
     ----------
     points : what was judged
     codes : what the codes of its truth are called
-    edges : where ranges begin, metres, ascending; the last one has no end
 
     """
-    if len(edges) == 0 or not all(low < high for low, high in pairwise(edges)):
-        raise FilterError('the edges of the ranges', 'ascending', list(edges))
     stretch, count = points.stretch(STRETCHES)
     bad, score = points.bad, points.score
     both = 0 < np.count_nonzero(bad) < len(bad)
@@ -95,7 +92,7 @@ def evaluate(points: Judged, codes: Codes, edges: Sequence[float] = RANGES) -> E
         tally(bad, points.rejected, stretch, count),
         _causes(points, codes),
         _surfaces(points),
-        _ranges(points, edges),
+        _ranges(points),
         _detectors(points),
         untested,
         curve(bad, score) if score is not None and both else None,
@@ -124,17 +121,14 @@ def _surfaces(points: Judged) -> dict[str, Share]:
     }
 
 
-def _ranges(points: Judged, edges: Sequence[float]) -> dict[str, Confusion]:
+def _ranges(points: Judged) -> dict[str, Confusion]:
     """Count by range; nothing where all points are in one of them, as in a georeferenced cloud."""
     if points.range is None:
         return {}
-    band = np.searchsorted(edges, points.range, side='right')
-    counts = tally(points.bad, points.rejected, band, len(edges) + 1)
-    names = [
-        f'below {edges[0]:g} m',
-        *(f'{low:g} to {high:g} m' for low, high in pairwise(edges)),
-        f'{edges[-1]:g} m and more',
-    ]
+    band = np.searchsorted(RANGES, points.range, side='right') - 1
+    counts = tally(points.bad, points.rejected, band, len(RANGES))
+    names = [f'{low:g} to {high:g} m' for low, high in pairwise(RANGES)]
+    names.append(f'{RANGES[-1]:g} m and more')
     found = {
         name: Confusion(*row) for name, row in zip(names, counts.tolist(), strict=True) if any(row)
     }
@@ -149,18 +143,18 @@ def _detectors(points: Judged) -> dict[str, Confusion]:
     return {name: counts for name, counts in found.items() if counts.rejected}
 
 
-def to_json(result: Evaluation, confidence: float = CONFIDENCE, seed: int = 1) -> dict[str, Any]:
+def to_json(result: Evaluation) -> dict[str, Any]:
     """Put all of it into what JSON knows; what is not a number is null."""
-    answer = _confusion_to_json(result.whole, confidence)
-    answer['f1_interval'] = _numbers(result.f1_interval(confidence, seed))
-    answer['confidence'] = confidence
+    answer = _confusion_to_json(result.whole)
+    answer['f1_interval'] = _numbers(result.f1_interval)
+    answer['confidence'] = CONFIDENCE
     answer['stretches'] = result.stretches.tolist()
     for name in ('causes', 'surfaces'):
         shares: Mapping[str, Share] = getattr(result, name)
-        answer[name] = {key: _share_to_json(one, confidence) for key, one in shares.items()}
+        answer[name] = {key: _share_to_json(one) for key, one in shares.items()}
     for name in ('ranges', 'detectors'):
         groups: Mapping[str, Confusion] = getattr(result, name)
-        answer[name] = {key: _confusion_to_json(one, confidence) for key, one in groups.items()}
+        answer[name] = {key: _confusion_to_json(one) for key, one in groups.items()}
     if result.untested is not None:
         answer['untested'] = {'points': result.untested.total, 'outliers': result.untested.part}
     if result.curve is not None:
@@ -168,7 +162,7 @@ def to_json(result: Evaluation, confidence: float = CONFIDENCE, seed: int = 1) -
     return answer
 
 
-def _confusion_to_json(counts: Confusion, confidence: float) -> dict[str, Any]:
+def _confusion_to_json(counts: Confusion) -> dict[str, Any]:
     shares = (
         'precision',
         'recall',
@@ -185,16 +179,16 @@ def _confusion_to_json(counts: Confusion, confidence: float) -> dict[str, Any]:
         'lost': counts.lost,
         'kept': counts.kept,
         'f1': _number(counts.f1),
-        **{name: _share_to_json(getattr(counts, name), confidence) for name in shares},
+        **{name: _share_to_json(getattr(counts, name)) for name in shares},
     }
 
 
-def _share_to_json(share: Share, confidence: float) -> dict[str, Any]:
+def _share_to_json(share: Share) -> dict[str, Any]:
     return {
         'part': share.part,
         'total': share.total,
         'share': _number(share.ratio),
-        'interval': _numbers(share.interval(confidence)),
+        'interval': _numbers(share.interval),
     }
 
 
@@ -223,38 +217,15 @@ def _numbers(values: Any) -> list[float | None]:
     return [_number(float(value)) for value in values]
 
 
-def summary(results: Mapping[str, Evaluation]) -> Table:
-    """Lay out several runs on the same recording beside each other, one column each."""
-    answer = Table(title_justify='left', box=None, pad_edge=False, header_style='bold')
-    answer.add_column('')
-    for name in results:
-        answer.add_column(name, justify='right')
-    runs = list(results.values())
-
-    def row(name: str, texts: list[str], style: str = '') -> None:
-        answer.add_row(name, *texts, style=style)
-
-    row('precision', [percent(run.whole.precision.ratio) for run in runs], 'bold')
-    row('recall', [percent(run.whole.recall.ratio) for run in runs], 'bold')
-    row('F1', [percent(run.whole.f1) for run in runs], 'bold')
-    row('outliers found', [_of(run.whole.recall) for run in runs])
-    for name in dict.fromkeys(name for run in runs for name in run.causes):
-        row(f'  {name}', [_of(run.causes.get(name, Share(0, 0))) for run in runs], 'dim')
-    row('good points lost', [_of(run.whole.false_rejections) for run in runs])
-    for name in dict.fromkeys(name for run in runs for name in run.surfaces):
-        row(f'  {name}', [_of(run.surfaces.get(name, Share(0, 0))) for run in runs], 'dim')
-    return answer
-
-
-def tables(result: Evaluation, confidence: float = CONFIDENCE, seed: int = 1) -> list[Table]:
+def tables(result: Evaluation) -> list[Table]:
     """Lay out one run: the papers' figures, then causes, surfaces, ranges and detectors."""
-    answer = [_figures(result, confidence, seed)]
+    answer = [_figures(result)]
     for title, shares in (
         ('outliers', result.causes),
         ('good points', result.surfaces),
     ):
         if shares:
-            answer.append(_shares(title, shares, confidence))
+            answer.append(_shares(title, shares))
     for title, groups in (('range', result.ranges), ('detector', result.detectors)):
         if groups:
             answer.append(_groups(title, groups))
@@ -271,8 +242,8 @@ def _table(*columns: str) -> Table:
     return answer
 
 
-def _figures(result: Evaluation, confidence: float, seed: int) -> Table:
-    answer = _table('', 'points', 'share', 'of', f'{100 * confidence:g} % interval')
+def _figures(result: Evaluation) -> Table:
+    answer = _table('', 'points', 'share', 'of', f'{100 * CONFIDENCE:g} % interval')
     whole = result.whole
     answer.add_row('points', f'{whole.total:,}')
     for name, share, of in (
@@ -285,9 +256,9 @@ def _figures(result: Evaluation, confidence: float, seed: int) -> Table:
         ('missed, β-error', whole.beta_error, 'cloud'),
         ('rightly identified, precision', whole.precision, 'rejected'),
     ):
-        limits = _limits(share.interval(confidence))
+        limits = _limits(share.interval)
         answer.add_row(name, f'{share.part:,}', percent(share.ratio), of, limits)
-    answer.add_row('F1', '', percent(whole.f1), '', _limits(result.f1_interval(confidence, seed)))
+    answer.add_row('F1', '', percent(whole.f1), '', _limits(result.f1_interval))
     if result.untested is not None:
         unknown = result.untested
         answer.add_row('untested, and so kept', f'{unknown.total:,}')
@@ -298,10 +269,10 @@ def _figures(result: Evaluation, confidence: float, seed: int) -> Table:
     return answer
 
 
-def _shares(title: str, shares: Mapping[str, Share], confidence: float) -> Table:
-    answer = _table(title, 'points', 'identified', 'share', f'{100 * confidence:g} % interval')
+def _shares(title: str, shares: Mapping[str, Share]) -> Table:
+    answer = _table(title, 'points', 'identified', 'share', f'{100 * CONFIDENCE:g} % interval')
     for name, share in shares.items():
-        limits = _limits(share.interval(confidence))
+        limits = _limits(share.interval)
         counts = (f'{share.total:,}', f'{share.part:,}')
         answer.add_row(name, *counts, percent(share.ratio), limits)
     return answer
@@ -331,7 +302,3 @@ def _limits(interval: Interval) -> str:
     if math.isnan(interval.low):
         return '–'
     return f'{percent(interval.low)} – {percent(interval.high)}'
-
-
-def _of(share: Share) -> str:
-    return f'{share.part} of {share.total}  {percent(share.ratio):>8}'

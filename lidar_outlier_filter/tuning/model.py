@@ -16,7 +16,6 @@ import numpy as np
 
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import FOUND, KEPT, LOST, MISSED, f1
-from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.parameters.filter import describe
 
 if TYPE_CHECKING:
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.tuning.search_space import Search, Values
     from lidar_outlier_filter.tuning.training import Training
 
-F1, AUC = 'f1', 'auc'
 ROUNDS = 5  # over all detectors, or until nothing changes
 SLACK = 1e-3  # what is worth this much less, relatively, is as good
 
@@ -41,19 +39,14 @@ class Goal:
 
     Attributes
     ----------
-    by : 'f1': settings and thresholds by F1; 'auc': settings by the area under the detector's ROC
-        curve, and thresholds by F1
     most_lost : share of the good points that may be rejected; beyond it, the fewer the better
 
     """
 
-    by: str = F1
     most_lost: float = 0.01
 
     def __post_init__(self) -> None:
         """Refuse what is no goal."""
-        if self.by not in {F1, AUC}:
-            raise FilterError('the goal', f"'{F1}' or '{AUC}'", repr(self.by))
         if not 0 < self.most_lost <= 1:
             must_be = 'more than 0, at most 1'
             raise FilterError('the share of good points that may be lost', must_be, self.most_lost)
@@ -113,7 +106,6 @@ class Model:
         self._searches = {search.detector: search for search in searches}
         self._needed = max(parameters.vote, 1)
         self._levels: dict[tuple[str, int], NDArray[np.uint16]] = {}
-        self._statistics: dict[tuple[str, int], NDArray[np.float32]] = {}
         usual = {item.name: item.default for item in describe()}
         total = sum(len(search.settings) for search in searches)
         for search in searches:
@@ -127,8 +119,6 @@ class Model:
                 threshold = search.threshold
                 statistic = threshold.statistic(score_of, usual[threshold.name])
                 self._levels[search.detector, number] = levels(threshold, statistic)
-                if goal.by == AUC:
-                    self._statistics[search.detector, number] = statistic.astype(np.float32)
 
     def sweep(
         self,
@@ -136,6 +126,7 @@ class Model:
         most: int,
         points: Bools,
         others: NDArray[np.unsignedinteger],
+        needed: int | None = None,
     ) -> Floats:
         """Say what each value of a threshold is worth, and last, what it is worth to be off.
 
@@ -148,18 +139,10 @@ class Model:
             Those that count.
         others : (N,)
             How many other detectors reject each point.
+        needed : detectors that must agree; None: as many as the chain needs
 
         """
-        return self._sweep(level, most, points, others, self._needed)
-
-    def _sweep(
-        self,
-        level: NDArray[np.uint16],
-        most: int,
-        points: Bools,
-        others: NDArray[np.unsignedinteger],
-        needed: int,
-    ) -> Floats:
+        needed = self._needed if needed is None else needed
         sure, undecided = others >= needed, others == needed - 1
         counts = np.empty((most + 1, 4), np.int64)
         for truth, yes, no in ((self._data.bad, FOUND, MISSED), (self._data.good, LOST, KEPT)):
@@ -172,14 +155,13 @@ class Model:
 
     def find(self, points: Bools) -> dict[str, object]:
         """Choose settings and thresholds of all detectors for each other, on some points (N,)."""
-        settings = {name: self._settings(name, points) for name in self._searches}
-        alone = {name: self._best(name, settings[name], points, {}, 1) for name in settings}
+        alone = {name: self._best(name, points, {}, 1) for name in self._searches}
         # Beginning with the best one, or with all of them at once, as where several must agree.
-        order = sorted(settings, key=lambda name: -alone[name][0])
+        order = sorted(alone, key=lambda name: -alone[name][0])
         starts: list[dict[str, Choice]] = [{name: alone[name][1] for name in order}]
         if self._needed == 1:
             starts.insert(0, {})
-        found = [self._descend(start, order, settings, points) for start in starts]
+        found = [self._descend(start, order, points) for start in starts]
         _, chosen = max(found, key=lambda pair: pair[0])
         values: dict[str, object] = {}
         for name, choice in chosen.items():
@@ -190,29 +172,10 @@ class Model:
             values[search.threshold.name] = search.threshold.values[min(choice.value, last)]
         return values
 
-    def _settings(self, name: str, points: Bools) -> range:
-        """List the settings to choose from: all, or the one with the largest area."""
-        every = range(len(self._searches[name].settings))
-        if self._goal.by == F1:
-            return every
-        best = int(np.argmax(self.auc(name, points)))
-        return range(best, best + 1)
-
-    def auc(self, name: str, points: Bools) -> Floats:
-        """Return the area under the ROC curve of each setting of a detector, alone."""
-        counted = (self._data.bad | self._data.good) & points
-        bad = self._data.bad[counted]
-        count = len(self._searches[name].settings)
-        if bad.all() or not bad.any():
-            return np.zeros(count)
-        scores = (self._statistics[name, number][counted] for number in range(count))
-        return np.array([curve(bad, score).auc for score in scores])
-
     def _descend(
         self,
         chosen: dict[str, Choice],
         order: Sequence[str],
-        settings: Mapping[str, range],
         points: Bools,
     ) -> tuple[float, dict[str, Choice]]:
         """Choose for one detector after the other, until nothing changes."""
@@ -221,7 +184,7 @@ class Model:
             before = worth
             for name in order:
                 others = {other: choice for other, choice in chosen.items() if other != name}
-                found, choice = self._best(name, settings[name], points, others, self._needed)
+                found, choice = self._best(name, points, others, self._needed)
                 if found > worth or name not in chosen:
                     chosen, worth = {**others, name: choice}, found
             if worth == before:
@@ -231,7 +194,6 @@ class Model:
     def _best(
         self,
         name: str,
-        settings: range,
         points: Bools,
         others: Mapping[str, Choice],
         needed: int,
@@ -241,9 +203,9 @@ class Model:
         for other, choice in others.items():
             count += self._levels[other, choice.setting] > choice.value
         most = len(self._searches[name].threshold.values)
-        best, chosen = -np.inf, Choice(settings[0], most)
-        for number in settings:
-            worth = self._sweep(self._levels[name, number], most, points, count, needed)
+        best, chosen = -np.inf, Choice(0, most)
+        for number in range(len(self._searches[name].settings)):
+            worth = self.sweep(self._levels[name, number], most, points, count, needed)
             value = middle_of_best(worth)
             if worth[value] > best:
                 best, chosen = float(worth[value]), Choice(number, value)

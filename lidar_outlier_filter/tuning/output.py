@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from lidar_outlier_filter.disk.new_files import new_output
-from lidar_outlier_filter.evaluation.confusion import Confusion, f1_interval
+from lidar_outlier_filter.evaluation.confusion import CONFIDENCE, Confusion, f1_interval
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, write_yaml
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.tuning.search import Tuned
 
 
-def tables(found: Tuned, start: FilterParameters, confidence: float, seed: int) -> list[Table]:
+def tables(found: Tuned, start: FilterParameters) -> list[Table]:
     """Lay out what the chain was worth, is, and will be; then what was changed."""
-    answer = [_worth(found, confidence, seed), _values(found, start)]
+    answer = [_worth(found), _values(found, start)]
     if len(found.alone) > 1:
         answer.append(_alone(found))
     return answer
@@ -38,13 +38,13 @@ def whole(counts: NDArray[np.int64]) -> Confusion:
     return Confusion(*counts.sum(axis=0).tolist())
 
 
-def _worth(found: Tuned, confidence: float, seed: int) -> Table:
-    interval = f'{100 * confidence:g} % interval'
+def _worth(found: Tuned) -> Table:
+    interval = f'{100 * CONFIDENCE:g} % interval'
     answer = Table('', 'start', 'tuned', 'to expect', interval, box=None, pad_edge=False)
     for column in answer.columns[1:]:
         column.justify = 'right'
     runs = [whole(counts) for counts in (found.before, found.after, found.held_out)]
-    expected = f1_interval(found.held_out, confidence, seed)
+    expected = f1_interval(found.held_out)
     for name, ratios, limits in (
         ('F1', [run.f1 for run in runs], expected),
         ('precision', [run.precision.ratio for run in runs], None),
@@ -96,11 +96,11 @@ def write(path: Path, parameters: FilterParameters, about: str) -> None:
         built.write_text(text, encoding='utf-8')
 
 
-def sentence(found: Tuned, source: str, confidence: float, seed: int) -> str:
+def sentence(found: Tuned, source: str) -> str:
     """Say in one line what the parameters are worth, and how that is known."""
     expected = whole(found.held_out)
-    low, high = f1_interval(found.held_out, confidence, seed)
-    limits = '' if math.isnan(low) else f' ({100 * confidence:g} %: {low:.3f} to {high:.3f})'
+    low, high = f1_interval(found.held_out)
+    limits = '' if math.isnan(low) else f' ({100 * CONFIDENCE:g} %: {low:.3f} to {high:.3f})'
     return (
         f'Tuned on {source}: F1 {expected.f1:.3f}{limits}, '
         f'{percent(expected.false_rejections.ratio)} of the good points lost, '

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.evaluation.confusion import (
-    CONFIDENCE,
     Confusion,
     Interval,
     f1,
@@ -92,10 +91,10 @@ class Standing:
         """Lowest F1 of any seed; one without any F1 (nothing rejected) counts as 0."""
         return float(np.nan_to_num(f1(self.by_seed)).min())
 
-    def interval(self, confidence: float = CONFIDENCE) -> Interval:
+    def interval(self) -> Interval:
         """Say how far the F1 would vary between drives; of one seed, between its stretches."""
         counts = self.by_seed if len(self.records) > 1 else self.records[0].counts
-        return f1_interval(counts, confidence)
+        return f1_interval(counts)
 
 
 Standings = dict[str, dict[str, Standing]]  # by sample, then by contestant

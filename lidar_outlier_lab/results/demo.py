@@ -8,11 +8,13 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
+from lidar_outlier_filter.evaluation.confusion import Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, read_points, read_recording
-from lidar_outlier_filter.evaluation.report import evaluate, summary
+from lidar_outlier_filter.evaluation.report import evaluate, percent
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
 from lidar_outlier_filter.recordings.replay import replay
@@ -205,3 +207,30 @@ def _list(console: Console, output: Path) -> None:
     files = f'{output / DRIVE} --params {output / PARAMETERS}'
     command = f'scripts/environment lidar-outlier-filter replay {files}'
     console.print(f'{"":{width}}  {command}', soft_wrap=True, highlight=False)
+
+
+def summary(results: Mapping[str, Evaluation]) -> Table:
+    """Lay out several runs on the same recording beside each other, one column each."""
+    answer = Table(title_justify='left', box=None, pad_edge=False, header_style='bold')
+    answer.add_column('')
+    for name in results:
+        answer.add_column(name, justify='right')
+    runs = list(results.values())
+
+    def row(name: str, texts: list[str], style: str = '') -> None:
+        answer.add_row(name, *texts, style=style)
+
+    row('precision', [percent(run.whole.precision.ratio) for run in runs], 'bold')
+    row('recall', [percent(run.whole.recall.ratio) for run in runs], 'bold')
+    row('F1', [percent(run.whole.f1) for run in runs], 'bold')
+    row('outliers found', [_of(run.whole.recall) for run in runs])
+    for name in dict.fromkeys(name for run in runs for name in run.causes):
+        row(f'  {name}', [_of(run.causes.get(name, Share(0, 0))) for run in runs], 'dim')
+    row('good points lost', [_of(run.whole.false_rejections) for run in runs])
+    for name in dict.fromkeys(name for run in runs for name in run.surfaces):
+        row(f'  {name}', [_of(run.surfaces.get(name, Share(0, 0))) for run in runs], 'dim')
+    return answer
+
+
+def _of(share: Share) -> str:
+    return f'{share.part} of {share.total}  {percent(share.ratio):>8}'

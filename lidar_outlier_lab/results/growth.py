@@ -12,9 +12,9 @@ import numpy as np
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import concatenate
-from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.report.colours import colour
+from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
 from lidar_outlier_lab.results.samples import simulated
 
@@ -68,7 +68,7 @@ def section(preset: str, seed: int, folder: Path, progress: Progress) -> str:
     points = concatenate(sample.data.clouds)
     sizes = [len(points) * part // PARTS for part in range(1, PARTS + 1)]
     seconds = growth(points, sizes, tuple(DETECTORS), progress)
-    plots.draw_lines(
+    draw_lines(
         seconds,
         [size / 1000 for size in sizes],
         folder / PICTURE,

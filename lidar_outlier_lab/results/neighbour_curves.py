@@ -23,6 +23,7 @@ from lidar_outlier_filter.evaluation.curves import Curve, curve
 from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
 from lidar_outlier_lab.results.samples import simulated
 
@@ -118,7 +119,7 @@ def draw(found: Family, folder: Path) -> tuple[str, str]:
     """Draw the ROC curves and the areas; returns the names of both pictures."""
     stem = 'results_' + found.sample.replace('/', '_').replace('-', '_')
     plots.draw_roc(found.curves, folder / f'{stem}_roc')
-    plots.draw_lines(
+    draw_lines(
         found.auc,
         found.neighbours,
         folder / f'{stem}_auc',

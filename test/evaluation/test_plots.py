@@ -74,19 +74,8 @@ def test_many_curves_differ(tmp_path: Path) -> None:
     """More curves than colours differ by their dashes."""
     curves = {f'curve {i}': made(0.5 * i)[0] for i in range(9)}
     plots.draw_roc(curves, tmp_path / 'a')
-    looks = {tuple(plots._look(i).values()) for i in range(9)}
+    looks = {tuple(plots.look_of(i).values()) for i in range(9)}
     assert len(looks) == 9
-
-
-def test_lines_are_drawn(tmp_path: Path) -> None:
-    """Figures against a parameter, with labels; NaN leaves a gap."""
-    series = {'LOF': [0.5, np.nan, 0.9], 'SOR': [0.7, 0.8, 0.85]}
-    files = plots.draw_lines(
-        series, [3, 30, 70], tmp_path / 'auc', x_label='k', y_label='AUC', from_zero=True
-    )
-    assert [file.name for file in files] == ['auc.png', 'auc.svg']
-    seen = list(colours(files[0]).values())
-    assert min(seen[:2]) > 50
 
 
 def test_refusals(tmp_path: Path) -> None:

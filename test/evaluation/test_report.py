@@ -15,10 +15,9 @@ from helpers.labelled import BAD, REJECTED, TRUTH
 from rich.console import Console
 from sklearn import metrics
 
-from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, Share
 from lidar_outlier_filter.evaluation.judged import CAUSES, Judged
-from lidar_outlier_filter.evaluation.report import evaluate, percent, summary, tables, to_json
+from lidar_outlier_filter.evaluation.report import evaluate, percent, tables, to_json
 
 POINTS = Judged(
     TRUTH[:, 0].astype(np.int64),
@@ -47,7 +46,7 @@ def lines(printed: str) -> list[str]:
 
 def test_by_hand() -> None:
     """All groups of eight points, counted by hand."""
-    result = evaluate(POINTS, CAUSES, (0.0, 20.0, 50.0))
+    result = evaluate(POINTS, CAUSES)
     assert result.whole == Confusion(found=2, missed=1, lost=1, kept=4)
     np.testing.assert_array_equal(
         result.stretches, [[1, 0, 0, 1], [0, 1, 1, 0], [1, 0, 0, 1], [0, 0, 0, 2]]
@@ -55,9 +54,11 @@ def test_by_hand() -> None:
     assert result.causes == {'exhaust': Share(1, 2), 'mixed': Share(1, 1)}
     assert result.surfaces == {'road': Share(1, 3), 'pole': Share(0, 1), 'car': Share(0, 1)}
     assert result.ranges == {
-        '0 to 20 m': Confusion(1, 0, 0, 1),
-        '20 to 50 m': Confusion(1, 1, 1, 0),
-        '50 m and more': Confusion(0, 0, 0, 3),
+        '0 to 10 m': Confusion(0, 0, 0, 1),
+        '10 to 20 m': Confusion(1, 0, 0, 0),
+        '20 to 30 m': Confusion(0, 0, 1, 0),
+        '30 to 50 m': Confusion(1, 1, 0, 0),
+        '50 to 75 m': Confusion(0, 0, 0, 3),
     }
     assert result.detectors == {
         'alpha_beta_gamma': Confusion(1, 2, 1, 4),
@@ -95,38 +96,16 @@ def test_one_class_alone(kept: np.ndarray) -> None:
     assert 'F1' in text(*tables(result))
 
 
-def test_nothing_at_all() -> None:
-    """No points at all are counted, too."""
-    result = evaluate(POINTS.take(BAD & ~BAD), CAUSES)
-    assert result.whole.total == 0
-    json.dumps(to_json(result), allow_nan=False)
-    assert 'F1' in text(*tables(result))
-
-
-def test_points_before_the_first_range() -> None:
-    """A range that begins later leaves a bin before it; one bin alone is no table."""
-    names = list(evaluate(POINTS, CAUSES, (15.0, 30.0)).ranges)
-    assert names == ['below 15 m', '15 to 30 m', '30 m and more']
-    assert evaluate(POINTS, CAUSES, (0.0, 1000.0)).ranges == {}
-
-
-@pytest.mark.parametrize('edges', [(), (1.0, 1.0), (2.0, 1.0), (math.nan, 1.0)])
-def test_refused_ranges(edges: tuple[float, ...]) -> None:
-    """Ranges must ascend."""
-    with pytest.raises(FilterError, match='the edges of the ranges must be ascending, got'):
-        evaluate(POINTS, CAUSES, edges)
-
-
 def test_json_holds_all_of_it() -> None:
     """Counts, shares with intervals, groups, areas and curves; infinity is null."""
     result = evaluate(POINTS, CAUSES)
-    found = json.loads(json.dumps(to_json(result, 0.9, 3), allow_nan=False))
+    found = json.loads(json.dumps(to_json(result), allow_nan=False))
     assert (found['found'], found['missed'], found['lost'], found['kept']) == (2, 1, 1, 4)
     assert found['f1'] == pytest.approx(2 / 3)
-    assert found['f1_interval'] == list(result.f1_interval(0.9, 3))
+    assert found['f1_interval'] == list(result.f1_interval)
     assert found['recall']['part'], found['recall']['total'] == (2, 3)
-    assert found['recall']['interval'] == list(Share(2, 3).interval(0.9))
-    assert found['confidence'] == 0.9
+    assert found['recall']['interval'] == list(Share(2, 3).interval)
+    assert found['confidence'] == 0.95
     assert found['causes']['exhaust']['share'] == 0.5
     assert found['detectors']['lof']['found'] == 1
     assert found['untested'] == {'points': 2, 'outliers': 1}
@@ -138,7 +117,7 @@ def test_json_holds_all_of_it() -> None:
 
 def test_tables() -> None:
     """What is printed are the papers' figures, with their intervals, and every group."""
-    printed = lines(text(*tables(evaluate(POINTS, CAUSES, (0.0, 20.0)))))
+    printed = lines(text(*tables(evaluate(POINTS, CAUSES))))
     for line in (
         'points 8',
         'outliers 3 37.50 % cloud 13.68 % – 69.43 %',
@@ -153,7 +132,7 @@ def test_tables() -> None:
         'area under the ROC curve 0.7000',
         'exhaust 2 1 50.00 % 9.45 % – 90.55 %',
         'road 3 1 33.33 % 6.15 % – 79.23 %',
-        '0 to 20 m 1 1 100.00 % 100.00 % 100.00 % 0 0.00 %',
+        '30 to 50 m 2 1 50.00 % 100.00 % 66.67 % 0 –',
         'lof 3 1 33.33 % 50.00 % 40.00 % 1 20.00 %',
     ):
         assert line in printed
@@ -164,19 +143,6 @@ def test_tables_fit_a_terminal() -> None:
     """In 80 columns nothing is cut off, not with a million points either."""
     many = {field: np.repeat(getattr(POINTS, field), 150_000) for field in vars(POINTS)}
     assert '…' not in text(*tables(evaluate(Judged(**many), CAUSES)))
-
-
-def test_summary_of_two_runs() -> None:
-    """A column per run, and rows only for what there is, in one of them at least."""
-    first = evaluate(POINTS, CAUSES)
-    second = evaluate(POINTS.take(POINTS.code != 5), CAUSES)
-    printed = lines(text(summary({'first': first, 'second': second})))
-    assert 'first second' in printed
-    assert 'precision 66.67 % 50.00 %' in printed
-    assert 'exhaust 1 of 2 50.00 % 1 of 2 50.00 %' in printed
-    assert 'mixed 1 of 1 100.00 % 0 of 0 –' in printed
-    assert 'road 1 of 3 33.33 % 1 of 3 33.33 %' in printed
-    assert not any('barrier' in line for line in printed)
 
 
 @pytest.mark.parametrize(

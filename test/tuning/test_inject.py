@@ -99,17 +99,6 @@ def test_what_is_seen_later_may_be_near() -> None:
     assert (cKDTree(good).query(bad)[0] < 1.0).sum() > 3
 
 
-def test_sizes_of_clusters() -> None:
-    """From the least to the most, both of which there are; only the last may have fewer."""
-    for low, high in ((2, 4), (7, 7)):
-        _, code = inject(road(), Injection(share=0.002, clustered=1.0, size=(low, high)))
-        clustered = np.flatnonzero(code == Cause.CLUSTER)
-        runs = np.split(clustered, np.flatnonzero(np.diff(clustered) > 1) + 1)
-        sizes = sorted(len(run) for run in runs)
-        assert {*sizes[1:]} == {*range(low, high + 1)}
-        assert 80 - low < sum(sizes) <= 80
-
-
 def test_clusters_are_twice_as_far() -> None:
     """The middle of a cluster is at least twice as far as a single point must be."""
     before = road()
@@ -144,23 +133,6 @@ def test_nothing_else_changes() -> None:
         assert (new.xyz[~mask] != copy[~mask]).all()
         for name in ('t', 'line', 'valid'):
             np.testing.assert_array_equal(getattr(new, name), getattr(old, name))
-
-
-def test_seeded() -> None:
-    """The same seed gives the same outliers, another one others."""
-    made = [inject(road(), Injection(seed=seed)) for seed in (1, 1, 2)]
-    codes = [code for _, code in made]
-    xyz = [np.concatenate([cloud.xyz for cloud in clouds]) for clouds, _ in made]
-    np.testing.assert_array_equal(codes[0], codes[1])
-    np.testing.assert_array_equal(xyz[0], xyz[1])
-    assert (codes[0] != codes[2]).any()
-
-
-def test_defaults_are_those_of_pirotti() -> None:
-    """Of a million points 2600; from 1 to 200 m; clusters of 2 to 30 points."""
-    how = Injection()
-    assert round(1_000_000 * how.share) == 2600
-    assert (how.distance, how.size) == ((1.0, 200.0), (2, 30))
 
 
 def test_little_and_empty_clouds() -> None:

@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.tuning.model import AUC, Goal, Model, levels, middle_of_best
+from lidar_outlier_filter.tuning.model import Goal, Model, levels, middle_of_best
 from lidar_outlier_filter.tuning.search import fold_of_each, tune
 from lidar_outlier_filter.tuning.search_space import searches
 from lidar_outlier_filter.tuning.training import Training, together
@@ -112,15 +112,6 @@ def test_the_promise_is_kept(names: tuple[str, ...]) -> None:
     assert np.mean(promised) == pytest.approx(np.mean(others), abs=0.04)
 
 
-@pytest.mark.slow
-def test_the_same_answer_twice() -> None:
-    """Nothing is left to chance."""
-    one, other = (small(road(1), chain('alpha_beta_gamma', 'sor')) for _ in range(2))
-    assert one.values == other.values
-    assert one.folds == other.folds
-    np.testing.assert_array_equal(one.held_out, other.held_out)
-
-
 def test_figures_are_those_of_the_chain_itself() -> None:
     """Counts before and after are what a user counts; of what is held out, too."""
     data, start = road(3), chain('sor')
@@ -197,31 +188,6 @@ def test_detectors_that_must_agree(vote: int) -> None:
         assert (vote < 2) or outliers == good == 0
 
 
-@pytest.mark.slow
-def test_two_are_better_than_one() -> None:
-    """The pair is worth at least as much as the better one alone."""
-    data = road(8)
-    pair = total(small(data, chain('alpha_beta_gamma', 'sor')).after).f1
-    single = max(total(small(data, chain(one)).after).f1 for one in ('alpha_beta_gamma', 'sor'))
-    assert pair >= single - 1e-3
-
-
-def test_settings_by_area() -> None:
-    """By AUC the setting is that with the largest area; the threshold follows by F1."""
-    data, start = road(9), chain('sor')
-    goal = Goal(AUC)
-    model = Model(data, start, searches(start, wanted(start)), goal)
-    everything = np.ones(len(data), np.bool_)
-    areas = model.auc('sor', everything)
-    assert areas.shape == (2,)
-    assert (areas > 0.7).all()
-    values = model.find(everything)
-    assert values['sor.k'] == (5, 20)[int(np.argmax(areas))]
-    found = small(data, start, goal)
-    assert found.values['sor.k'] == values['sor.k']
-    assert total(found.after).f1 > total(found.before).f1
-
-
 def test_progress_is_told() -> None:
     """First all scores, then, before every run, the fold that is searched."""
     result: list[tuple[int, int, str]] = []
@@ -260,8 +226,6 @@ def test_too_few_stretches_are_refused() -> None:
     for folds in (1, 21):
         with pytest.raises(FilterError, match=f'from 2 to the 20 stretches, got {folds}'):
             tune(road(1, 20), chain('sor'), Goal(), folds)
-    with pytest.raises(FilterError, match="the goal must be 'f1' or 'auc', got 'f2'"):
-        Goal('f2')
     for share in (0.0, 1.5):
         with pytest.raises(FilterError, match='must be more than 0, at most 1, got'):
             Goal(most_lost=share)

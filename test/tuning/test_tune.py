@@ -254,7 +254,6 @@ def test_refused_clouds_are_told(bag: Path, tmp_path: Path, capsys: Capture) -> 
         (['--keep', 'chain'], "must be those of boosted_trees, got 'chain'"),
         (['--most-lost', '0'], 'may be lost must be more than 0, at most 1, got 0.0'),
         (['--folds', '0'], 'the number of folds must be from 2 to the 20 stretches, got 0'),
-        (['--confidence', '2'], 'the confidence must be between 0 and 1, got 2.0'),
         (['--set', 'halo=-1.0'], 'halo must be from 0 to 60 s, got -1.0'),
         (['--output', '.'], 'the output must be a new file, got ., which exists'),
     ],

@@ -12,9 +12,9 @@ import numpy as np
 
 from lidar_outlier_filter.core.detectors.elevation.detector import body, detect, differences
 from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
-from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, count
 from lidar_outlier_lab.results.papers.methods import METHODS
@@ -215,7 +215,7 @@ def _curves(sample: Sample, folder: Path) -> tuple[str, str]:
         rows.append((f'{name}: eliminated', *(percent(float(one.mean())) for one in found)))
         rows.append((f'{name}: found', *(percent(float(one[bad].mean())) for one in found)))
     stem = f'kang2018_k_{sample.name.removeprefix("kang-")}'
-    plots.draw_lines(
+    draw_lines(
         series,
         CURVE,
         folder / stem,

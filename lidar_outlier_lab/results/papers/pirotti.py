@@ -12,6 +12,7 @@ from scipy.special import poch
 from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
 from lidar_outlier_lab.results.neighbour_curves import CLOSE, STATISTICS, statistics
 from lidar_outlier_lab.results.papers import pcl_lof, pirotti_buses
@@ -74,7 +75,7 @@ def _images(seed: int, folder: Path, progress: Progress) -> str:
         (cloud,) = aerial.photogrammetry(seed, None, lambda _: None, draws)
         xyz = np.stack([cloud.points[axis] for axis in 'xyz'], axis=1).astype(np.float64)
         found[law] = explore(xyz, cloud.points['label'], Cause.CLUSTER, measure=with_pcl)
-        plots.draw_lines(
+        draw_lines(
             found[law].auc,
             NEIGHBOURS,
             folder / f'pirotti2018_auc_{_stem(law)}',
@@ -86,7 +87,7 @@ def _images(seed: int, folder: Path, progress: Progress) -> str:
         chosen = {f'{name}, k = {k}': roc for k, roc in one.curves[name].items()}
         plots.draw_roc(chosen, folder / f'pirotti2018_roc_{name.lower()}')
     for name, unit in (('SOR', 'median of SOR, m'), ('LOF', 'median of LOF')):
-        plots.draw_lines(
+        draw_lines(
             {f'{name}, {law} distances': got.median[name] for law, got in found.items()},
             NEIGHBOURS,
             folder / f'pirotti2018_median_{name.lower()}',

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.evaluation import plots
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause
+from lidar_outlier_lab.results.lines_picture import draw_lines
 from lidar_outlier_lab.results.markdown import image, number, paragraphs, table
 from lidar_outlier_lab.results.neighbour_curves import STATISTICS, statistics
 from lidar_outlier_lab.results.papers.roc import NEIGHBOURS, Found, explore
@@ -67,9 +67,7 @@ def section(seed: int, folder: Path) -> str:
                 rates.append((f'line {line}, {dimension}, {kind}', *_rates(found)))
                 if kind == 'hard' and dimension == 'flat':
                     stem = folder / f'pirotti2018_line_{line}'
-                    plots.draw_lines(
-                        found.auc, NEIGHBOURS, stem, x_label='k, neighbours', y_label='AUC'
-                    )
+                    draw_lines(found.auc, NEIGHBOURS, stem, x_label='k, neighbours', y_label='AUC')
                     if not views:
                         views.append(_views(xyz, track['label'], found))
     draw(views, folder / 'pirotti2018_figure_10.png', ('x, m', 'y, m'), row=4.5)
