@@ -90,7 +90,7 @@ class Decoder:
     def compile(self) -> None:
         """Run every kernel once on nothing, so that it is ready for the first cloud."""
         returns(np.empty((0, 3)))
-        Mask.nothing(0).covers(_nothing(with_sigma=False), 0.0, rays=False)
+        Mask.nothing(0).covers(_nothing(with_sigma=False), 0.0)
         LineCounter().by_angle(np.empty(0), np.empty(0, np.bool_))
 
     # Signalling NaN are NaN like any other: no warning where they are converted or compared.

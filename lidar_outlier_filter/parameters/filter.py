@@ -189,12 +189,6 @@ class FilterParameters:
         "unseen by the detectors; 'off': none.",
         fixed=True,
     )
-    mask_mode: str = declare(
-        'range',
-        'What is masked in the directions of the vehicle: range: points as far away as it is; ray: '
-        'those behind it, too, such as what mirrors and glass show.',
-        choices=('range', 'ray'),
-    )
     mask_tolerance: float = declare(
         0.1, 'How much nearer or farther than in the mask the vehicle may be.', 'm', 0.0, 10.0
     )

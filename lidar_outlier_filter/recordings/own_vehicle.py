@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidar_outlier_filter.core.points.mask_learner import CHANGED, STEP, MaskLearner
+from lidar_outlier_filter.core.points.mask import CHANGED, STEP, MaskLearner
 from lidar_outlier_filter.core.points.points import SECOND, concatenate
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters.declaration import OFF

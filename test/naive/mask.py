@@ -13,14 +13,12 @@ if TYPE_CHECKING:
     Cells = Mapping[tuple[int, int], tuple[float, float]]
 
 
-def covered(  # noqa: PLR0913  points, cells, and how
+def covered(
     xyz: Sequence[Sequence[float]],
     ring: Sequence[int],
     valid: Sequence[bool],
     cells: Cells,
     tolerance: float,
-    *,
-    rays: bool,
 ) -> list[bool]:
     """Look up the cell of each point: columns of half a degree, from x on against the clock."""
     result = []
@@ -32,8 +30,5 @@ def covered(  # noqa: PLR0913  points, cells, and how
             result.append(False)
             continue
         near, far = cells[cell]
-        beside = [(number, (cell[1] + step) % 720) for step in (-1, 1)]
-        inside = all(one in cells for one in beside)
-        behind = (rays and inside) or distance <= far + tolerance
-        result.append(near - tolerance <= distance and behind)
+        result.append(near - tolerance <= distance <= far + tolerance)
     return result

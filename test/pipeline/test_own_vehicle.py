@@ -13,8 +13,7 @@ from helpers.clouds import cloud, point_bytes
 from helpers.own_vehicle import stamp, turn
 
 from lidar_outlier_filter import CloudError, CloudFilter, ParameterError, detect_outliers
-from lidar_outlier_filter.core.points.mask import as_text
-from lidar_outlier_filter.core.points.mask_learner import MaskLearner
+from lidar_outlier_filter.core.points.mask import MaskLearner, as_text
 from lidar_outlier_filter.files.clean import clean_file
 from lidar_outlier_filter.files.judged_file import CleanOptions
 from lidar_outlier_filter.messages.cloud import structured
@@ -92,34 +91,32 @@ def test_masked_points_change_the_rest_where_they_are_seen(mask: str) -> None:
 
 
 @pytest.mark.parametrize('parts', [2, 7])
-@pytest.mark.parametrize('mode', ['range', 'ray'])
-def test_partition_and_chunks(parts: int, mode: str, mask: str) -> None:
+def test_partition_and_chunks(parts: int, mask: str) -> None:
     """However turns are cut: every point is once in one of the two, and always the same."""
     turns = [turn(number, rain=5) for number in range(20, 23)]
-    given = {'chain': ['boosted_trees'], 'mask': mask, 'mask_mode': mode, 'scores': True}
+    given = {'chain': ['boosted_trees'], 'mask': mask, 'scores': True}
     whole, _ = answers(turns, given)
     cut, _ = answers(turns, given, parts)
     for side in ('cleaned', 'outliers'):
         one, other = ([getattr(a, side) for a in some] for some in (whole, cut))
         assert rows_of(one) == rows_of(other)
-    plain, _ = answers(turns, {'chain': ['boosted_trees'], 'mask': mask, 'mask_mode': mode}, parts)
+    plain, _ = answers(turns, {'chain': ['boosted_trees'], 'mask': mask}, parts)
     both = rows_of([a.cleaned for a in plain]) + rows_of([a.outliers for a in plain])
     assert both == rows_of([cloud(rows) for rows in turns])
 
 
-def test_what_lies_farther_is_kept_but_in_ray_mode(mask: str) -> None:
-    """A wall behind the bonnet is no vehicle; a ghost in its mirror goes where rays are masked."""
+def test_farther_returns_are_kept(mask: str) -> None:
+    """A wall behind the bonnet is not masked."""
     rows = turn(30)
-    ghost = np.flatnonzero((rows['own'] == 1) & (rows['ring'] == 5))[10:20]
+    behind = np.flatnonzero((rows['own'] == 1) & (rows['ring'] == 5))[10:20]
     for axis in 'xyz':
-        rows[axis][ghost] *= 4
-    for mode, covered in (('range', 0), ('ray', len(ghost))):
-        given = {'chain': ['sor'], 'sor.multiplier': 1000.0, 'mask': mask, 'mask_mode': mode}
-        verdict = detect_outliers(rows, parameters=given)
-        assert np.count_nonzero(verdict.masked[ghost]) == covered
-        others = np.setdiff1d(np.flatnonzero(rows['own']), ghost)
-        assert verdict.outlier[others].all()
-        assert not verdict.outlier[rows['own'] == 0].any()
+        rows[axis][behind] *= 4
+    given = {'chain': ['sor'], 'sor.multiplier': 1000.0, 'mask': mask}
+    verdict = detect_outliers(rows, parameters=given)
+    assert not verdict.masked[behind].any()
+    others = np.setdiff1d(np.flatnonzero(rows['own']), behind)
+    assert verdict.outlier[others].all()
+    assert not verdict.outlier[rows['own'] == 0].any()
 
 
 def test_tolerance(mask: str) -> None:

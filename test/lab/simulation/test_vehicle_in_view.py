@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidar_outlier_filter.core.points.mask_learner import MaskLearner
+from lidar_outlier_filter.core.points.mask import MaskLearner
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.messages.truth import Kind
 from lidar_outlier_lab.simulation.scenes.own_vehicle import drive
@@ -30,7 +30,7 @@ def test_a_mask_of_one_street_fits_in_another() -> None:
     assert learner.taken >= 10
     mask, found, others = learner.learn(), [], []
     for _, rows in clouds(drive(3, 2, columns=250), 1):
-        covered = mask.covers(points_of(rows), 0.1, rays=False)
+        covered = mask.covers(points_of(rows), 0.1)
         own = rows['surface'] == Kind.OWN
         found.append(covered[own])
         others.append(covered[~own])
