@@ -32,7 +32,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.engine.blocks import Stream
+from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import concatenate
@@ -92,7 +92,7 @@ def digest(verdicts: list[Verdict]) -> str:
 
 def stream(clouds: list[Points], parameters: FilterParameters) -> list[Verdict]:
     """Judge clouds as the filter does."""
-    pushed: Stream[StreamCloud] = Stream(parameters)
+    pushed: Blocks[StreamCloud] = Blocks(parameters)
     finished = []
     for points in clouds:
         try:

@@ -16,8 +16,7 @@ from lidar_outlier_filter.parameters.installed import register
 if TYPE_CHECKING:
     from lidar_outlier_filter.core.verdict import Verdict
     from lidar_outlier_filter.errors import CloudError, FilterError, ParameterError
-    from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
-    from lidar_outlier_filter.pipeline.whole_cloud import detect_outliers
+    from lidar_outlier_filter.pipeline.library import CloudFilter, detect_outliers
 
 __all__ = [
     'CloudError',
@@ -33,11 +32,11 @@ register(find_detectors)
 
 _MODULES = {
     'CloudError': 'errors',
-    'CloudFilter': 'pipeline.cloud_filter',
+    'CloudFilter': 'pipeline.library',
     'FilterError': 'errors',
     'ParameterError': 'errors',
     'Verdict': 'core.verdict',
-    'detect_outliers': 'pipeline.whole_cloud',
+    'detect_outliers': 'pipeline.library',
 }
 
 # A type checker looks at the imports above, and so finds names that are not there.

@@ -116,20 +116,14 @@ def is_organised(msg: Any) -> bool:
     return bool(msg.height > 1 and msg.width)
 
 
-def leave_out(msg: Any, missing: Bools) -> Any:
-    """Copy an unorganised cloud without its N missing returns, (N,) bool; the copy is dense."""
-    result = with_rows(msg, plain_rows(msg)[~missing], msg.fields, msg.point_step)
-    result.is_dense = True
-    return result
-
-
-def split(
+def split(  # noqa: PLR0913  what a cloud has, and how it is split
     msg: Any,
     verdict: Verdict,
     *,
     keep_organized: bool = False,
     scores: bool = False,
-    wanted: tuple[bool, bool] = (True, True),
+    left_out: Bools | None = None,
+    requested: tuple[bool, bool] = (True, True),
 ) -> tuple[Any, Any]:
     """Split a cloud into cleaned and outliers: every point in one of them, in order, byte for byte.
 
@@ -144,26 +138,32 @@ def split(
         The cleaned cloud of an organised one keeps its shape; rejected points become NaN.
     scores : bool
         Both clouds gain ``SCORE_FIELDS``.
-    wanted : (bool, bool)
+    left_out : (N,) bool, optional
+        Missing returns that are in neither cloud; the cleaned one is dense then.
+    requested : (bool, bool)
         Which of the two to make; the other is None.
 
     """
-    if not any(wanted):
+    if not any(requested):
         return None, None
     rows, step, fields = plain_rows(msg), msg.point_step, msg.fields
     if scores and fields:
         rows, fields = _rows_with_scores(msg, rows, verdict), more_fields(msg, SCORE_FIELDS)
         step += BYTES_OF_SCORES
     rejected = verdict.rejected
-    outliers = with_rows(msg, rows[rejected], fields, step) if wanted[1] else None
-    if not wanted[0]:
+    outliers = with_rows(msg, rows[rejected], fields, step) if requested[1] else None
+    if not requested[0]:
         return None, outliers
     if keep_organized and is_organised(msg):
         holes = _with_holes(rows, structured(msg).dtype, rejected)
         organised = with_rows(msg, holes, fields, step, msg.height)
         organised.is_dense = bool(msg.is_dense) and not rejected.any()
         return organised, outliers
-    return with_rows(msg, rows[~rejected], fields, step), outliers
+    if left_out is None:
+        return with_rows(msg, rows[~rejected], fields, step), outliers
+    cleaned = with_rows(msg, rows[~(rejected | left_out)], fields, step)
+    cleaned.is_dense = True
+    return cleaned, outliers
 
 
 def plain_rows(msg: Any) -> Rows:

@@ -154,7 +154,7 @@ class Decoder:
         """Forget the scan lines that the last cloud began: it was refused after all."""
         self._counter = self._before
 
-    def begin_anew(self) -> None:
+    def reset(self) -> None:
         """Forget the scan angles so far: what comes has nothing to do with them."""
         self._counter.begin_anew()
 

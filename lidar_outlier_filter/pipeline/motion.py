@@ -1,75 +1,100 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the sensor was when, by odometry. Messages are duck-typed.
+"""The motion step: clouds wait for their poses, and leave moved to the fixed frame.
 
-Only the points that detectors see are moved. What is published keeps its frame and its bytes.
+Only the points that detectors see are moved. Published clouds keep their frame and their bytes.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from collections import deque
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Generic, Protocol
 
+from lidar_outlier_filter.core.engine.stream_cloud import BEGINNING, AnyCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.poses import Mounting, Track
 from lidar_outlier_filter.errors import PoseError
-from lidar_outlier_filter.pipeline.statistics import Kinds
+from lidar_outlier_filter.pipeline.statistics import CountsByReason
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 
 class PoseSource(Protocol):
-    """What knows where the sensor was."""
+    """Source of the sensor's poses."""
 
     topic: str  # of nav_msgs/Odometry; empty: none
-    refusals: Kinds  # poses, by what was wrong
+    refusals: CountsByReason  # of poses
 
     def take(self, msg: Any) -> None:
-        """Take the next message with a pose; one that makes no sense is counted."""
+        """Add the next message with a pose; an invalid one is counted."""
 
     def reaches(self, last: int, frame: str) -> bool:
-        """Return whether it is known where ``frame`` was at ``last`` (ns); or never will be."""
+        """Return whether the pose of ``frame`` at ``last`` (ns) is known, or never will be."""
 
     def move(self, points: Points, frame: str) -> tuple[Points, Bools]:
-        """Move points from ``frame`` to the frame that stands still, where that is known.
+        """Move points from ``frame`` to the fixed frame.
 
         Returns the points and which of them, (N,) bool, were moved. That depends on the time of
-        each, and not on the others.
+        each point alone.
         """
 
-    def begin_anew(self) -> None:
-        """Forget what was before: the clock of the points was set back.
+    def reset(self) -> None:
+        """Forget all poses, because the clock of the points was set back.
 
-        What has begun anew by itself is kept: poses may be set back before the points are.
+        Poses that were reset by themselves are kept: their clock may be set back first.
         """
+
+
+class Stationary:
+    """The pose source of a sensor whose points are not moved."""
+
+    topic = ''
+
+    def __init__(self) -> None:
+        """Begin without refusals."""
+        self.refusals = CountsByReason()
+
+    def take(self, msg: Any) -> None:
+        """Ignore a pose."""
+
+    def reaches(self, _last: int, _frame: str) -> bool:
+        """Return True: no pose is needed."""
+        return True
+
+    def move(self, points: Points, _frame: str) -> tuple[Points, Bools]:
+        """Return the points as they are."""
+        return points, points.valid
+
+    def reset(self) -> None:
+        """Do nothing."""
 
 
 class Odometry:
-    """nav_msgs/Odometry, and where the sensor is in its child frame."""
+    """Poses of nav_msgs/Odometry messages, and the sensor's place in their child frame."""
 
     def __init__(self, parameters: FilterParameters) -> None:
-        """Take the mounting and the longest gap."""
+        """Read the extrinsics of the sensor and the longest gap between poses."""
         motion = parameters.motion
         self.topic = motion.topic
-        self.refusals = Kinds()
+        self.refusals = CountsByReason()
         self._track = Track(motion.max_gap, parameters.time_jump)
-        self._mounting = Mounting.at(
+        self._extrinsics = Mounting.at(
             (motion.x, motion.y, motion.z), (motion.roll, motion.pitch, motion.yaw)
         )
 
     def take(self, msg: Any) -> None:
-        """Take the next odometry; one that makes no sense is counted."""
+        """Add the next odometry; an invalid one is counted."""
         stamp, pose = msg.header.stamp, msg.pose.pose
         p, q = pose.position, pose.orientation
         try:
             self._track.add(stamp.sec * SECOND + stamp.nanosec, (p.x, p.y, p.z, q.x, q.y, q.z, q.w))
         except PoseError as err:
-            self.refuse(err.what)
-
-    def refuse(self, what: str) -> None:
-        """Count a pose that was refused, by what was wrong."""
-        self.refusals.note(what)
+            self.refusals.note(err.what)
 
     def reaches(self, last: int, _frame: str) -> bool:
         """Return whether there is odometry up to ``last``."""
@@ -77,8 +102,87 @@ class Odometry:
 
     def move(self, points: Points, _frame: str) -> tuple[Points, Bools]:
         """Move points from the sensor to the frame of the odometry, where there is odometry."""
-        return self._track.move(points, self._mounting)
+        return self._track.move(points, self._extrinsics)
 
-    def begin_anew(self) -> None:
-        """Forget the odometry of before."""
+    def reset(self) -> None:
+        """Forget all odometry."""
         self._track.begin_anew()
+
+
+class PoseQueue(Generic[AnyCloud]):
+    """Clouds that wait for their poses, in order.
+
+    A cloud waits, and all clouds behind it, until its last pose is known, or until points have
+    come that are later by more than ``max_delay``. Points without pose keep the sensor's frame and
+    are judged apart from moved ones.
+
+    Attributes
+    ----------
+    clouds : deque of clouds
+        Oldest first.
+    points : int
+        Their points, missing returns included.
+    newest : int
+        Latest time of any point, nanoseconds.
+    without_pose : int
+        Number of clouds that left with points that were not moved.
+
+    """
+
+    def __init__(self, source: PoseSource, parameters: FilterParameters) -> None:
+        """Wait for the poses of a source."""
+        self.without_pose = 0
+        self._source = source
+        self.set_max_delay(parameters.max_delay)
+        self._clear()
+
+    def _clear(self) -> None:
+        self.clouds: deque[AnyCloud] = deque()
+        self.points = 0
+        self.newest = BEGINNING
+
+    def set_max_delay(self, seconds: float) -> None:
+        """Let clouds wait for their poses no longer than this."""
+        self._max_delay = round(seconds * SECOND)
+
+    def append(self, cloud: AnyCloud) -> None:
+        """Add the next cloud. Its ``frame`` is that of its coordinates."""
+        self.clouds.append(cloud)
+        self.points += cloud.count
+
+    def ready(self) -> Iterator[AnyCloud]:
+        """Release the clouds that need not wait any longer."""
+        while self.clouds and self._is_ready(self.clouds[0]):
+            yield self.release()
+
+    def release_all(self) -> Iterator[AnyCloud]:
+        """Release all clouds, moved by the poses that are known."""
+        while self.clouds:
+            yield self.release()
+
+    def release(self) -> AnyCloud:
+        """Release the oldest cloud, moved by the poses that are known.
+
+        Its ``frame`` becomes empty for the fixed frame, and starts with ``own:`` otherwise.
+        """
+        cloud = self.clouds.popleft()
+        self.points -= cloud.count
+        cloud.points, moved = self._source.move(cloud.points, cloud.frame)
+        if moved.all():
+            cloud.frame = ''
+        else:
+            self.without_pose += 1
+            cloud.frame = f'own: {cloud.frame}'
+            if moved.any():
+                cloud.points = replace(cloud.points, fixed=moved)
+        return cloud
+
+    def reset(self) -> None:
+        """Forget the poses and the time; the queue is empty."""
+        self._clear()
+        self._source.reset()
+
+    def _is_ready(self, cloud: AnyCloud) -> bool:
+        if cloud.last < max(cloud.first, self.newest - self._max_delay):
+            return True
+        return self._source.reaches(cloud.last, cloud.frame)

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.core.verdict import Verdict
 
-MOST_KINDS = 50  # of what is wrong with clouds, or with poses: far more than there are
-OTHERS = 'other reasons'
+MAX_REASONS = 50  # far more than there are
+OTHER_REASONS = 'other reasons'
 # Counts of clouds and points that were judged.
 JUDGED = (
     'messages',
@@ -33,12 +33,12 @@ JUDGED = (
 )
 
 
-class Kinds(Counter[str]):
-    """Counts by what was wrong. It may quote what was sent, so kinds beyond a bound are one."""
+class CountsByReason(Counter[str]):
+    """Counts by reason. Reasons may quote a message, so all beyond a limit are counted as one."""
 
     def note(self, what: str, count: int = 1) -> None:
-        """Count more of a kind."""
-        self[what if what in self or len(self) < MOST_KINDS else OTHERS] += count
+        """Count more of a reason."""
+        self[what if what in self or len(self) < MAX_REASONS else OTHER_REASONS] += count
 
 
 @dataclass
@@ -47,21 +47,21 @@ class Statistics:
 
     Attributes
     ----------
-    messages, points : clouds taken, and their points
+    messages, points : clouds returned, and their points
     invalid : missing returns (NaN, Inf, 0 0 0), which stay in the cleaned clouds
-    dropped : those of them that are in no cloud, as ``missing`` says
+    dropped : missing returns that are in no cloud, under ``missing: drop``
     untested : valid points that no detector could test; they stay too
-    rejected : points by the detector that rejected them; those on the own vehicle by ``mask``
-    reasons : points by the feature that said most against them, where scores are published
-    undecided : points by the detector that looked at them and could not test them
-    outliers : points that went to the outlier clouds
-    passed : clouds that passed unfiltered, by the reason; their points are counted, not looked at
-    shed : clouds that were taken while the slow detectors were off
-    refused : clouds refused; refusals counts them by what was wrong
-    poses : poses that were refused, by what was wrong
-    unmoved : clouds with points that were judged without poses, in their own frame
+    rejected : points by the detector that rejected them; points on the own vehicle by ``mask``
+    reasons : points by the feature that counted most against them, where scores are published
+    undecided : points by the detector that judged them and could not test them
+    outliers : points in the outlier clouds
+    bypassed : clouds that were not filtered, by reason; their points are counted as points only
+    degraded : clouds that came while only line detectors judged
+    refused : clouds refused; refusals counts them by reason
+    poses : poses refused, by reason
+    without_pose : clouds with points that were judged in their own frame, without poses
     resets : times the clock was set back
-    passes : most repetitions without the rejected that a block has needed
+    passes : most repetitions without the rejected points that a block has needed
     failures : blocks that a detector raised an error in
     ways : blocks by how the default judged them
 
@@ -76,11 +76,11 @@ class Statistics:
     rejected: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
     undecided: Counter[str] = field(default_factory=Counter)
-    passed: Counter[str] = field(default_factory=Counter)
-    refusals: Kinds = field(default_factory=Kinds)
-    poses: Kinds = field(default_factory=Kinds)
-    shed: int = 0
-    unmoved: int = 0
+    bypassed: Counter[str] = field(default_factory=Counter)
+    refusals: CountsByReason = field(default_factory=CountsByReason)
+    poses: CountsByReason = field(default_factory=CountsByReason)
+    degraded: int = 0
+    without_pose: int = 0
     resets: int = 0
     passes: int = 0
     failures: int = 0
@@ -109,11 +109,11 @@ class Statistics:
             else:
                 getattr(self, name).update(value)
 
-    def count_passed(self, points: int, reason: str) -> None:
+    def count_bypassed(self, points: int, reason: str) -> None:
         """Add a cloud that was not filtered."""
         self.messages += 1
         self.points += points
-        self.passed[reason] += 1
+        self.bypassed[reason] += 1
 
     def count(self, verdict: Verdict, valid: int) -> None:
         """Add a finished cloud."""

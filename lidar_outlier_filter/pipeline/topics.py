@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Names of topics and types: which ROS 2 allows, and how the answers to a topic are named."""
+"""Names of topics and types: what ROS 2 allows, and the output topics of an input topic."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ CLEANED, OUTLIERS = '/cleaned', '/outliers'  # behind the name of the topic
 _NAME = re.compile(r'(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
 
 
-def answers(topic: str) -> tuple[str, str]:
-    """Name the topics of the cleaned and of the outlier clouds of ``topic``."""
+def output_topics(topic: str) -> tuple[str, str]:
+    """Return the topics of the cleaned and of the outlier clouds of ``topic``."""
     return topic + CLEANED, topic + OUTLIERS
 
 
 def resolve(name: str, node: str = '/outlier_filter_node') -> str:
-    """Name a topic as ROS expands it for a node without a namespace."""
+    """Return a name as ROS expands it for a node without a namespace."""
     if name.startswith('~'):
         return node + name.removeprefix('~')
     return name if name.startswith('/') else f'/{name}'

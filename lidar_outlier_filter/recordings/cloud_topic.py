@@ -13,8 +13,8 @@ from rosbags.serde import SerdeError
 from lidar_outlier_filter.core.detectors.registry import DETECTORS, rejecting
 from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingError, refused_for
 from lidar_outlier_filter.pipeline.motion import Odometry
-from lidar_outlier_filter.pipeline.session import Session
-from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY, answers, resolve
+from lidar_outlier_filter.pipeline.pipeline import Pipeline
+from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY, output_topics, resolve
 from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
 from lidar_outlier_filter.recordings.channels import known_types
 from lidar_outlier_filter.recordings.journal import Done, refuse_other
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.parameters.node import MotionParameters
-    from lidar_outlier_filter.pipeline.session import Answer
+    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
     from lidar_outlier_filter.pipeline.statistics import Statistics
     from lidar_outlier_filter.recordings.bags import NewBag, Recording
     from lidar_outlier_filter.recordings.journal import Journal
@@ -103,10 +103,10 @@ class CloudTopic:
             inform(f'{name}: {text}')
 
         # A kernel is compiled when the first cloud needs it: another sensor's never are.
-        self._filter = Session(parameters, say, say, motion, compiles=False)
+        self._filter = Pipeline(parameters, say, say, motion, compiles=False)
         if chain is not None:
-            self._filter.judge_by(chain)
-        self._filter.wanted = (False, False)
+            self._filter.use_chain(chain)
+        self._filter.requested_outputs = (False, False)
         self._filter.refuse = self._note_refusal
         self._sentences: dict[str, str] = {}
         self._clouds = self._checksum = 0  # read so far
@@ -131,11 +131,11 @@ class CloudTopic:
     @property
     def unmoved(self) -> int:
         """Count the clouds that were taken without poses, though there is odometry."""
-        return self._filter.statistics.unmoved
+        return self._filter.statistics.without_pose
 
     def show(self, take: Callable[[StreamCloud, Any, int], object]) -> None:
         """Call with each cloud that is judged, its message and its number in the topic, from 0."""
-        self._filter.show = lambda cloud, msg: self._shown.append((cloud, msg))
+        self._filter.show = [lambda cloud, msg: self._shown.append((cloud, msg))]
         self._take = take
 
     @property
@@ -154,8 +154,8 @@ class CloudTopic:
         """
         self._bag = bag
         self._outputs: list[Topic] = []
-        self._filter.wanted = (True, True)
-        for name in answers(resolve(self.topic.name)):
+        self._filter.requested_outputs = (True, True)
+        for name in output_topics(resolve(self.topic.name)):
             if name in names:
                 must_be = 'a topic that the recording does not have'
                 raise RecordingError(f'the answer to {self.topic.name}', must_be, name)
@@ -180,7 +180,7 @@ class CloudTopic:
             return
         try:
             known = self._clouds <= self._done.answered
-            finished = self._filter.push(cloud, (self._clouds, time), known=known)
+            finished = self._filter.process(cloud, (self._clouds, time), known=known)
         except CloudError as err:  # counted by the filter; others may be finished all the same
             self._note_refusal(err)
             finished = self._filter.advance()
@@ -193,7 +193,7 @@ class CloudTopic:
         try:
             msg = self._types.deserialize_cdr(data, ODOMETRY)
         except SerdeError:
-            self._motion.refuse('the CDR bytes')
+            self._motion.refusals.note('the CDR bytes')
             return
         self._motion.take(msg)
         self._write(self._filter.advance())
@@ -221,12 +221,12 @@ class CloudTopic:
         if journal.left is not None:
             refuse_other(journal.left.folder, 'recording')
 
-    def _write(self, finished: Sequence[Answer]) -> None:
+    def _write(self, finished: Sequence[SplitCloud]) -> None:
         if self._take is not None:
             for (cloud, msg), answer in zip(self._shown, finished, strict=True):
                 self._take(cloud, msg, answer.tag[0] - 1)
             self._shown.clear()
-        if not any(self._filter.wanted):
+        if not any(self._filter.requested_outputs):
             return
         for answer in finished:
             self._answered, time = answer.tag
@@ -238,7 +238,7 @@ class CloudTopic:
         if finished and self._journal is not None:
             self._note(self._journal)
 
-    def _pair(self, answer: Answer) -> list[bytes]:
+    def _pair(self, answer: SplitCloud) -> list[bytes]:
         """Give the bytes of the cleaned and of the outlier cloud."""
         if answer.cleaned is None and self._journal is not None and self._journal.left is not None:
             cleaned, outliers = self._outputs

@@ -17,7 +17,7 @@ from zlib import crc32
 
 from lidar_outlier_filter.disk.new_files import held_leftovers
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.pipeline.topics import answers, resolve
+from lidar_outlier_filter.pipeline.topics import output_topics, resolve
 from lidar_outlier_filter.recordings.salvage.losses import Losses
 from lidar_outlier_filter.recordings.salvage.mcap import DamagedMcap
 
@@ -59,7 +59,7 @@ class Left:
         self.topics: dict[str, Done] = {}
         self._file = DamagedMcap(bag, _MOST, Losses()) if bag.is_file() else None
         self._names = {
-            name for line in lines for one in line['topics'] for name in answers(resolve(one))
+            name for line in lines for one in line['topics'] for name in output_topics(resolve(one))
         }
         noted = {line['answers']: line for line in lines}
         count = checksum = 0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from lidar_outlier_filter.core.engine.blocks import Stream
+from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import check_chain, judge_whole
 from lidar_outlier_filter.core.points.points import SECOND
@@ -163,9 +163,9 @@ class RecordedSource:
 
     def judged(self, chains: Sequence[Chain]) -> Iterator[tuple[int, ReportCloud]]:
         """Judge all clouds by each of the chains; they are read once for all of them."""
-        streams: list[Stream[ReportCloud]] = []
+        streams: list[Blocks[ReportCloud]] = []
         for chain in chains:
-            streams.append(Stream(chain.parameters))
+            streams.append(Blocks(chain.parameters))
             streams[-1].chain = chain
         found = SourceFacts(moved=self.found.moved)
         for taken in self._clouds:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from lidar_outlier_filter.core.points.points import SECOND
-from lidar_outlier_filter.pipeline.session import Session
+from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.visibility import SensorWatch
 from lidar_outlier_filter.ros.backlog import Treatment
 from lidar_outlier_filter.ros.clocks import DelayClock
@@ -58,13 +58,14 @@ class Channel:
         self._motion = make_motion(node, parameters)
         self._compiler: Compiler | None = None
         # Its kernels become ready while the node subscribes already.
-        self._filter = Session(
+        self._filter = Pipeline(
             parameters, self._log_info, self._log_warning, self._motion, compiles=False
         )
         self._filter.refuse = self._log_refusal
         self._filter.fail = self._log_failure
         self._filter.slow = self.health.slow
-        self._watch = self._filter.watch = SensorWatch()
+        self._watch = SensorWatch()
+        self._filter.show.append(self._look_at)
         self._clock = DelayClock(node)
         self.publisher = AnswerPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
@@ -78,7 +79,7 @@ class Channel:
     @property
     def waiting(self) -> int:
         """Count the clouds that were taken and have no answer yet."""
-        return self._filter.waiting + self.worker.held + self.worker.inbox.clouds
+        return self._filter.pending + self.worker.held + self.worker.inbox.clouds
 
     def start(self, compiler: Compiler) -> None:
         """Subscribe, and filter in a thread of its own when kernels are ready; also again."""
@@ -95,7 +96,7 @@ class Channel:
 
     def show(self, look: Show) -> None:
         """Hand each cloud that is judged from now on to a function, in the filter's thread."""
-        self._filter.show = partial(look, self.resolved)
+        self._filter.show.append(partial(look, self.resolved))
 
     def enable(self, *, on: bool) -> None:
         """Filter the clouds that come from now on, or let them pass as they are."""
@@ -104,13 +105,13 @@ class Channel:
     def look(self, seconds: float) -> Report:
         """Report what became of the clouds in the seconds since the last look."""
         self.worker.raise_failure()
-        if self._clock.has_stopped and self._filter.waiting:
+        if self._clock.has_stopped and self._filter.pending:
             # The recording has ended: there is no time any more that could pass.
             self.worker.hurry()
         inbox = self.worker.inbox
         publishers = self._node.count_publishers(self.resolved)
         self._warn_of_losses(seconds)
-        at, waiting = self.worker.oldest, self._filter.waiting + self.worker.held
+        at, waiting = self.worker.oldest, self._filter.pending + self.worker.held
         oldest = 0.0 if at is None else (self._clock.now() - at) / SECOND
         backlog = Backlog(inbox.clouds, inbox.size / MEGABYTE, waiting, publishers, oldest)
         limits, max_delay = self._parameters.health, self._parameters.max_delay
@@ -136,6 +137,9 @@ class Channel:
         """Let go of the publishers."""
         self.stop()
         self.publisher.destroy()
+
+    def _look_at(self, cloud: StreamCloud, _msg: PointCloud2) -> None:
+        self._watch.add(cloud, has_rings=self._filter.has_rings)
 
     def _remarks(self) -> list[str]:
         remarks = []

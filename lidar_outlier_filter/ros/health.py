@@ -197,9 +197,9 @@ class Health:
             return {
                 Loss.ON_THE_WAY: self._lost,
                 Loss.DROPPED: self._dropped,
-                Loss.PASSED: counts.passed['overload'] + counts.passed['failure'],
-                Loss.SHED: counts.shed,
-                Loss.UNMOVED: counts.unmoved,
+                Loss.PASSED: counts.bypassed['overload'] + counts.bypassed['failure'],
+                Loss.SHED: counts.degraded,
+                Loss.UNMOVED: counts.without_pose,
             }
 
     def look(  # noqa: PLR0913  what others know
@@ -261,7 +261,7 @@ class _Look:
     @property
     def passed(self) -> int:
         reasons = ('overload', 'failure', 'compiling')
-        return sum(self.now.passed[reason] - self.before.passed[reason] for reason in reasons)
+        return sum(self.now.bypassed[reason] - self.before.bypassed[reason] for reason in reasons)
 
     def share(self, name: str) -> float:
         """Return the share of the points answered since the last look; 0 of none."""
@@ -286,7 +286,7 @@ class _Look:
             'lost on the way': tally.lost,
             'dropped': tally.dropped,
             'passed unfiltered': self.passed,
-            'judged without poses': self.now.unmoved - self.before.unmoved,
+            'judged without poses': self.now.without_pose - self.before.without_pose,
         }
         total = max(tally.clouds + tally.lost, 1)
         said = ', '.join(f'{count} {what}' for what, count in missed.items() if count)
@@ -343,8 +343,8 @@ class _Look:
             'invalid',
             'dropped',
             'refused',
-            'shed',
-            'unmoved',
+            'degraded',
+            'without_pose',
             'resets',
             'failures',
         ):
@@ -356,7 +356,7 @@ class _Look:
             ('undecided by', now.undecided),
             ('refused for', now.refusals),
             ('refused poses for', now.poses),
-            ('unfiltered for', now.passed),
+            ('unfiltered for', now.bypassed),
         ):
             found |= {f'{text} {name}': str(count) for name, count in sorted(counter.items())}
         return found

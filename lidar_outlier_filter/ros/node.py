@@ -22,7 +22,7 @@ from lidar_outlier_filter.core.kernels.threads import cores
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.parameters.filter import installed
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
-from lidar_outlier_filter.pipeline.topics import answers
+from lidar_outlier_filter.pipeline.topics import output_topics
 from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
@@ -59,7 +59,7 @@ def remappings(input_topic: str) -> list[tuple[str, str]]:
     _refuse_topic('input_topic', input_topic)
     return [
         (POINTS, input_topic),
-        *zip(answers(POINTS), answers(input_topic), strict=True),
+        *zip(output_topics(POINTS), output_topics(input_topic), strict=True),
     ]
 
 

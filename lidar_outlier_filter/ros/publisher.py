@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from rclpy.duration import Duration
 
-from lidar_outlier_filter.pipeline.topics import answers
+from lidar_outlier_filter.pipeline.topics import output_topics
 from lidar_outlier_filter.ros.subscriptions import advertise
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-    from lidar_outlier_filter.pipeline.session import Answer
+    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 
 ACKNOWLEDGE = Duration(seconds=2)  # how long the last clouds may take to arrive
 
@@ -26,10 +26,10 @@ class AnswerPublisher:
         """Advertise ``topic``/cleaned and ``topic``/outliers."""
         self._node = node
         self._context = node.context
-        self.cleaned, self.outliers = (advertise(node, name) for name in answers(topic))
+        self.cleaned, self.outliers = (advertise(node, name) for name in output_topics(topic))
 
     @property
-    def wanted(self) -> tuple[bool, bool]:
+    def requested(self) -> tuple[bool, bool]:
         """Whether somebody subscribes to cleaned and to outlier clouds.
 
         To be asked at each cloud: an event of the first subscriber would come after its first
@@ -38,7 +38,7 @@ class AnswerPublisher:
         cleaned, outliers = self.cleaned, self.outliers
         return bool(cleaned.get_subscription_count()), bool(outliers.get_subscription_count())
 
-    def publish(self, answer: Answer) -> bool:
+    def publish(self, answer: SplitCloud) -> bool:
         """Publish what was made of a cloud; False where ROS is shut down."""
         if not self._context.ok():
             return False

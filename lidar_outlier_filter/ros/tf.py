@@ -20,7 +20,7 @@ from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.points.poses import KEPT, Mounting, Track
 from lidar_outlier_filter.errors import ParameterError, PoseError
 from lidar_outlier_filter.pipeline.motion import Odometry
-from lidar_outlier_filter.pipeline.statistics import Kinds
+from lidar_outlier_filter.pipeline.statistics import CountsByReason
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,7 +61,7 @@ class Tf:
             raise ParameterError('motion.source', must_be, "'tf'") from err
         self.topic = ''
         self._fixed = parameters.motion.fixed_frame
-        self.refusals = Kinds()
+        self.refusals = CountsByReason()
         self._time: Any = lambda t: Time(nanoseconds=t)
         self._jump, self._gap = parameters.time_jump, parameters.motion.max_gap
         self._buffer: Any = tf2_ros.Buffer(cache_time=Duration(seconds=60), node=node)
@@ -119,8 +119,8 @@ class Tf:
             self.refusals.note(what)
         return track
 
-    def begin_anew(self) -> None:
-        """Forget the transforms of before; those that hold for ever stay."""
+    def reset(self) -> None:
+        """Forget all transforms but static ones."""
         self._links.begin_anew()
 
 

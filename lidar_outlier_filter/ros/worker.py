@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2
 
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.pipeline.session import Answer, Session
+    from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
     from lidar_outlier_filter.ros.clocks import DelayClock
     from lidar_outlier_filter.ros.health import Health
     from lidar_outlier_filter.ros.publisher import AnswerPublisher
@@ -35,7 +35,7 @@ class Worker:
 
     def __init__(
         self,
-        filter_: Session,
+        filter_: Pipeline,
         publisher: AnswerPublisher,
         clock: DelayClock,
         health: Health,
@@ -124,14 +124,14 @@ class Worker:
         def apply() -> None:
             if self.enabled and not on:
                 # What would complete their blocks is not looked at any more.
-                self._publish(self._filter.hurry())
+                self._publish(self._filter.flush_pending())
             self.enabled = on
 
         self._do(apply, in_turn=True)
 
     def hurry(self) -> None:
         """Answer all that waits with what is there."""
-        self._do(lambda: self._publish(self._filter.hurry()))
+        self._do(lambda: self._publish(self._filter.flush_pending()))
 
     def refuse(self, err: CloudError) -> None:
         """Count a cloud that could not even be read: once the filter has time, however many."""
@@ -197,7 +197,7 @@ class Worker:
         left = self._time_left()
         if left is not None and left <= 0 and not self.inbox.closed:
             # Poses may have come while a block was being judged.
-            self._publish(self._filter.advance() or self._filter.hurry_oldest())
+            self._publish(self._filter.advance() or self._filter.release_oldest())
             return True
         job = self.inbox.take(None if self.clock.is_simulated else left)
         if isinstance(job, Received):
@@ -251,10 +251,10 @@ class Worker:
             self._health.dropped()
         elif treatment is Treatment.PASS and self.enabled:
             # Nothing completes the blocks of those before it for now.
-            self._publish(self._filter.hurry())
+            self._publish(self._filter.flush_pending())
             self._publish(self._process(received.msg, received, 'overload'))
         else:
-            self._filter.shed(on=treatment is Treatment.SHED)
+            self._filter.degrade(on=treatment is Treatment.SHED)
             resets = self._filter.statistics.resets
             self._publish(self._process(received.msg, received))
             if self._filter.statistics.resets > resets:
@@ -269,7 +269,7 @@ class Worker:
         age = (self.clock.now() - received.at) / SECOND
         load, max_delay = self.inbox.load, self._parameters.max_delay
         treatment = self._overload.decide(load.policy, self.inbox.fill, age, max_delay)
-        if treatment is Treatment.SHED and not self._filter.can_shed:
+        if treatment is Treatment.SHED and not self._filter.has_line_detectors:
             return Treatment.PASS
         return treatment
 
@@ -280,7 +280,7 @@ class Worker:
             self._publish(self._filter.reset())
             self._set_back_at = self.clock.steady_now()
 
-    def _publish(self, answers: Iterable[Answer]) -> None:
+    def _publish(self, answers: Iterable[SplitCloud]) -> None:
         for answer in answers:
             if not self._publisher.publish(answer):
                 return
@@ -302,7 +302,7 @@ class Worker:
         self._health.counted(self._filter.statistics)
         self._publisher.wait()
 
-    def _process(self, msg: PointCloud2, tag: object, passed: str = '') -> list[Answer]:
+    def _process(self, msg: PointCloud2, tag: object, passed: str = '') -> list[SplitCloud]:
         """Filter the next cloud; return the answers that are finished by it, the oldest first.
 
         A cloud that makes no sense is counted and logged, at a bounded rate, and has no answer.
@@ -310,11 +310,11 @@ class Worker:
         """
         passed = passed or ('' if self.enabled else 'disabled')
         if self._thread is not None:
-            self._filter.wanted = self._publisher.wanted
+            self._filter.requested_outputs = self._publisher.requested
         try:
             if passed:
-                return self._filter.pass_by(msg, passed, tag)
-            return self._filter.push(msg, tag)
+                return self._filter.pass_through(msg, passed, tag)
+            return self._filter.process(msg, tag)
         except CloudError as err:
             self._filter.refuse(err)
             return self._filter.advance()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.core.engine.blocks import Stream
+from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.chain import Chain, along_lines, uses_lines
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import with_rings
@@ -133,11 +133,11 @@ def together(parts: Sequence[Training]) -> Training:
 def _stream(
     clouds: Sequence[Points], frames: Sequence[str], parameters: FilterParameters
 ) -> Verdict:
-    stream: Stream[StreamCloud] = Stream(parameters)
+    blocks: Blocks[StreamCloud] = Blocks(parameters)
     finished = []
     for points, frame in zip(clouds, frames, strict=True):
-        finished += stream.push(StreamCloud(points, frame))
-    finished += stream.flush()
+        finished += blocks.push(StreamCloud(points, frame))
+    finished += blocks.flush()
     for cloud in finished:
         if cloud.error is not None:
             raise cloud.error

@@ -27,7 +27,7 @@ from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.session import Session
+from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_lab.results import peers
 from lidar_outlier_lab.simulation.scenes.demo_street import SENSOR, demo_drive, demo_sweeps
 from lidar_outlier_lab.simulation.world.recording import clouds, to_message
@@ -187,8 +187,8 @@ def stream_work(
     parameters = FilterParameters().changed({**form, 'chain': chain})
 
     def stream() -> None:
-        cloud_filter = Session(parameters)
-        answers = sum(len(cloud_filter.push(msg)) for msg in messages)
+        cloud_filter = Pipeline(parameters)
+        answers = sum(len(cloud_filter.process(msg)) for msg in messages)
         answers += len(cloud_filter.flush())
         if answers != len(messages):
             raise FilterError('the answers', f'{len(messages)}', answers)

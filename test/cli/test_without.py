@@ -134,7 +134,7 @@ def test_the_stream() -> None:
 import numpy as np
 from lidar_outlier_filter import CloudFilter
 from doctest import testmod
-import lidar_outlier_filter.pipeline.cloud_filter, lidar_outlier_filter.pipeline.whole_cloud
+import lidar_outlier_filter.pipeline.library
 for name in ('cloud_filter', 'whole_cloud'):
     print(testmod(getattr(lidar_outlier_filter.pipeline, name)).failed)
 """

@@ -23,7 +23,7 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
 from lidar_outlier_filter.files.cloud_file import Change, copy_suffix, open_cloud
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
+from lidar_outlier_filter.pipeline.library import CloudFilter
 
 if TYPE_CHECKING:
     from pathlib import Path

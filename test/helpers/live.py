@@ -337,7 +337,7 @@ def _filter() -> int:
     def look_at(node: OutlierFilterNode) -> None:
         def look() -> None:
             ways = node.channels
-            if all(way.worker.ready.is_set() and all(way.publisher.wanted) for way in ways):
+            if all(way.worker.ready.is_set() and all(way.publisher.requested) for way in ways):
                 timer.cancel()
                 _say('filters')
 

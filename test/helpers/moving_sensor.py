@@ -12,7 +12,7 @@ from helpers.profile_scanner import MOUNTING, Drive, seconds
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.motion import Odometry
-from lidar_outlier_filter.pipeline.session import Answer, Session
+from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -37,25 +37,25 @@ class Moving:
     def __init__(self, extra: Mapping[str, object] | None = None) -> None:
         parameters = FilterParameters().changed({**MOVING, **(extra or {})})
         self.motion = Odometry(parameters)
-        self.filter = Session(parameters, motion=self.motion)
+        self.filter = Pipeline(parameters, motion=self.motion)
 
     def run(
         self, clouds: Iterable[PointCloud2], odometry: Iterable[object], delay: float = 0.0
-    ) -> list[Answer]:
+    ) -> list[SplitCloud]:
         """Feed what there is; odometry comes ``delay`` seconds after its time."""
         events = [(seconds(msg), 0, msg) for msg in clouds]
         events += [(seconds(msg) + delay, 1, msg) for msg in odometry]
-        answers: list[Answer] = []
+        answers: list[SplitCloud] = []
         for _, is_odometry, msg in sorted(events, key=lambda event: event[:2]):
             if is_odometry:
                 self.motion.take(msg)
                 answers += self.filter.advance()
             else:
-                answers += self.filter.push(msg, msg)
+                answers += self.filter.process(msg, msg)
         return answers + self.filter.flush()
 
 
-def rejected(drive: Drive, answers: list[Answer]) -> NDArray[np.bool_]:
+def rejected(drive: Drive, answers: list[SplitCloud]) -> NDArray[np.bool_]:
     """Return which points of the drive went to the outliers, by the time in their clouds."""
     mask = np.zeros(len(drive.t), np.bool_)
     for answer in answers:

@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
     from rclpy.subscription import Subscription
 
-    from lidar_outlier_filter.pipeline.session import Answer
+    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
     from lidar_outlier_filter.ros.channel import Channel
 
 
-def process(node: OutlierFilterNode, msg: PointCloud2, tag: object = None) -> list[Answer]:
+def process(node: OutlierFilterNode, msg: PointCloud2, tag: object = None) -> list[SplitCloud]:
     """Filter a cloud in a node that is not started; return the answers that are finished by it."""
     return node.channels[0].worker._process(msg, tag)
 
 
-def flush(node: OutlierFilterNode) -> list[Answer]:
+def flush(node: OutlierFilterNode) -> list[SplitCloud]:
     """Answer all that is pending in a node that is not started."""
     return node.channels[0]._filter.flush()
 
@@ -259,6 +259,6 @@ def broken() -> PointCloud2:
 NO_CLOUD = b'\xff' * 40  # as another program may publish it under the name of a cloud
 
 
-def rejected(answers: list[Answer]) -> list[int]:
+def rejected(answers: list[SplitCloud]) -> list[int]:
     """Count the outliers of each answer."""
     return [answer.outliers.width for answer in answers]

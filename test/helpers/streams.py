@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from lidar_outlier_filter.core.engine.blocks import Stream
+from lidar_outlier_filter.core.engine.blocks import Blocks
 from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.core.verdict import Verdict
@@ -66,13 +66,13 @@ class TaggedStream:
 
     def __init__(self, parameters: FilterParameters) -> None:
         """Make the stream."""
-        self.stream: Stream[TaggedCloud] = Stream(parameters)
+        self.stream: Blocks[TaggedCloud] = Blocks(parameters)
         self.errors: dict[Any, JudgingError] = {}
 
     @property
     def waiting(self) -> int:
         """Count the clouds without an answer."""
-        return self.stream.waiting
+        return len(self.stream.pending)
 
     @property
     def held(self) -> int:
@@ -87,20 +87,19 @@ class TaggedStream:
     @property
     def oldest(self) -> Any:
         """The tag of the cloud that has waited longest."""
-        oldest = self.stream.oldest
-        return None if oldest is None else oldest.tag
+        return self.stream.pending[0].tag if self.stream.pending else None
 
     def push(self, points: Points, tag: Any = None, frame: str = '') -> list[tuple[Any, Verdict]]:
         """Push a cloud."""
         return self._answers(self.stream.push(TaggedCloud(points, frame, tag)))
 
-    def advance(self) -> list[tuple[Any, Verdict]]:
+    def take_finished(self) -> list[tuple[Any, Verdict]]:
         """Return what is finished."""
-        return self._answers(self.stream.advance())
+        return self._answers(self.stream.take_finished())
 
-    def hurry(self) -> list[tuple[Any, Verdict]]:
+    def flush_pending(self) -> list[tuple[Any, Verdict]]:
         """Judge all that is pending, and go on."""
-        return self._answers(self.stream.hurry())
+        return self._answers(self.stream.flush_pending())
 
     def flush(self) -> list[tuple[Any, Verdict]]:
         """Judge all that is pending, and begin anew."""

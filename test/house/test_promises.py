@@ -31,7 +31,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import BYTES_OF_SCORES, plain_rows, structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.session import Answer, Session
+from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 from lidar_outlier_lab.results.papers.methods import SMOOTHER
 
 if TYPE_CHECKING:
@@ -45,25 +45,25 @@ DEFAULT: dict[str, object] = {'chain': FilterParameters().chain}
 BOTH_KINDS = pytest.mark.parametrize('kind', [copy.deepcopy, to_rosbags], ids=['ros', 'rosbags'])
 
 
-def make(extra: dict[str, object] | None = None) -> Session:
+def make(extra: dict[str, object] | None = None) -> Pipeline:
     """Make a filter with short blocks."""
-    return Session(FilterParameters().changed(SHORT | (extra or {})))
+    return Pipeline(FilterParameters().changed(SHORT | (extra or {})))
 
 
-def run(messages: Iterable[Any], extra: dict[str, object] | None = None) -> list[Answer]:
+def run(messages: Iterable[Any], extra: dict[str, object] | None = None) -> list[SplitCloud]:
     """Filter a recording; each message has its one answer, in order."""
     clean = make(extra)
-    answers: list[Answer] = []
+    answers: list[SplitCloud] = []
     count = 0
     for count, msg in enumerate(messages, 1):
-        answers += clean.push(msg, count - 1)
+        answers += clean.process(msg, count - 1)
     answers += clean.flush()
     assert [answer.tag for answer in answers] == list(range(count))
     assert clean.statistics.refused == 0
     return answers
 
 
-def joined(answers: Sequence[Answer]) -> tuple[bytes, bytes]:
+def joined(answers: Sequence[SplitCloud]) -> tuple[bytes, bytes]:
     """Join the bytes of all cleaned clouds, and of all outlier clouds."""
     return (
         b''.join(bytes(answer.cleaned.data) for answer in answers),
@@ -71,7 +71,7 @@ def joined(answers: Sequence[Answer]) -> tuple[bytes, bytes]:
     )
 
 
-def assert_partition(msg: Any, answer: Answer) -> None:
+def assert_partition(msg: Any, answer: SplitCloud) -> None:
     """Every point is in one of the two, with all its bytes, in order, under the same header."""
     points = point_bytes(msg)
     parts = [point_bytes(answer.cleaned), point_bytes(answer.outliers)]
@@ -145,7 +145,7 @@ def test_missing_returns_are_dropped(chain: dict[str, object]) -> None:
     absent['x'] = np.nan
     messages = [cloud(part) for part in (absent, *cut(rows, 3, 10), rows[:0])]
     clean = make(chain | {'missing': 'drop'})
-    answers = [answer for msg in messages for answer in clean.push(msg)] + clean.flush()
+    answers = [answer for msg in messages for answer in clean.process(msg)] + clean.flush()
     plain = run(messages, chain)
     dropped = 0
     for msg, answer, kept in zip(messages, answers, plain, strict=True):
@@ -283,9 +283,9 @@ def test_cuts_would_matter() -> None:
     """Without its memory the filter would answer otherwise: the tests above can fail."""
     rows = drive(10)
     clean = make({'scores': True})
-    answers: list[Answer] = []
+    answers: list[SplitCloud] = []
     for part in cut(rows, 3, 20):
-        answers += clean.push(cloud(part))
+        answers += clean.process(cloud(part))
         answers += clean.flush()
     assert joined(answers) != joined(run([cloud(rows)], {'scores': True}))
 
@@ -330,7 +330,7 @@ def test_same_input_same_output() -> None:
     clean = make({'scores': True})
     outcomes = []
     for _ in range(3):
-        answers = [answer for msg in messages for answer in clean.push(msg)]
+        answers = [answer for msg in messages for answer in clean.process(msg)]
         outcomes.append(joined(answers + clean.flush()))
     assert outcomes[0] == outcomes[1] == outcomes[2] == joined(run(messages, {'scores': True}))
 
@@ -352,7 +352,7 @@ def test_nothing_is_kept(kind: str) -> None:
         alive = [there for there in alive if there() is not None]
         alive.append(weakref.ref(msg))
         try:
-            clean.push(msg)
+            clean.process(msg)
         except CloudError:
             assert kind == 'late'
         del msg
@@ -369,7 +369,7 @@ def test_answered_within_halo() -> None:
     for number in range(300):
         rows['timestamp'] = STAMP + number * 700_000
         asked[number] = STAMP + number * 700_000
-        for answer in clean.push(cloud(rows), number):
+        for answer in clean.process(cloud(rows), number):
             waited = asked[number] - asked.pop(answer.tag)
             assert waited <= 10_000_000 + 2_000_000 + 700_000
     assert len(asked) < 20
@@ -378,10 +378,10 @@ def test_answered_within_halo() -> None:
 def test_max_points() -> None:
     """A cloud beyond max_points is refused; the next one that fits is served."""
     clean = make({'max_points': 100})
-    clean.push(cloud(table(90, t=('u4', 0), ring=('u1', 0))), 'fits')
+    clean.process(cloud(table(90, t=('u4', 0), ring=('u1', 0))), 'fits')
     with pytest.raises(CloudError, match='the number of points held must be at most max_points'):
-        clean.push(cloud(table(11, t=('u4', 1), ring=('u1', 0))), 'too many')
-    clean.push(cloud(table(10, t=('u4', 2), ring=('u1', 0))), 'fits too')
+        clean.process(cloud(table(11, t=('u4', 1), ring=('u1', 0))), 'too many')
+    clean.process(cloud(table(10, t=('u4', 2), ring=('u1', 0))), 'fits too')
     assert [answer.tag for answer in clean.flush()] == ['fits', 'fits too']
     assert clean.statistics.refusals == {'the number of points held': 1}
 
@@ -396,12 +396,12 @@ def test_late_cloud(way: str) -> None:
     messages = [cloud(part) for part in cut(rows, 14, 40)]
     expected = joined(run(messages, WAYS[way] | {'scores': True}))
     clean = make(WAYS[way] | {'scores': True})
-    answers: list[Answer] = []
+    answers: list[SplitCloud] = []
     for number, msg in enumerate(messages):
-        answers += clean.push(msg, number)
+        answers += clean.process(msg, number)
         if number > 20:
             with pytest.raises(CloudError, match='the time of a cloud must be at or after what is'):
-                clean.push(cloud(rows[: 30 + number]))
+                clean.process(cloud(rows[: 30 + number]))
     answers += clean.flush()
     assert joined(answers) == expected
     assert clean.statistics.refused == len(messages) - 21
@@ -418,7 +418,7 @@ def test_clock_is_set(way: str, shift: int) -> None:
     parts = [[cloud(part) for part in cut(rows, 15, 20)] for rows in (before, after)]
     expected = [joined(run(part, extra)) for part in parts]
     clean = make(extra)
-    answers = [answer for msg in parts[0] + parts[1] for answer in clean.push(msg)]
+    answers = [answer for msg in parts[0] + parts[1] for answer in clean.process(msg)]
     answers += clean.flush()
     assert len(answers) == len(parts[0] + parts[1])
     assert joined(answers) == (expected[0][0] + expected[1][0], expected[0][1] + expected[1][1])
@@ -454,13 +454,15 @@ def test_hurry() -> None:
     undisturbed = run(messages, {'scores': True})
     clean = make({'scores': True})
     for number, msg in enumerate(messages):
-        clean.push(msg, number)
+        clean.process(msg, number)
         if number == 30:
-            hurried = [answer.tag for answer in clean.hurry()]
+            hurried = [answer.tag for answer in clean.flush_pending()]
             assert hurried[-1] == 30
-            assert clean.waiting == 0
+            assert clean.pending == 0
             break
-    answers = [a for number, msg in enumerate(messages[31:], 31) for a in clean.push(msg, number)]
+    answers = [
+        a for number, msg in enumerate(messages[31:], 31) for a in clean.process(msg, number)
+    ]
     answers += clean.flush()
     # What comes later sees all that came before: its verdicts are as if nothing had happened.
     assert [answer.tag for answer in answers] == list(range(31, 61))
@@ -556,7 +558,7 @@ def test_malformed_messages(extra: dict[str, object]) -> None:
     rows = drive(19, shots=20)
     clean = make(extra)
     taken: dict[int, PointCloud2] = {}
-    answers: list[Answer] = []
+    answers: list[SplitCloud] = []
     refused = 0
     sentences: set[str] = set()
     for number in range(300):
@@ -568,7 +570,7 @@ def test_malformed_messages(extra: dict[str, object]) -> None:
             msg = spoil(rng, msg)
         before = dump(msg)
         try:
-            answers += clean.push(msg, number)
+            answers += clean.process(msg, number)
             taken[number] = msg
         except CloudError as err:
             refused += 1
@@ -585,7 +587,7 @@ def test_malformed_messages(extra: dict[str, object]) -> None:
             if taken[answer.tag].width * taken[answer.tag].height:
                 assert_partition(taken[answer.tag], answer)
     good = [cloud(part, STAMP) for part in cut(rows, 19, 3)]
-    served = [answer for msg in good for answer in clean.push(msg)] + clean.flush()
+    served = [answer for msg in good for answer in clean.process(msg)] + clean.flush()
     assert joined(served) == joined(run(good, extra))
 
 
@@ -597,10 +599,10 @@ def test_refusals_are_counted_by_reason() -> None:
     short.data.pop()
     for _ in range(2):
         with pytest.raises(CloudError, match=r'^data must be at least .* bytes, got'):
-            clean.push(short)
+            clean.process(short)
     with pytest.raises(CloudError, match=r'^the time of a point must be finite'):
-        clean.push(late)
-    clean.push(cloud(good), 'good')
+        clean.process(late)
+    clean.process(cloud(good), 'good')
     assert [answer.tag for answer in clean.flush()] == ['good']
     assert clean.statistics.refusals == {'data': 2, 'the time of a point': 1}
     assert (clean.statistics.refused, clean.statistics.messages) == (3, 1)
@@ -614,7 +616,7 @@ def test_statistics() -> None:
     rows = drive(20)
     messages = [cloud(part) for part in cut(rows, 20, 30)]
     clean = make({'scores': True})
-    answers = [answer for msg in messages for answer in clean.push(msg)] + clean.flush()
+    answers = [answer for msg in messages for answer in clean.process(msg)] + clean.flush()
     counts = clean.statistics
     scores = [
         s for a in answers for c in (a.cleaned, a.outliers) for s in values(c, 'outlier_score')
@@ -635,12 +637,12 @@ def test_change() -> None:
     rows = drive(21)
     parts = np.split(rows, [700, 1400])
     clean = make()
-    answers = clean.push(cloud(parts[0]), 'plain')
+    answers = clean.process(cloud(parts[0]), 'plain')
     tolerant: dict[str, object] = {'scores': True, 'alpha_beta_gamma.sigma': 0.5}
     clean.change(clean.parameters.changed(tolerant))
     assert clean.parameters.scores
-    answers += clean.push(cloud(parts[1]), 'scored')
-    answers += clean.push(cloud(parts[2]), 'scored')
+    answers += clean.process(cloud(parts[1]), 'scored')
+    answers += clean.process(cloud(parts[2]), 'scored')
     answers += clean.flush()
     assert [answer.tag for answer in answers] == ['plain', 'scored', 'scored']
     assert [len(answer.cleaned.fields) - 7 for answer in answers] == [0, 4, 4]
@@ -653,14 +655,14 @@ def test_change() -> None:
 def test_most_passes_since_the_start() -> None:
     """What a block has needed is remembered, though the new parameters need less."""
     clean = make()
-    clean.push(cloud(drive(21)))
+    clean.process(cloud(drive(21)))
     clean.flush()
     most = clean.statistics.passes
     assert most > 1
     clean.change(clean.parameters.changed({'alpha_beta_gamma.sigma': 100.0}))
-    clean.push(cloud(drive(21)))
+    clean.process(cloud(drive(21)))
     clean.flush()
-    assert 0 < clean._stream.chain.passes < most
+    assert 0 < clean._blocks.chain.passes < most
     assert clean.statistics.passes == most
 
 
@@ -668,14 +670,14 @@ def test_change_of_form() -> None:
     """Clouds that could not be answered in the new form wait in the old one, or are refused."""
     clean = make()
     rows = table(4, outlier_score=('f4', 0), t=('u4', 0)).reshape(2, 2)
-    clean.push(cloud(rows), 'waits')
+    clean.process(cloud(rows), 'waits')
     whole = np.ones((2, 2), [(name, 'i2') for name in 'xyz'] + [('t', 'u4')])
-    clean.push(cloud(whole), 'waits too')
+    clean.process(cloud(whole), 'waits too')
     clean.change(clean.parameters.changed({'scores': True, 'keep_organized': True}))
     with pytest.raises(CloudError, match='must be without outlier_score'):
-        clean.push(cloud(rows))
+        clean.process(cloud(rows))
     with pytest.raises(CloudError, match='must be a float, to become NaN'):
-        clean.push(cloud(whole))
+        clean.process(cloud(whole))
     answers = clean.flush()
     assert [answer.tag for answer in answers] == ['waits', 'waits too']
     assert [len(answer.cleaned.fields) for answer in answers] == [5, 4]
@@ -685,25 +687,27 @@ def test_change_while_the_slow_detectors_are_off() -> None:
     """They stay off, of the new chain too, until they are to be on; what is counted is true."""
     pair = ('alpha_beta_gamma', 'sor')
     values = {'chain': pair, 'block': 0.01, 'halo': 0.0, 'sor.multiplier': 0.0}
-    clean = Session(FilterParameters().changed(values))
+    clean = Pipeline(FilterParameters().changed(values))
 
     def found(first: int) -> list[int]:
-        answers = [answer for i in range(first, first + 3) for answer in clean.push(line(0.01 * i))]
-        return [answer.outliers.width for answer in [*answers, *clean.hurry()]]
+        answers = [
+            answer for i in range(first, first + 3) for answer in clean.process(line(0.01 * i))
+        ]
+        return [answer.outliers.width for answer in [*answers, *clean.flush_pending()]]
 
-    clean.shed(on=True)
+    clean.degrade(on=True)
     assert found(0) == [1, 1, 1]
     clean.change(clean.parameters.changed({'gap_factor': 2.5}))
     assert found(3) == [1, 1, 1]
-    assert clean.statistics.shed == 6
+    assert clean.statistics.degraded == 6
     clean.change(clean.parameters.changed({'chain': ('sor',)}))  # nothing of it is fast
     found(6)
-    assert clean.statistics.shed == 6
+    assert clean.statistics.degraded == 6
     clean.change(clean.parameters.changed({'chain': pair}))
     assert found(9) == [1, 1, 1]
-    clean.shed(on=False)
+    clean.degrade(on=False)
     assert min(found(12)) > 10
-    assert clean.statistics.shed == 9
+    assert clean.statistics.degraded == 9
 
 
 @pytest.mark.parametrize('name', ['block', 'time_field', 'max_points'])

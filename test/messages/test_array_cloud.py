@@ -17,14 +17,14 @@ from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.array_cloud import as_given, as_message
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
-from lidar_outlier_filter.pipeline.session import Session
+from lidar_outlier_filter.pipeline.library import CloudFilter
+from lidar_outlier_filter.pipeline.pipeline import Pipeline
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from lidar_outlier_filter.annotations import Rows
-    from lidar_outlier_filter.pipeline.session import Answer
+    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 
 SHORT: dict[str, object] = {'block': 0.01, 'halo': 0.002, 'chain': ['alpha_beta_gamma']}
 # All that a dtype of numpy may hold: padding, subarrays, texts, times, nested fields, half floats.
@@ -63,14 +63,14 @@ def lists(rows: Rows) -> list[bytes]:
     return [point.tobytes() for point in plain.reshape(-1)]
 
 
-def run(clouds: Iterable[Any], parameters: dict[str, object]) -> list[Answer]:
+def run(clouds: Iterable[Any], parameters: dict[str, object]) -> list[SplitCloud]:
     """Filter a recording."""
     clean = CloudFilter(parameters)
     answers = [answer for given in clouds for answer in clean.push(given)]
     return answers + clean.flush()
 
 
-def assert_partition(rows: Rows, answer: Answer) -> None:
+def assert_partition(rows: Rows, answer: SplitCloud) -> None:
     """Every point is in one of the two, with all its bytes, in order, and both have the dtype."""
     points, parts = lists(rows), [lists(answer.cleaned), lists(answer.outliers)]
     assert answer.cleaned.dtype == answer.outliers.dtype == rows.dtype
@@ -208,8 +208,8 @@ def test_scores_of_big_endian_arrays() -> None:
 def test_pass_by() -> None:
     """An array that is not to be filtered comes back whole."""
     rows = odd_rows(50)
-    clean = Session(FilterParameters().changed({'chain': ['lof']}))
-    (answer,) = clean.pass_by(rows, 'too much') + clean.flush()
+    clean = Pipeline(FilterParameters().changed({'chain': ['lof']}))
+    (answer,) = clean.pass_through(rows, 'too much') + clean.flush()
     assert_partition(rows, answer)
     assert answer.outliers.size == 0
 

@@ -17,8 +17,8 @@ from lidar_outlier_filter.errors import LONGEST, CloudError
 from lidar_outlier_filter.messages.cloud import MOST_LAYOUTS
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
-from lidar_outlier_filter.pipeline.statistics import MOST_KINDS, OTHERS, Kinds
+from lidar_outlier_filter.pipeline.library import CloudFilter
+from lidar_outlier_filter.pipeline.statistics import MAX_REASONS, OTHER_REASONS, CountsByReason
 from lidar_outlier_filter.ros.tf import LONGEST_NAME, MOST_FRAMES, Links
 
 if TYPE_CHECKING:
@@ -116,12 +116,16 @@ def test_layouts() -> None:
 
 def test_kinds() -> None:
     """Beyond the bound all that is new is one kind, and what is known is still counted."""
-    kinds = Kinds()
-    for number in range(3 * MOST_KINDS):
+    kinds = CountsByReason()
+    for number in range(3 * MAX_REASONS):
         kinds.note(str(number))
     kinds.note('7', 2)
-    assert len(kinds) == MOST_KINDS + 1
-    assert (kinds['7'], kinds[OTHERS], kinds.total()) == (3, 2 * MOST_KINDS, 3 * MOST_KINDS + 2)
+    assert len(kinds) == MAX_REASONS + 1
+    assert (kinds['7'], kinds[OTHER_REASONS], kinds.total()) == (
+        3,
+        2 * MAX_REASONS,
+        3 * MAX_REASONS + 2,
+    )
 
 
 def test_sentences() -> None:
@@ -202,7 +206,7 @@ def test_transforms_of_a_clock_that_stands_still() -> None:
 
 def test_frames() -> None:
     """No more of them than any tree has, and no names longer than any is; the rest is refused."""
-    buffer, refused = Buffer(), Kinds()
+    buffer, refused = Buffer(), CountsByReason()
     links = Links(buffer, 1.0)
     links.refuse = refused.note
     for number in range(MOST_FRAMES + 5):

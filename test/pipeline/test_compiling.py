@@ -55,7 +55,7 @@ from helpers.profile_scanner import Drive
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
+from lidar_outlier_filter.pipeline.library import CloudFilter
 from lidar_outlier_filter.pipeline.compiling import make_ready
 
 parameters = FilterParameters().changed({'scores': True})

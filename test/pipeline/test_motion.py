@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.points.poses import Mounting, Track
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.cloud import structured
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.session import Answer, Session
+from lidar_outlier_filter.pipeline.pipeline import Pipeline, SplitCloud
 from lidar_outlier_filter.ros.tf import make_motion
 
 if TYPE_CHECKING:
@@ -34,10 +34,12 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.core.verdict import Verdict
 
 
-def still(clouds: Iterable[PointCloud2], extra: Mapping[str, object] | None = None) -> list[Answer]:
+def still(
+    clouds: Iterable[PointCloud2], extra: Mapping[str, object] | None = None
+) -> list[SplitCloud]:
     """Filter clouds as they are."""
-    clean = Session(FilterParameters().changed({**SOR, **(extra or {})}))
-    answers = [answer for msg in clouds for answer in clean.push(msg, msg)]
+    clean = Pipeline(FilterParameters().changed({**SOR, **(extra or {})}))
+    answers = [answer for msg in clouds for answer in clean.process(msg, msg)]
     return answers + clean.flush()
 
 
@@ -55,7 +57,7 @@ def test_as_good_as_the_georeferenced_twin() -> None:
     found = rejected(drive, moving.run(own, drive.odometry()))
     twin = rejected(drive, still(drive.clouds(drive.fixed)))
     unmoved = rejected(drive, still(own))
-    assert moving.filter.statistics.unmoved == 0
+    assert moving.filter.statistics.without_pose == 0
     # Between the poses, 10 ms apart, the vehicle of the simulation does not move quite so evenly.
     assert np.count_nonzero(found != twin) <= 2
     assert f1(drive, twin) > 0.97
@@ -84,7 +86,7 @@ def test_chunk_invariance(lines: int) -> None:
         moving = Moving()
         answers = moving.run(drive.clouds(drive.own, lines), drive.odometry(), delay)
         assert (rejected(drive, answers) == expected).all()
-        assert moving.filter.statistics.unmoved == 0
+        assert moving.filter.statistics.without_pose == 0
         assert len(answers) == -(-len(drive.t) // (lines * SHOTS))
 
 
@@ -110,7 +112,7 @@ def test_spinning_sensor_is_judged_by_its_own_angles(cuts: int, delay: float) ->
     boosted_trees = {'chain': ('boosted_trees',), 'scores': True}
     moving = Moving(boosted_trees)
     answers = moving.run(spinning(cuts), Drive(0.4).odometry(), delay)
-    assert moving.filter.statistics.unmoved == 0
+    assert moving.filter.statistics.without_pose == 0
     found = b''.join(bytes(answer.outliers.data) for answer in answers)
     assert len(answers) == cuts
     assert found == b''.join(
@@ -152,8 +154,8 @@ def test_a_cloud_waits_for_its_poses() -> None:
     drive = Drive(0.5)
     clouds, odometry = drive.clouds(drive.own), drive.odometry()
     moving = Moving()
-    assert [moving.filter.push(msg, msg) for msg in clouds] == [[]] * 5
-    assert moving.filter.waiting == 5
+    assert [moving.filter.process(msg, msg) for msg in clouds] == [[]] * 5
+    assert moving.filter.pending == 5
     assert moving.filter.oldest is clouds[0]
     answers = []
     for msg in odometry:
@@ -165,7 +167,7 @@ def test_a_cloud_waits_for_its_poses() -> None:
     assert [answer.tag for answer in answers] == clouds[:4]
     answers += moving.filter.flush()
     assert (rejected(drive, answers) == rejected(drive, Moving().run(clouds, odometry))).all()
-    assert moving.filter.statistics.unmoved == 0
+    assert moving.filter.statistics.without_pose == 0
 
 
 def test_without_odometry_no_cloud_waits_longer_than_max_delay() -> None:
@@ -173,12 +175,12 @@ def test_without_odometry_no_cloud_waits_longer_than_max_delay() -> None:
     drive = Drive(1.0)
     clouds = drive.clouds(drive.own)
     moving = Moving({'max_delay': 0.45})
-    counts = [len(moving.filter.push(msg, msg)) for msg in clouds]
+    counts = [len(moving.filter.process(msg, msg)) for msg in clouds]
     # A cloud goes on when one ends that is 0.5 s later, and is judged with the next one.
     assert counts == [0] * 6 + [1] * 4
     answers = moving.filter.flush()
     assert len(answers) == 6
-    assert moving.filter.statistics.unmoved == 10
+    assert moving.filter.statistics.without_pose == 10
 
 
 def gapped(drive: Drive) -> tuple[list[OdometryMessage], NDArray[np.bool_]]:
@@ -196,7 +198,7 @@ def test_points_with_and_without_poses_are_judged_apart() -> None:
     odometry, lost = gapped(drive)
     moving = Moving({'motion.max_gap': 0.1})
     found = rejected(drive, moving.run(drive.clouds(drive.own), odometry))
-    assert moving.filter.statistics.unmoved == 3
+    assert moving.filter.statistics.without_pose == 3
     assert np.count_nonzero(lost) == pytest.approx(0.22 * len(lost), abs=SHOTS)
     for part, xyz in ((lost, drive.own), (~lost, drive.fixed)):
         missing = np.where(part[:, None], xyz, 0.0)
@@ -227,8 +229,8 @@ def test_empty_and_missing_clouds_keep_their_turn() -> None:
     empty = drive.clouds(np.zeros((len(drive.t), 3)))[0]
     moving = Moving()
     for msg in (first, empty, second):
-        assert moving.filter.push(msg, msg) == []
-    answers: list[Answer] = []
+        assert moving.filter.process(msg, msg) == []
+    answers: list[SplitCloud] = []
     for msg in drive.odometry():
         moving.motion.take(msg)
         answers += moving.filter.advance()
@@ -242,13 +244,13 @@ def test_bounded() -> None:
     drive = Drive(1.0)
     clouds = drive.clouds(drive.own)
     moving = Moving({'max_points': 30 * SHOTS})
-    answers = [moving.filter.push(msg, msg) for msg in clouds[:3]]
+    answers = [moving.filter.process(msg, msg) for msg in clouds[:3]]
     assert answers == [[]] * 3
     with pytest.raises(Exception, match='the number of points held must be at most max_points'):
-        moving.filter.push(clouds[3], clouds[3])
+        moving.filter.process(clouds[3], clouds[3])
     assert moving.filter.statistics.refusals == {'the number of points held': 1}
     assert len(moving.filter.flush()) == 3
-    moving.filter.push(clouds[4], clouds[4])
+    moving.filter.process(clouds[4], clouds[4])
 
 
 def test_refused_when_its_turn_has_come() -> None:
@@ -260,7 +262,7 @@ def test_refused_when_its_turn_has_come() -> None:
     moving.filter.refuse = lambda err: result.append(str(err))
     for msg in drive.odometry():
         moving.motion.take(msg)
-    answers = [answer for msg in [*clouds, clouds[0]] for answer in moving.filter.push(msg, msg)]
+    answers = [answer for msg in [*clouds, clouds[0]] for answer in moving.filter.process(msg, msg)]
     answers += moving.filter.flush()
     assert [answer.tag for answer in answers] == clouds
     assert moving.filter.statistics.refusals == {'the time of a cloud': 1}
@@ -277,7 +279,7 @@ def test_poses_that_make_no_sense_are_counted() -> None:
     moving = Moving()
     moving.run(drive.clouds(drive.own), odometry)
     assert moving.filter.statistics.poses == {'a pose': 1, 'the time of a pose': 1}
-    assert moving.filter.statistics.unmoved == 0
+    assert moving.filter.statistics.without_pose == 0
 
 
 def test_a_recording_that_loops() -> None:
@@ -286,10 +288,10 @@ def test_a_recording_that_loops() -> None:
     extra = {'time_jump': 0.2}
     clouds, odometry = drive.clouds(drive.own), drive.odometry()
     moving = Moving(extra)
-    first = moving.filter.push(clouds[4], clouds[4])
+    first = moving.filter.process(clouds[4], clouds[4])
     assert first == []
-    assert len(moving.filter.push(clouds[0], clouds[0])) == 1  # without poses
-    assert (moving.filter.statistics.unmoved, moving.filter.statistics.resets) == (1, 1)
+    assert len(moving.filter.process(clouds[0], clouds[0])) == 1  # without poses
+    assert (moving.filter.statistics.without_pose, moving.filter.statistics.resets) == (1, 1)
     moving.filter.flush()
     loops = [moving.run(clouds, odometry) for _ in range(2)]
     assert [len(loop) for loop in loops] == [5, 5]
@@ -303,8 +305,8 @@ def looped(drive: Drive) -> tuple[Moving, list[PointCloud2], list[OdometryMessag
     for msg in odometry:
         moving.motion.take(msg)
     for msg in clouds:
-        moving.filter.push(msg, msg)
-    assert moving.filter.statistics.unmoved == 0
+        moving.filter.process(msg, msg)
+    assert moving.filter.statistics.without_pose == 0
     return moving, clouds, odometry
 
 
@@ -317,15 +319,15 @@ def test_poses_do_not_survive_a_clock_that_was_set_back(
     moving, clouds, odometry = looped(drive)
     if by_node:
         assert len(moving.filter.reset()) == 1
-    answers = moving.filter.push(clouds[0], clouds[0])
+    answers = moving.filter.process(clouds[0], clouds[0])
     assert len(answers) == (0 if by_node else 1)
-    assert moving.filter.waiting == 1
+    assert moving.filter.pending == 1
     assert moving.filter.advance() == []
     # Elsewhere this time: 50 m to the right.
     for msg in odometry:
         msg.pose.pose.position.y -= 50
     positions: list[float] = []
-    chain = moving.filter._stream.chain
+    chain = moving.filter._blocks.chain
     judge = chain.judge
 
     def note_and_judge(points: Points) -> Verdict:
@@ -337,7 +339,7 @@ def test_poses_do_not_survive_a_clock_that_was_set_back(
         moving.motion.take(msg)
         moving.filter.advance()
     assert len(moving.filter.flush()) == 1
-    assert moving.filter.statistics.unmoved == 0
+    assert moving.filter.statistics.without_pose == 0
     assert positions == [pytest.approx(drive.fixed[: 10 * SHOTS, 1].mean() - 50, abs=0.1)]
     assert moving.filter.statistics.resets == 1
 
@@ -347,9 +349,9 @@ def test_odometry_that_goes_back_before_the_clouds() -> None:
     moving, clouds, odometry = looped(Drive(0.5))
     for msg in odometry[:20]:
         moving.motion.take(msg)
-    assert len(moving.filter.push(clouds[0], clouds[0])) == 1
+    assert len(moving.filter.process(clouds[0], clouds[0])) == 1
     moving.filter.flush()
-    assert moving.filter.statistics.unmoved == 0
+    assert moving.filter.statistics.without_pose == 0
 
 
 def test_after_a_clock_was_set_back_clouds_wait_as_before() -> None:
@@ -357,10 +359,10 @@ def test_after_a_clock_was_set_back_clouds_wait_as_before() -> None:
     drive = Drive(1.0)
     moving = Moving({'time_jump': 0.2, 'max_delay': 0.45})
     clouds = drive.clouds(drive.own)
-    moving.filter.push(clouds[9], clouds[9])
-    counts = [len(moving.filter.push(msg, msg)) for msg in clouds[:7]]
+    moving.filter.process(clouds[9], clouds[9])
+    counts = [len(moving.filter.process(msg, msg)) for msg in clouds[:7]]
     assert counts == [1, 0, 0, 0, 0, 0, 1]
-    assert moving.filter.statistics.unmoved == 3
+    assert moving.filter.statistics.without_pose == 3
 
 
 def test_exactly_max_delay_old_a_cloud_still_waits() -> None:
@@ -369,8 +371,8 @@ def test_exactly_max_delay_old_a_cloud_still_waits() -> None:
         moving = Moving({'max_delay': 0.45, 'block': 0.01, 'halo': 0.0})
         for stamp in (0, 450_000_000 + later):
             rows = table(1, ring=('u2', 1), t=('u4', 0))
-            moving.filter.push(cloud(rows, STAMP + stamp), stamp)
-        assert moving.filter.statistics.unmoved == (0 if waits else 1)
+            moving.filter.process(cloud(rows, STAMP + stamp), stamp)
+        assert moving.filter.statistics.without_pose == (0 if waits else 1)
 
 
 @pytest.mark.parametrize('start', [-5, 0])
@@ -379,11 +381,11 @@ def test_clouds_without_points_tell_no_time(start: int) -> None:
     moving = Moving({'max_delay': 0.45})
     rows = table(1, ring=('u2', 1), t=('u4', 0))
     empty = table(1, ring=('u2', 1), t=('u4', 0), x=('f4', np.nan))
-    moving.filter.push(cloud(rows, start * SECOND), 'first')
-    moving.filter.push(cloud(empty, start * SECOND), 'empty')
-    moving.filter.push(cloud(rows, start * SECOND + 1), 'second')
-    assert moving.filter.statistics.resets == moving.filter.statistics.unmoved == 0
-    assert moving.filter.waiting == 3
+    moving.filter.process(cloud(rows, start * SECOND), 'first')
+    moving.filter.process(cloud(empty, start * SECOND), 'empty')
+    moving.filter.process(cloud(rows, start * SECOND + 1), 'second')
+    assert moving.filter.statistics.resets == moving.filter.statistics.without_pose == 0
+    assert moving.filter.pending == 3
 
 
 def test_wild_times_are_refused_at_once() -> None:
@@ -391,8 +393,8 @@ def test_wild_times_are_refused_at_once() -> None:
     moving = Moving()
     rows = table(2, ring=('u2', 1), time=('f8', [0, 9e8 + 0.5]))
     with pytest.raises(CloudError, match='the time that a cloud spans must be at most 1000 s'):
-        moving.filter.push(cloud(rows, 0))
-    assert moving.filter.waiting == 0
+        moving.filter.process(cloud(rows, 0))
+    assert moving.filter.pending == 0
 
 
 def test_tf_needs_tf2(ros: Ros) -> None:

@@ -9,15 +9,15 @@ from helpers.nodes import line
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.session import Session
+from lidar_outlier_filter.pipeline.pipeline import Pipeline
 
 
 def test_a_refused_cloud_begins_no_scan_line() -> None:
     """The next cloud has the line that it would have had: the third of three."""
     values = {'line_source': 'message', 'chain': ('alpha_beta_gamma',), 'block': 0.02, 'halo': 0.0}
-    clean = Session(FilterParameters().changed(values))
-    clean.push(line(0.5))
-    clean.push(line(0.6))
+    clean = Pipeline(FilterParameters().changed(values))
+    clean.process(line(0.5))
+    clean.process(line(0.6))
     with pytest.raises(CloudError, match=r'^the time of a cloud must be at or after'):
-        clean.push(line(0.4))
+        clean.process(line(0.4))
     assert clean._decoder.decode(line(0.62)).line.tolist() == [3] * 100

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
     from sensor_msgs.msg import PointCloud2
 
-    from lidar_outlier_filter.pipeline.session import Answer
+    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 
 
 def test_large_clouds_at_the_end(ros: Ros) -> None:
@@ -48,8 +48,8 @@ def test_at_the_end_nothing_is_too_much(ros: Ros, policy: str) -> None:
     assert sensor._publisher.wait_for_all_acked()
     node.finish()
     assert answers(ros, sensor, 20) == [(number, 1) for number in range(20)]
-    assert node.statistics.passed == {}
-    assert node.statistics.shed == 0
+    assert node.statistics.bypassed == {}
+    assert node.statistics.degraded == 0
 
 
 def test_the_end_waits_for_who_receives(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,7 +80,7 @@ def test_the_end_while_the_filter_looks_around(ros: Ros, *, in_turn: bool) -> No
     assert thread is not None
     done: list[bool] = []
 
-    def end_meanwhile() -> list[Answer]:
+    def end_meanwhile() -> list[SplitCloud]:
         channel._filter.advance = advance  # type: ignore[method-assign]
         channel.worker.inbox.order(lambda: done.append(True), in_turn=in_turn)
         channel.worker.inbox.close([channel.receiver._noted(line(0.0))])

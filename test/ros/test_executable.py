@@ -36,7 +36,7 @@ from lidar_outlier_filter.ros.node import OutlierFilterNode, remappings
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from lidar_outlier_filter.pipeline.session import Answer
+    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
 
 TOPIC = '/velodyne_points'
 ANSWERS = ('cleaned', 'outliers')
@@ -59,7 +59,7 @@ def filter_process(folder: Path, env: dict[str, str], parameters: str = PARAMETE
     return filtering('--params-file', str(path), *remap, env=env)
 
 
-def direct_answers(recording: Path, blocks: str = 'time') -> list[Answer]:
+def direct_answers(recording: Path, blocks: str = 'time') -> list[SplitCloud]:
     """Filter a recording by calling the node in this process, as a replay does."""
     context = Context()
     rclpy.init(args=[], context=context)

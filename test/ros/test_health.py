@@ -11,7 +11,7 @@ import pytest
 from helpers import ROOT
 
 from lidar_outlier_filter.parameters.node import HealthLimits
-from lidar_outlier_filter.pipeline.statistics import Kinds, Statistics
+from lidar_outlier_filter.pipeline.statistics import CountsByReason, Statistics
 from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, PROFILES, WARN, Backlog, Health
 
 NOTHING = Backlog(0, 0.0, 0)
@@ -36,8 +36,8 @@ def test_what_has_happened_since_the_last_look() -> None:
         health.answered(delay, 10 * delay)
     counts = Statistics(messages=2, points=400, invalid=1, untested=20, outliers=8)
     counts.rejected, counts.undecided = Counter(a=5, b=4), Counter(b=6)
-    counts.refusals, counts.passed = Kinds({'the fields': 2}), Counter(disabled=1)
-    counts.poses = Kinds({'a pose': 3})
+    counts.refusals, counts.bypassed = CountsByReason({'the fields': 2}), Counter(disabled=1)
+    counts.poses = CountsByReason({'a pose': 3})
     health.spent(0.05)
     health.counted(counts)
     level, _, values, plotted = look(health, HealthLimits(unfiltered_warn=1.0))
@@ -121,7 +121,7 @@ def test_errors_of_detectors() -> None:
     health = Health()
     for _ in range(1000):
         health.received(1)
-    health.counted(Statistics(messages=1000, passed=Counter(failure=1), failures=1))
+    health.counted(Statistics(messages=1000, bypassed=Counter(failure=1), failures=1))
     level, message, values, plotted = look(health)
     assert level == ERROR
     assert message.startswith('a detector raised an error in 1 blocks: see the log; of 1000 ')
@@ -155,7 +155,7 @@ def test_what_is_not_filtered() -> None:
     health.lost(2)
     health.dropped()
     health.answered(0.1, 0.1)
-    health.counted(Statistics(passed=Counter(overload=1, disabled=5)))
+    health.counted(Statistics(bypassed=Counter(overload=1, disabled=5)))
     level, message, values, plotted = look(health)
     assert level == WARN
     assert message == (
@@ -227,7 +227,7 @@ def test_clouds_judged_without_poses() -> None:
     for unmoved, level in ((3, ERROR), (3, OK), (4, WARN)):
         for _ in range(4):
             health.received(1)
-        health.counted(Statistics(unmoved=unmoved))
+        health.counted(Statistics(without_pose=unmoved))
         found, message, values, _ = look(health)
         assert (found, values['unmoved']) == (level, str(unmoved))
     assert message == 'of 4 clouds 1 judged without poses'

@@ -103,7 +103,7 @@ def test_parameters_and_services_are_for_all(ros: Ros, sweeps: list[PointCloud2]
     node.finish()
     for channel in node.channels:
         assert channel.statistics.outliers == 0
-        assert channel.statistics.passed == {'disabled': 1}
+        assert channel.statistics.bypassed == {'disabled': 1}
 
 
 def test_each_is_told_of(ros: Ros) -> None:

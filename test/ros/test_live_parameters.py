@@ -198,6 +198,6 @@ def test_disabled_clouds_pass(ros: Ros, sweeps: list[PointCloud2]) -> None:
     assert [bytes(msg.data) for msg in sensor.cleaned[1:3]] == [
         bytes(msg.data) for msg in sweeps[1:3]
     ]
-    assert node.statistics.passed == {'disabled': 2}
+    assert node.statistics.bypassed == {'disabled': 2}
     assert node.statistics.messages == 4
     assert node.statistics.points == sum(msg.width for msg in sweeps)

@@ -12,7 +12,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidar_outlier_filter.pipeline.statistics import Kinds, Statistics
+from lidar_outlier_filter.pipeline.statistics import CountsByReason, Statistics
 from lidar_outlier_filter.ros.health import LOSS_PERIOD, Health, Loss, LossWarning
 
 SEEN = st.tuples(
@@ -64,8 +64,8 @@ def test_what_counts() -> None:
     health.lost(1)
     health.dropped(2)
     passed = Counter(overload=3, failure=4, disabled=100)
-    refused = Kinds({'point_step': 100})
-    health.counted(Statistics(passed=passed, shed=5, unmoved=6, refusals=refused))
+    refused = CountsByReason({'point_step': 100})
+    health.counted(Statistics(bypassed=passed, degraded=5, without_pose=6, refusals=refused))
     assert health.losses() == {
         Loss.ON_THE_WAY: 1,
         Loss.DROPPED: 2,

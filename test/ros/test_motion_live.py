@@ -57,9 +57,9 @@ def test_live(ros: Ros) -> None:
     node.finish()
     sensor.wait_for_answers()
     assert [msg.header for msg in sensor.outliers] == [msg.header for msg in clouds]
-    answers = [type('Answer', (), {'outliers': msg}) for msg in sensor.outliers]
+    answers = [type('SplitCloud', (), {'outliers': msg}) for msg in sensor.outliers]
     assert (rejected(drive, answers) == expected).all()  # type: ignore[arg-type]
-    assert node.statistics.unmoved == 0
+    assert node.statistics.without_pose == 0
 
 
 def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
@@ -69,7 +69,7 @@ def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
     node, sensor, publisher = start(ros, max_delay=0.5)
     sensor.publish(clouds[0], expected=1)
     sensor.wait_for_answers()
-    assert node.statistics.unmoved == 1
+    assert node.statistics.without_pose == 1
     found = ros.diagnosis(lambda found: found['unmoved'] == 1)
     assert 'of 1 clouds 1 judged without poses' in found.message or found.level >= 0
     for msg in drive.odometry():
@@ -79,7 +79,7 @@ def test_without_odometry_clouds_are_answered_in_time(ros: Ros) -> None:
     for number, msg in enumerate(clouds[1:], 2):
         sensor.publish(msg, expected=number)
         sensor.wait_for_answers()
-    assert node.statistics.unmoved == 1
+    assert node.statistics.without_pose == 1
     assert node.statistics.refused == 0
 
 
@@ -88,13 +88,13 @@ def test_poses_wake_the_thread(ros: Ros) -> None:
     drive = Drive(0.2)
     node, sensor, publisher = start(ros, max_delay=60.0, blocks='message')
     sensor.publish(drive.clouds(drive.own)[0], expected=1)
-    while not node.channels[0]._filter.waiting:
+    while not node.channels[0]._filter.pending:
         ros.executor.spin_once(0.05)
     wait_for_thread(node)
     for pose in drive.odometry():
         publisher.publish(pose)
     sensor.wait_for_answers()
-    assert node.statistics.unmoved == 0
+    assert node.statistics.without_pose == 0
 
 
 def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
@@ -104,7 +104,7 @@ def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
     node, sensor, publisher = start(ros, max_delay=60.0)
     channel = node.channels[0]
     sensor.publish(msg, expected=1)
-    while not channel._filter.waiting:
+    while not channel._filter.pending:
         ros.executor.spin_once(0.05)
     wait_for_thread(node)
     go_on = hold_up(node)
@@ -118,7 +118,7 @@ def test_poses_that_come_while_a_block_is_judged(ros: Ros) -> None:
         ros.executor.spin_once(0.05)
     go_on.set()
     sensor.wait_for_answers()
-    assert node.statistics.unmoved == 0
+    assert node.statistics.without_pose == 0
 
 
 def test_poses_that_come_behind_the_last_cloud(ros: Ros) -> None:
@@ -140,7 +140,7 @@ def test_poses_that_come_behind_the_last_cloud(ros: Ros) -> None:
     node.destroy_subscription = publish_and_destroy
     node.finish()
     assert node.statistics.messages == 1
-    assert node.statistics.unmoved == 0
+    assert node.statistics.without_pose == 0
 
 
 def test_replay(tmp_path: Path) -> None:

@@ -245,7 +245,7 @@ def test_transforms_of_before_a_clock_was_set_back_are_forgotten(
 ) -> None:
     """By the points, or by what comes on tf; what holds for ever stays."""
     tf, listener = make(monkeypatch, straight(0, 5, 0.1))
-    tf.begin_anew()
+    tf.reset()
     assert not tf.reaches(at(0.6), 'lidar')
     drive(listener, straight(0, 1, 0.1))
     assert tf.reaches(at(0.6), 'lidar')
@@ -258,11 +258,11 @@ def test_transforms_that_go_back_first(monkeypatch: pytest.MonkeyPatch) -> None:
     drive(listener, straight(0, 0.3, 0.1))
     assert tf.reaches(at(0.3), 'lidar')
     assert not tf.reaches(at(0.4), 'lidar')
-    tf.begin_anew()
+    tf.reset()
     assert tf.reaches(at(0.3), 'lidar')
     # The points have caught up: what is there the next time is of before.
     assert covered(tf, 0.1) == [True]
-    tf.begin_anew()
+    tf.reset()
     assert not tf.reaches(at(0.3), 'lidar')
 
 

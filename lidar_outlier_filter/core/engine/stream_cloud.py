@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A cloud on its way through the stream, from push to answer."""
+"""A cloud on its way through the blocks, from push to verdict."""
 
 from __future__ import annotations
 
@@ -24,30 +24,26 @@ END = 2**62
 
 @dataclass(eq=False)
 class StreamCloud:
-    """The points of one cloud, in wait for their verdict or seen as halo of others.
+    """The points of one cloud, which wait for their verdict or are the halo of others.
 
-    Whoever pushes clouds adds to a class of their own what the answer needs. The stream does not
-    look at it.
+    Subclasses add what their caller needs when the cloud is finished.
 
     Attributes
     ----------
     points : Points
         All points are given; the valid ones are kept.
     frame : str
-        That of the coordinates; empty for the one that stands still, in which those of
-        ``points.fixed`` are, too. Points of different frames are never judged together.
-    known : bool
-        Whether its verdict is known elsewhere. A block with points of such clouds only is not
-        judged.
+        Frame of the coordinates; empty for the fixed frame, which ``points.fixed`` are in, too.
+        Points of different frames are never judged together.
     where : (M,) int64
-        The indices of the valid points in the cloud.
+        Indices of the valid points in the cloud.
     verdict : Verdict
-        Of all N points of the cloud; that of an invalid point is untested.
+        Of all N points of the cloud; invalid points are untested.
     vehicle : Points or None
-        Those on the own vehicle, where there is a mask.
+        Points on the own vehicle, if there is a mask.
     error : JudgingError or None
-        Why the cloud could not be judged: a detector raised an error in a block with points of it.
-        Its points are all untested then.
+        Error that a detector raised in a block with points of the cloud. All points are untested
+        then.
     first, last : int
         Earliest and latest time, nanoseconds; ``last`` < ``first`` of a cloud without valid points.
     is_sorted : bool
@@ -57,7 +53,6 @@ class StreamCloud:
 
     points: Points
     frame: str = ''
-    known: bool = field(default=False, kw_only=True)
     where: NDArray[np.intp] = field(init=False)
     verdict: Verdict = field(init=False)
     vehicle: Points | None = field(init=False, default=None)
@@ -67,7 +62,7 @@ class StreamCloud:
     is_sorted: bool = field(init=False)
 
     def __post_init__(self) -> None:
-        """Choose the valid points, and note the stretch of time that they cover."""
+        """Select the valid points, and note the interval of time that they cover."""
         self.verdict = Verdict.beforehand(self.points)
         if self.points.masked is not None:
             self.vehicle = self.points.take(self.points.masked)
@@ -81,20 +76,20 @@ class StreamCloud:
 
     @property
     def count(self) -> int:
-        """Count the points, missing returns too."""
+        """Number of points, missing returns included."""
         return len(self.verdict)
 
     @property
     def absent(self) -> int:
-        """Count the missing returns."""
+        """Number of missing returns."""
         vehicle = 0 if self.vehicle is None else len(self.vehicle)
         return self.count - len(self.where) - vehicle
 
     @property
     def shown(self) -> tuple[Points, NDArray[np.intp]]:
-        """The valid points and those on the own vehicle, for pictures; and which they are.
+        """Points to draw, and their indices: valid points, and points on the own vehicle.
 
-        Of a cloud that was moved, the valid ones alone.
+        The latter are left out of a cloud that was moved.
         """
         if self.vehicle is None or self.points.own is not None:
             return self.points, self.where
@@ -110,7 +105,7 @@ class StreamCloud:
     def in_frames(
         self, index: slice | NDArray[np.intp]
     ) -> list[tuple[str, Points, NDArray[np.intp]]]:
-        """Choose valid points; return them by frame, and which of those chosen they are."""
+        """Select valid points; return frame, points and their positions in the selection."""
         points = self.points.take(index)
         indices = np.arange(len(points))
         if points.fixed is None:
@@ -121,12 +116,12 @@ class StreamCloud:
         return [part for part in parts if len(part[2])]
 
     def finish(self) -> None:
-        """Leave no verdict of a cloud that could not be judged as a whole."""
+        """Discard the verdict of a cloud that was judged in part."""
         if self.error is not None:
             self.verdict = Verdict.untested(self.count)
 
 
-AnyCloud = TypeVar('AnyCloud', bound=StreamCloud)  # what a stream takes, and gives back
+AnyCloud = TypeVar('AnyCloud', bound=StreamCloud)
 
 
 def between(

@@ -22,7 +22,8 @@ from helpers.streams import (
     stream,
 )
 
-from lidar_outlier_filter.core.engine.blocks import MOST_BLOCKS, Stream
+from lidar_outlier_filter.core.engine.blocks import MAX_BLOCKS_PER_CLOUD, Blocks
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lidar_outlier_filter.core.engine.chain import Chain
-    from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
     from lidar_outlier_filter.core.verdict import Verdict
 
 LATE = 'the time of a cloud must be at or after what is judged already, got a point .* older'
@@ -246,7 +246,7 @@ def test_hurry(seed: int) -> None:
         newest = max((t for t in seen if t <= times[end - 1]), default=0) if end else 0
         is_torn = any(t == newest for t in times[end:])
         if rng.uniform() < 0.3 and not is_torn:
-            answers += made.hurry()
+            answers += made.flush_pending()
             assert made.waiting == 0
             assert made.oldest is None
             hurries += 1
@@ -269,7 +269,7 @@ def test_hurry_in_the_middle_of_a_block() -> None:
     """The second half of a block is judged with the first; what the first half was said stays."""
     made, census = stream()
     made.push(points_at([1000, 2000]), 'first')
-    ((_, first),) = made.hurry()
+    ((_, first),) = made.flush_pending()
     assert first.score.tolist() == [3, 3]
     made.push(points_at([5000, BLOCK + HALO]), 'second')
     assert census.blocks == [[1000, 2000], [1000, 2000, 5000]]
@@ -282,7 +282,7 @@ def test_hurry_closes_what_was_told() -> None:
     """After a hurry a point that is older than those said is late; one of the same time is not."""
     made, _ = stream()
     made.push(points_at([0, 10]))
-    made.hurry()
+    made.flush_pending()
     with pytest.raises(CloudError, match=LATE):
         made.push(points_at([9]))
     assert len(made.push(points_at([10]))) == 1
@@ -292,7 +292,7 @@ def test_hurry_closes_what_was_told() -> None:
 def test_hurry_with_nothing() -> None:
     """A stream that holds nothing has nothing to hurry."""
     made, _ = stream()
-    assert made.hurry() == []
+    assert made.flush_pending() == []
     assert made.flush() == []
     assert made.push(points_at([5])) == []
 
@@ -363,7 +363,7 @@ def test_max_points_of_missing_returns() -> None:
     made.push(points_at([0] * 9, [True] * 9), 'missing')
     with pytest.raises(CloudError, match='points held must be at most max_points = 10, got 11'):
         made.push(points_at([0], [True]), 'one more')
-    assert [tag for tag, _ in made.hurry()] == ['point', 'missing']
+    assert [tag for tag, _ in made.flush_pending()] == ['point', 'missing']
     assert made.push(points_at([0] * 9, [True] * 9)) != []
 
 
@@ -392,7 +392,7 @@ def test_after_hurry_points_of_the_last_time_are_taken_untested() -> None:
     xyz = np.stack([np.arange(count) + 1.0, np.ones(count), np.ones(count)], axis=1)
     everything = Points(xyz, t, np.zeros(count, np.int64), np.ones(count, np.bool_))
     stream.push(everything.take(slice(0, -1)), 'first')
-    assert [tag for tag, _ in stream.hurry()] == ['first']
+    assert [tag for tag, _ in stream.flush_pending()] == ['first']
     stream.push(everything.take(slice(-2, None)), 'second')
     ((tag, verdict),) = stream.flush()
     assert tag == 'second'
@@ -522,7 +522,7 @@ def automatic(**values: object) -> tuple[TaggedStream, Census, list[str]]:
     """Make a stream that chooses, and collect what it says of that."""
     made, census = stream(blocks='auto', **values)
     said: list[str] = []
-    made.stream.choice.inform = said.append
+    made.stream.inform = said.append
     return made, census, said
 
 
@@ -595,7 +595,7 @@ def test_the_fourth_message_decides_nothing() -> None:
     assert len(said) == 1
     made.push(points_at(sweep_at(3 * SWEEP, BLOCK // 2)), 'long')
     assert made.oldest == 'long'
-    assert not made.stream.choice.by_message
+    assert not made.stream.by_message
 
 
 def test_a_refused_message_decides_nothing() -> None:
@@ -604,9 +604,9 @@ def test_a_refused_message_decides_nothing() -> None:
     with pytest.raises(CloudError, match='points held'):
         made.push(points_at(sweep_at(0, BLOCK)))
     with pytest.raises(CloudError, match='the time that a cloud spans'):
-        made.push(points_at([0, 2 * MOST_BLOCKS * BLOCK]))
+        made.push(points_at([0, 2 * MAX_BLOCKS_PER_CLOUD * BLOCK]))
     assert said == []
-    assert not made.stream.choice.by_message
+    assert not made.stream.by_message
 
 
 def test_a_new_stream_chooses_anew() -> None:
@@ -621,9 +621,9 @@ def test_a_new_stream_chooses_anew() -> None:
 
 
 def test_a_cloud_may_span_so_many_blocks_and_no_more() -> None:
-    """Exactly ``MOST_BLOCKS``; a nanosecond more is refused."""
-    stream: Stream[StreamCloud] = Stream(FilterParameters())
-    most = MOST_BLOCKS * round(FilterParameters().block * SECOND)
-    stream.refuse_span(0, most)
+    """Exactly ``MAX_BLOCKS_PER_CLOUD``; a nanosecond more is refused."""
+    blocks: Blocks[StreamCloud] = Blocks(FilterParameters())
+    most = MAX_BLOCKS_PER_CLOUD * round(FilterParameters().block * SECOND)
+    blocks.refuse_span(StreamCloud(points_at([0, most])))
     with pytest.raises(CloudError, match=r'^the time that a cloud spans must be at most'):
-        stream.refuse_span(0, most + 1)
+        blocks.refuse_span(StreamCloud(points_at([0, most + 1])))

@@ -31,7 +31,7 @@ from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.errors import FilterError, JudgingError
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.session import Session
+from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.recordings.replay import replay
 
 if TYPE_CHECKING:
@@ -109,10 +109,10 @@ def test_an_error_in_a_hurry_costs_what_was_hurried() -> None:
     """What was judged before it in the same block keeps its verdict, and what comes later fails."""
     made, chain = raising([2000], ValueError())
     made.push(points_at([1000]), 'first')
-    ((_, first),) = made.hurry()
+    ((_, first),) = made.flush_pending()
     assert first.score.tolist() == [1]
     made.push(points_at([2000]), 'second')
-    ((tag, second),) = made.hurry()
+    ((tag, second),) = made.flush_pending()
     assert tag == 'second'
     assert np.isnan(second.score).all()
     assert list(made.errors) == ['second']
@@ -203,14 +203,14 @@ def far(begin: float) -> Any:
 @pytest.mark.usefixtures('broken_sor')
 def test_clouds_of_the_block_are_refused() -> None:
     """Counted by the reason, said of once for each, the place of the error once."""
-    clean = Session(FilterParameters().changed(SHORT))
+    clean = Pipeline(FilterParameters().changed(SHORT))
     refused: list[str] = []
     failed: list[JudgingError] = []
     clean.refuse = lambda err: refused.append(str(err))
     clean.fail = failed.append
     messages = [line(0), far(0.01), line(0.02), far(0.03), far(0.04), line(0.05)]
     answers = [
-        answer for number, msg in enumerate(messages) for answer in clean.push(msg, number)
+        answer for number, msg in enumerate(messages) for answer in clean.process(msg, number)
     ] + clean.flush()
     assert [answer.tag for answer in answers] == [0, 2, 5]
     assert [answer.outliers.width > 0 for answer in answers] == [True] * 3
@@ -224,19 +224,19 @@ def test_clouds_of_the_block_are_refused() -> None:
 @pytest.mark.usefixtures('broken_sor')
 def test_clouds_of_the_block_pass() -> None:
     """Where that is asked for: unfiltered, in their turn, and counted as such."""
-    clean = Session(FilterParameters().changed(SHORT | {'scores': True}))
+    clean = Pipeline(FilterParameters().changed(SHORT | {'scores': True}))
     clean.pass_failed = True
     messages = [line(0), far(0.01), line(0.02)]
-    answers = [answer for msg in messages for answer in clean.push(msg)] + clean.flush()
+    answers = [answer for msg in messages for answer in clean.process(msg)] + clean.flush()
     assert [answer.outliers.width for answer in answers] == [answers[0].outliers.width, 0, 1]
     assert answers[1].cleaned.width == 100
     counts = clean.statistics
-    assert (counts.passed, counts.refused, counts.failures) == ({'failure': 1}, 0, 1)
+    assert (counts.bypassed, counts.refused, counts.failures) == ({'failure': 1}, 0, 1)
 
 
 def test_an_error_at_a_change_of_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
     """The new chain is tried on a few points first: an error there ends nothing."""
-    clean = Session(FilterParameters().changed(SHORT))
+    clean = Pipeline(FilterParameters().changed(SHORT))
     failed: list[JudgingError] = []
     clean.fail = failed.append
     measure = sor.measure
@@ -245,7 +245,7 @@ def test_an_error_at_a_change_of_parameters(monkeypatch: pytest.MonkeyPatch) -> 
     assert clean.parameters.of(Sor).k == 9
     assert len(failed) == clean.statistics.failures == 1
     monkeypatch.setattr(sor, 'measure', measure)
-    clean.push(line(0))
+    clean.process(line(0))
     assert len(clean.flush()) == 1
 
 
@@ -290,7 +290,7 @@ def test_live_they_pass_by_the_policy(ros: Ros) -> None:
             channel.receiver.take(msg)
         wait_for_thread(node)
     assert node.statistics.refusals == {'the judging of a block': 2}
-    assert node.statistics.passed == {'failure': 1}
+    assert node.statistics.bypassed == {'failure': 1}
     node.finish()
     assert node.statistics.messages == 4
 

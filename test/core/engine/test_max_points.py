@@ -52,8 +52,8 @@ def test_answers_do_not_wait_for_the_next_cloud_that_is_taken() -> None:
     made, _ = stream(max_points=10)
     made.push(points_at([0] * 8), 'first')
     assert not is_taken(made, [BLOCK + HALO] * 11)
-    assert [tag for tag, _ in made.advance()] == ['first']
-    assert made.advance() == []
+    assert [tag for tag, _ in made.take_finished()] == ['first']
+    assert made.take_finished() == []
 
 
 def test_a_cloud_has_the_room_of_those_it_completes() -> None:
@@ -80,7 +80,7 @@ def test_what_is_taken_is_judged_as_if_by_itself(seed: int, lateness: float) -> 
         try:
             answers += made.push(points_at(times[begin:end], missing[begin:end]), (begin, end))
         except CloudError:
-            answers += made.advance()
+            answers += made.take_finished()
         else:
             tags.append((begin, end))
             taken += range(begin, end)
@@ -100,7 +100,7 @@ def test_after_a_hurry() -> None:
     """Points that nobody waits for, but that a block to come may need, are let go of in time."""
     made, census = stream(max_points=1000, block=1.0, max_delay=3.0)
     taken = [number for number in range(3) if is_taken(made, sweep(number))]
-    made.hurry()
+    made.flush_pending()
     taken += [number for number in range(3, 40) if is_taken(made, sweep(number))]
     # The first cloud of a second is needed to end the halo of the one before.
     assert taken == [0, 1, 2, 11, 12, 13, 21, 22, 23, 31, 32, 33]
@@ -111,7 +111,7 @@ def test_missing_returns_need_no_room_where_nothing_waits() -> None:
     """They are answered at once, however much is held for the points to come."""
     made, _ = stream(max_points=10)
     made.push(points_at([0] * 8), 'points')
-    made.hurry()
+    made.flush_pending()
     assert [tag for tag, _ in made.push(points_at([0] * 9, [True] * 9), 'missing')] == ['missing']
     assert made.held == 8
 
@@ -167,7 +167,7 @@ def run(moving: Moving, clouds: list[object]) -> list[int]:
     answers = []
     for number, msg in enumerate(clouds):
         try:
-            answers += moving.filter.push(msg, number)
+            answers += moving.filter.process(msg, number)
         except CloudError as err:
             if not str(err).startswith(TOO_MANY):
                 raise
@@ -194,7 +194,7 @@ def test_with_poses() -> None:
     for msg in drive.odometry():
         moving.motion.take(msg)
     assert run(moving, list(drive.clouds(drive.own))) == [0, 1, 2, 10, 11, 12]
-    assert moving.filter.statistics.unmoved == 0
+    assert moving.filter.statistics.without_pose == 0
 
 
 def test_live(ros: Ros) -> None:

@@ -25,7 +25,7 @@ from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 from lidar_outlier_filter.core.kernels.compiling import COUNT
 from lidar_outlier_filter.core.points.points import SECOND, Points
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.pipeline.cloud_filter import CloudFilter
+from lidar_outlier_filter.pipeline.library import CloudFilter
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""One cloud, all of it at once: arrays in, arrays out."""
+"""The Python library: one whole cloud, and a stream of clouds."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,18 +16,138 @@ from lidar_outlier_filter.core.points.points import Points, is_return
 from lidar_outlier_filter.errors import CloudError, ParameterError
 from lidar_outlier_filter.messages.array_cloud import as_message
 from lidar_outlier_filter.messages.decoder import Decoder, to_nanoseconds
-from lidar_outlier_filter.pipeline.given_parameters import gather
+from lidar_outlier_filter.parameters.filter import FilterParameters
+from lidar_outlier_filter.pipeline.pipeline import Pipeline
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
+    from lidar_outlier_filter.core.engine.slow import SlowDetector
     from lidar_outlier_filter.core.verdict import Verdict
-    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.errors import JudgingError
+    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
+    from lidar_outlier_filter.pipeline.statistics import Statistics
 
 FIELDS = ('time_field', 'line_field', 'angle_field', 'sigma_field')
 NO_TIME, NO_LINES = 'no time of each point', 'no scan line of each point'
+
+
+class CloudFilter:
+    """Filters a stream of clouds: each gives one cleaned and one outlier cloud, in order.
+
+    Parameters
+    ----------
+    parameters : mapping of flat names to values, or FilterParameters; optional
+        Others have their defaults.
+    inform, warn : callable, optional
+        Called once with a sentence that says how the clouds are read and judged, and what they
+        lack.
+    chain : sequence of str, optional
+        The detectors, in their order; short for ``chain`` in ``parameters``.
+
+    Attributes
+    ----------
+    refuse : callable
+        Called with the error of a cloud that was accepted, and refused when its block was judged.
+    fail : callable
+        Called with an error that a detector raised, once for each line of code.
+    slow : callable
+        Called from another thread while a detector takes more than 10 × ``max_delay`` for a block,
+        for each such block; ``warn`` is called once for each detector.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter or a detector is unknown, or a value is invalid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidar_outlier_filter import CloudFilter
+    >>> cloud = np.zeros(2000, [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'u4')])
+    >>> cloud['x'], cloud['y'] = np.divmod(np.arange(2000), 50)
+    >>> cloud['t'] = np.arange(2000) * 50_000  # nanoseconds after the stamp
+    >>> cloud['z'][1234] = 30
+    >>> filter = CloudFilter({'lof.threshold': 2.0}, chain=['lof'])
+    >>> answers = filter.push(cloud, stamp=1_700_000_000_000_000_000) + filter.flush()
+    >>> answers[0].outliers['z'].tolist(), answers[0].cleaned.size
+    ([30.0], 1999)
+
+    """
+
+    def __init__(
+        self,
+        parameters: FilterParameters | Mapping[str, object] | None = None,
+        inform: Callable[[str], object] = str,
+        warn: Callable[[str], object] = str,
+        *,
+        chain: Sequence[str] | None = None,
+    ) -> None:
+        """Make all kernels ready."""
+        self.refuse: Callable[[CloudError], object] = str
+        self.fail: Callable[[JudgingError], object] = str
+        self.slow: Callable[[SlowDetector], object] = str
+        self._pipeline = Pipeline(gather(parameters, chain), inform, warn)
+        self._pipeline.refuse = lambda err: self.refuse(err)  # noqa: PLW0108  set later
+        self._pipeline.fail = lambda err: self.fail(err)  # noqa: PLW0108  set later
+        self._pipeline.slow = lambda detector: self.slow(detector)  # noqa: PLW0108  set later
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """The parameters in force."""
+        return self._pipeline.parameters
+
+    @property
+    def statistics(self) -> Statistics:
+        """Counts since the start."""
+        return self._pipeline.statistics
+
+    def push(
+        self, cloud: Any, tag: Any = None, *, stamp: int | np.integer[Any] | None = None
+    ) -> list[SplitCloud]:
+        """Filter the next cloud; return the split clouds that it completes, oldest first.
+
+        Parameters
+        ----------
+        cloud : structured array of shape (N,) or (height, width), or anything like a PointCloud2
+            With the fields x, y and z, metres. Its cleaned and outlier clouds are of the same kind.
+            It must not change until they are returned.
+        tag : optional
+            Is returned with them.
+        stamp : int, optional
+            Time that the times of an array count from, nanoseconds. Absolute times need none.
+
+        Raises
+        ------
+        CloudError
+            If the cloud is invalid. It is counted, and the next one is accepted.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from lidar_outlier_filter import CloudFilter
+        >>> filter = CloudFilter(chain=['sor'])
+        >>> cloud = np.zeros(3, [('x', 'f4'), ('y', 'f4'), ('z', 'f4'), ('t', 'f8')])
+        >>> [answer.tag for answer in filter.push(cloud, 'the first', stamp=0) + filter.flush()]
+        ['the first']
+
+        """
+        return self._pipeline.process(cloud, tag, stamp=stamp)
+
+    def flush(self) -> list[SplitCloud]:
+        """Return all pending clouds, and reset: the end of a recording.
+
+        Examples
+        --------
+        >>> from lidar_outlier_filter import CloudFilter
+        >>> filter = CloudFilter(chain=['sor'])
+        >>> filter.flush(), filter.statistics.messages, filter.parameters.chain
+        ([], 0, ('sor',))
+
+        """
+        return self._pipeline.flush()
 
 
 def detect_outliers(  # noqa: PLR0913  what a cloud has, and how it is judged
@@ -203,3 +324,36 @@ def _numbers(name: str, values: Any, kinds: str) -> NDArray[Any]:
     if array.dtype.kind not in kinds and array.size:
         raise CloudError(name, must_be, f'one of {array.dtype}')
     return array
+
+
+def gather(parameters: object, chain: Sequence[str] | None = None) -> FilterParameters:
+    """Return parameters; those that are not given have their defaults.
+
+    Parameters
+    ----------
+    parameters : mapping of flat names to values, or FilterParameters; optional
+        Values may be numpy's numbers.
+    chain : sequence of str, optional
+        The detectors, in their order.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown, a value is invalid, or the chain is given twice.
+
+    """
+    if isinstance(parameters, FilterParameters):
+        return parameters if chain is None else parameters.changed({'chain': chain})
+    if not isinstance(parameters, Mapping | None):
+        must_be = "a mapping as in {'max_points': 1000}"
+        raise ParameterError('the parameters', must_be, repr(parameters))
+    values = dict(parameters or {})
+    if chain is not None:
+        if 'chain' in values:
+            raise ParameterError('chain', 'given once', 'another one among the parameters')
+        values['chain'] = chain
+    plain = {
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in values.items()
+    }
+    return FilterParameters().changed(plain)

@@ -1,0 +1,436 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The way of a cloud: message → points → blocks → verdict → cleaned and outliers. Without ROS."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidar_outlier_filter.core.detectors.declaration import Tiled
+from lidar_outlier_filter.core.detectors.registry import DETECTORS
+from lidar_outlier_filter.core.engine.blocks import Blocks
+from lidar_outlier_filter.core.engine.chain import Chain
+from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
+from lidar_outlier_filter.core.points.points import missing
+from lidar_outlier_filter.errors import CloudError, JudgingError, ParameterError
+from lidar_outlier_filter.messages.array_cloud import as_given, as_message
+from lidar_outlier_filter.messages.cloud import is_organised, split
+from lidar_outlier_filter.messages.decoder import Decoder
+from lidar_outlier_filter.parameters.filter import describe
+from lidar_outlier_filter.pipeline.compiling import is_ready, make_ready
+from lidar_outlier_filter.pipeline.motion import PoseQueue, Stationary
+from lidar_outlier_filter.pipeline.statistics import Statistics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from lidar_outlier_filter.core.engine.slow import SlowDetector
+    from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.pipeline.motion import PoseSource
+
+
+@dataclass(eq=False, kw_only=True)
+class _PendingCloud(StreamCloud):
+    """A cloud on its way, and how it is to be split."""
+
+    msg: Any
+    tag: Any
+    parameters: FilterParameters
+    bypassed: str = ''  # why it is not filtered; empty: it is filtered
+    known: bool = False
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether it has a verdict of detectors."""
+        return self.error is None and not self.bypassed
+
+
+@dataclass(frozen=True)
+class SplitCloud:
+    """The two clouds that one cloud was split into, and the tag that it came with.
+
+    Clouds are of the kind that was given. A cloud that is not requested is None.
+    """
+
+    cleaned: Any
+    outliers: Any
+    tag: Any
+
+
+class Pipeline:
+    """Filters a stream of clouds; each gives one split cloud, in order.
+
+    A cloud may wait for its poses and for its blocks: its split cloud is returned by the call that
+    completes them.
+
+    Parameters
+    ----------
+    parameters : FilterParameters
+    inform, warn : callable, optional
+        Called once with a sentence that says how clouds are read and judged, and what they lack.
+    motion : PoseSource, optional
+        With it points are moved to a fixed frame before they are judged.
+    compiles : bool, optional
+        Whether all kernels are made ready now. Otherwise each one is read or compiled at first use.
+
+    Attributes
+    ----------
+    statistics : Statistics
+        Counts since the start.
+    refuse : callable
+        Called with the error of a cloud that is refused after it was accepted.
+    fail : callable
+        Called with an error that a detector raised, once for each line of code.
+    slow : callable
+        Called from another thread while a detector takes more than 10 × ``max_delay`` for a block,
+        for each such block; ``warn`` is called once for each detector.
+    show : list of callable
+        Each is called with each judged cloud and its message.
+    pass_failed : bool
+        Whether clouds that could not be judged pass unfiltered, instead of being refused.
+    requested_outputs : pair of bool
+        Which of cleaned and outliers are made.
+
+    """
+
+    def __init__(
+        self,
+        parameters: FilterParameters,
+        inform: Callable[[str], object] = str,
+        warn: Callable[[str], object] = str,
+        motion: PoseSource | None = None,
+        *,
+        compiles: bool = True,
+    ) -> None:
+        """Compile the kernels if ``compiles``."""
+        self.refuse: Callable[[CloudError], object] = str
+        self.fail: Callable[[JudgingError], object] = str
+        self.slow: Callable[[SlowDetector], object] = str
+        self.show: list[Callable[[StreamCloud, Any], object]] = []
+        self.pass_failed = False
+        self.requested_outputs = (True, True)
+        self.statistics = Statistics()
+        self._parameters = parameters
+        self._inform, self._warn = inform, warn
+        self._decoder = Decoder(parameters, inform, warn)
+        self._is_moving = motion is not None
+        source = motion or Stationary()
+        self.statistics.poses = source.refusals
+        self._queue: PoseQueue[_PendingCloud] = PoseQueue(source, parameters)
+        self._blocks: Blocks[_PendingCloud] = Blocks(parameters)
+        self._blocks.inform, self._blocks.fail = inform, self._failed
+        self._finished: list[_PendingCloud] = []
+        self._failed_at: set[str] = set()  # lines of code
+        self._slow_detectors: set[str] = set()
+        self._is_degraded = False
+        self._compiles = compiles
+        if compiles and not is_ready(parameters):
+            make_ready(parameters)
+        self._set_chain(self._blocks.chain)
+
+    # Clouds ---------------------------------------------------------------------------------------
+
+    def process(
+        self,
+        cloud: Any,
+        tag: Any = None,
+        *,
+        stamp: int | np.integer[Any] | None = None,
+        known: bool = False,
+    ) -> list[SplitCloud]:
+        """Filter the next cloud; return the clouds that it completes, oldest first.
+
+        Parameters
+        ----------
+        cloud : structured array of shape (N,) or (height, width), or anything like a PointCloud2
+            With the fields x, y and z, metres. It must not change until it is returned.
+        tag : optional
+            Is returned with the split cloud.
+        stamp : int, optional
+            Time that the times of an array count from, nanoseconds. Absolute times need none.
+        known : bool, optional
+            The split cloud is known elsewhere: it is not counted, and both its clouds are None.
+
+        Raises
+        ------
+        CloudError
+            If the cloud is invalid. It is counted, and the next cloud is accepted; ``advance``
+            returns the clouds that it completes all the same.
+
+        """
+        msg = self._as_message(cloud, stamp)
+        self.statistics.degraded += self._is_degraded and self.has_line_detectors
+        with self._counted_refusals(self._decoder.undo):
+            # Decode: position, time and scan line of each point.
+            points = self._decoder.decode(msg)
+            entered = self._enter(_PendingCloud(points, **self._layout(msg, tag), known=known))
+            # Move: each point to the fixed frame, once the pose at its own time is known.
+            for moved in self._queue.ready():
+                # Blocks: each complete one goes, with its halo, through the chain of detectors.
+                self._judge(moved, entered)
+        # Verdict: a cloud is finished when all its points have one.
+        finished = self._take_finished()
+        # Split: cleaned and outliers, every point in one of them, byte for byte.
+        return self._split(finished)
+
+    def pass_through(self, cloud: Any, reason: str, tag: Any = None) -> list[SplitCloud]:
+        """Return a cloud unfiltered, in its turn: all its points are cleaned.
+
+        Raises
+        ------
+        CloudError
+            If the cloud cannot be split. It is counted, and the next cloud is accepted.
+
+        """
+        msg = self._as_message(cloud)
+        with self._counted_refusals():
+            view = self._decoder.view(msg)
+            points = missing(0 if view is None else view.size)
+            entered = self._enter(_PendingCloud(points, **self._layout(msg, tag), bypassed=reason))
+            for moved in self._queue.ready():
+                self._judge(moved, entered)
+        return self._split(self._take_finished())
+
+    def advance(self) -> list[SplitCloud]:
+        """Return the clouds that new poses, or a refused cloud, have completed."""
+        for moved in self._queue.ready():
+            self._judge(moved)
+        return self._split(self._take_finished())
+
+    def flush_pending(self) -> list[SplitCloud]:
+        """Return all pending clouds, judged with the poses and points that have arrived."""
+        for moved in self._queue.release_all():
+            self._judge(moved)
+        self._finished += self._blocks.flush_pending()
+        return self._split(self._take_finished())
+
+    def release_oldest(self) -> list[SplitCloud]:
+        """Return the oldest pending cloud; clouds behind it may wait for their poses."""
+        if not self._blocks.pending and self._queue.clouds:
+            self._judge(self._queue.release())
+            for moved in self._queue.ready():
+                self._judge(moved)
+        self._finished += self._blocks.flush_pending()
+        return self._split(self._take_finished())
+
+    def flush(self) -> list[SplitCloud]:
+        """Return all pending clouds, and reset: the end of a recording."""
+        self._decoder.reset()
+        self._end_stream()
+        return self._split(self._take_finished())
+
+    def reset(self) -> list[SplitCloud]:
+        """Return all pending clouds, and reset, because the clock was set back."""
+        self._blocks.resets += 1
+        self._end_stream()
+        return self._split(self._take_finished())
+
+    # State ----------------------------------------------------------------------------------------
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """The parameters in force."""
+        return self._parameters
+
+    @property
+    def pending(self) -> int:
+        """Number of clouds that were accepted and not returned."""
+        return len(self._queue.clouds) + len(self._blocks.pending)
+
+    @property
+    def oldest(self) -> Any:
+        """Tag of the oldest pending cloud; None if there is none."""
+        pending = self._blocks.pending or self._queue.clouds
+        return pending[0].tag if pending else None
+
+    @property
+    def convention(self) -> str:
+        """How clouds are read, in words; empty before the first valid point."""
+        return str(self._decoder.convention or '')
+
+    @property
+    def has_rings(self) -> bool:
+        """Whether the scan lines of the last cloud with a valid point are the sensor's rings."""
+        return self._decoder.convention is not None and self._decoder.convention.has_rings
+
+    @property
+    def has_line_detectors(self) -> bool:
+        """Whether the detectors that judge each scan line by itself can do without the others."""
+        return self._line_chain is not None
+
+    # Settings -------------------------------------------------------------------------------------
+
+    def use_chain(self, chain: Chain) -> None:
+        """Judge the next blocks by a chain in place of that of the parameters."""
+        self._blocks.chain = self._chain = chain
+
+    def degrade(self, *, on: bool) -> None:
+        """Judge the next blocks by the fast line detectors only, or by the whole chain again."""
+        self._is_degraded = on
+        self._blocks.chain = (self._line_chain if on else None) or self._chain
+
+    def change(self, parameters: FilterParameters) -> None:
+        """Apply new parameters from the next block; pending clouds keep their output layout.
+
+        Raises
+        ------
+        ParameterError
+            If a parameter changes that is fixed at the start.
+
+        """
+        before, after = self._parameters.flat(), parameters.flat()
+        for parameter in describe():
+            if parameter.fixed and before[parameter.name] != after[parameter.name]:
+                must_be = f'{before[parameter.name]!r} as at the start'
+                raise ParameterError(parameter.name, must_be, repr(after[parameter.name]))
+        chain = Chain(parameters)
+        try:
+            # Kernels that the old chain did not need are compiled before the next cloud.
+            if self._compiles or is_ready(parameters):
+                chain.compile()
+        except Exception as err:  # noqa: BLE001  it would cost the next block, and no more
+            self._failed(JudgingError(err))
+        self._parameters = self._decoder.parameters = parameters
+        self._set_chain(chain)
+        self.degrade(on=self._is_degraded)
+        self._queue.set_max_delay(parameters.max_delay)
+
+    def refused(self, err: CloudError, count: int = 1) -> None:
+        """Count and report one or several clouds that were refused elsewhere."""
+        self.statistics.refusals.note(err.what, count)
+        self.refuse(err)
+
+    # Steps ----------------------------------------------------------------------------------------
+
+    def _layout(self, msg: Any, tag: Any) -> dict[str, Any]:
+        frame = str(msg.header.frame_id) if self._is_moving else ''
+        return {'frame': frame, 'msg': msg, 'tag': tag, 'parameters': self._parameters}
+
+    def _enter(self, cloud: _PendingCloud) -> _PendingCloud:
+        """Let a cloud wait for its poses."""
+        self._blocks.refuse_span(cloud)
+        if self._blocks.is_set_back(cloud, self._queue.newest):
+            self._blocks.refuse_too_large(cloud)
+            self._blocks.resets += 1
+            self._end_stream()
+        self._queue.newest = max(self._queue.newest, cloud.last)
+        for moved in self._queue.ready():
+            self._judge(moved)
+        self._blocks.make_room(cloud, self._queue.points)
+        self._queue.append(cloud)
+        return cloud
+
+    def _judge(self, cloud: _PendingCloud, entered: _PendingCloud | None = None) -> None:
+        """Judge the blocks that a cloud completes; its refusal is raised if it has just entered."""
+        try:
+            self._finished += self._blocks.push(cloud)
+        except CloudError as err:
+            if cloud is entered:
+                raise
+            self.refused(err)
+
+    def _end_stream(self) -> None:
+        for moved in self._queue.release_all():
+            self._judge(moved)
+        self._finished += self._blocks.flush()
+        self._queue.reset()
+
+    def _take_finished(self) -> list[_PendingCloud]:
+        """Return the clouds that were finished, and update the counts of the stream."""
+        finished = self._finished + self._blocks.take_finished()
+        self._finished = []
+        statistics, chain = self.statistics, self._blocks.chain
+        statistics.resets = self._blocks.resets
+        statistics.without_pose = self._queue.without_pose
+        statistics.passes = max(statistics.passes, chain.passes)
+        for way in chain.ways.keys() - statistics.ways.keys():
+            self._inform(f'judged by {way}')
+        statistics.ways.update(chain.ways)
+        chain.ways.clear()
+        return finished
+
+    def _split(self, finished: list[_PendingCloud]) -> list[SplitCloud]:
+        """Split the finished clouds; there is nothing for a refused one."""
+        results = []
+        for cloud in finished:
+            if cloud.known:
+                results.append(SplitCloud(None, None, cloud.tag))
+            elif self._note(cloud):
+                results.append(self._split_one(cloud))
+        return results
+
+    def _note(self, cloud: _PendingCloud) -> bool:
+        """Count and show a finished cloud; return False for a refused one."""
+        if cloud.error is not None and not self.pass_failed:
+            self.refused(cloud.error)
+            return False
+        if not cloud.is_judged:
+            self.statistics.count_bypassed(cloud.count, cloud.bypassed or 'failure')
+            return True
+        self.statistics.count(cloud.verdict, len(cloud.where))
+        for show in self.show:
+            show(cloud, cloud.msg)
+        return True
+
+    def _split_one(self, cloud: _PendingCloud) -> SplitCloud:
+        parameters, left_out = cloud.parameters, None
+        keeps_shape = parameters.keep_organized and is_organised(cloud.msg)
+        if parameters.missing == 'drop' and cloud.is_judged and not keeps_shape:
+            self.statistics.dropped += cloud.absent
+            left_out = np.ones(cloud.count, np.bool_)
+            left_out[cloud.where] = False
+        cleaned, outliers = split(
+            cloud.msg,
+            cloud.verdict,
+            keep_organized=keeps_shape,
+            scores=parameters.scores,
+            left_out=left_out,
+            requested=self.requested_outputs,
+        )
+        return SplitCloud(as_given(cleaned), as_given(outliers), cloud.tag)
+
+    # Counts and reports ---------------------------------------------------------------------------
+
+    def _as_message(self, cloud: Any, stamp: int | np.integer[Any] | None = None) -> Any:
+        with self._counted_refusals():
+            return as_message(cloud, stamp)
+
+    @contextmanager
+    def _counted_refusals(self, undo: Callable[[], object] = tuple) -> Iterator[None]:
+        try:
+            yield
+        except CloudError as err:
+            undo()
+            self.statistics.refusals.note(err.what)
+            raise
+
+    def _set_chain(self, chain: Chain) -> None:
+        self._chain, self._line_chain = chain, _line_chain(chain)
+        for one in (self._chain, self._line_chain):
+            if one is not None:
+                one.slow = self._takes_long
+
+    def _takes_long(self, slow: SlowDetector) -> None:
+        self.slow(slow)
+        if slow.name not in self._slow_detectors:
+            self._slow_detectors.add(slow.name)
+            self._warn(str(slow))
+
+    def _failed(self, err: JudgingError) -> None:
+        self.statistics.failures += 1
+        if err.place not in self._failed_at:
+            self._failed_at.add(err.place)
+            self.fail(err)
+
+
+def _line_chain(chain: Chain) -> Chain | None:
+    """Return the chain of the detectors that judge each line by itself; None if there is none."""
+    parameters = chain.parameters
+    names = tuple(name for name in parameters.chain if DETECTORS[name].tiled is Tiled.BY_LINE)
+    if len(names) < max(parameters.vote, 1):
+        return None
+    return chain if names == parameters.chain else Chain(parameters.changed({'chain': names}))
