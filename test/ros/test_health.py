@@ -63,8 +63,8 @@ def test_what_has_happened_since_the_last_look() -> None:
         'untested': '20',
         'invalid': '1',
         'refused': '2',
-        'shed': '0',
-        'unmoved': '0',
+        'degraded': '0',
+        'without_pose': '0',
         'resets': '0',
         'failures': '0',
         'rejected by a': '5',
@@ -229,7 +229,7 @@ def test_clouds_judged_without_poses() -> None:
             health.received(1)
         health.counted(Statistics(without_pose=unmoved))
         found, message, values, _ = look(health)
-        assert (found, values['unmoved']) == (level, str(unmoved))
+        assert (found, values['without_pose']) == (level, str(unmoved))
     assert message == 'of 4 clouds 1 judged without poses'
 
 
