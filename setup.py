@@ -93,13 +93,16 @@ setup(
     data_files=shared_files(),
     zip_safe=True,
     python_requires='>=3.11',
-    # Lower bounds: what Ubuntu 24.04 packages, so that a Jazzy machine needs pip for rosbags only.
+    # Lower bounds: what Ubuntu 24.04 packages; filterpy, mcap and rosbags come by pip only. rosbags
+    # 0.11.6 is the first that refuses chunks and records that were cut off, 0.12 is not tested.
     install_requires=[
+        'filterpy>=1.4.5',  # `engine: filterpy`
+        'mcap>=1.2,<2',
         'numba>=0.58',
         'numpy>=1.26',
         'PyYAML>=6.0',
         'rich>=13.7',
-        'rosbags>=0.11.6',
+        'rosbags>=0.11.6,<0.12',
         'scipy>=1.11',
     ],
     extras_require={
@@ -116,7 +119,6 @@ setup(
         ],
         # What `lidar_outlier_lab` needs, and the pictures of `evaluate` and `report`.
         'lab': ['matplotlib>=3.6', 'Pillow>=10.2', 'scikit-learn>=1.5'],
-        'audit': ['filterpy>=1.4.5'],  # `engine: filterpy`
         # `lidar-outlier-filter clean`: LAS, LAZ, PCD (10 MB); Parquet (170 MB). Others need none.
         'files': ['laspy[lazrs]>=2.5', 'pyproj>=3.6', 'python-neo-lzf>=0.3.5'],
         'parquet': ['pyarrow>=14.0.1'],
@@ -139,7 +141,6 @@ setup(
             'colcon-ros>=0.5',
             'dask>=2026.1.1',
             'distributed>=2026.1.1',
-            'filterpy>=1.4.5',
             'flask-cors>=4.0',
             'fsspec>=2024.3',
             'hypothesis>=6.98',

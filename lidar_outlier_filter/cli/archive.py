@@ -144,7 +144,6 @@ def replay_one(options: argparse.Namespace) -> ReplayReport:
                 built,
                 parameters=parameters,
                 **_replay_options(options),
-                resume=options.resume,
                 progress=progress,
                 inform=say,
             )

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lidar_outlier_filter.cli.terminal import Commands
-    from lidar_outlier_filter.recordings.info import CloudInfo, RecordingInfo
-    from lidar_outlier_filter.recordings.scan_geometry import ScanGeometry
+    from lidar_outlier_filter.recordings.info import CloudInfo, RecordingInfo, ScanGeometry
 
 
 def add_info(commands: Commands) -> None:

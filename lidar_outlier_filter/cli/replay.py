@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.recordings.replay import ReplayReport
-    from lidar_outlier_filter.recordings.salvage.losses import Losses
+    from lidar_outlier_filter.recordings.salvage import Losses
 
-MOST_REASONS = 5  # of losses, that are said in full
+MAX_REASONS = 5  # of losses, that are said in full
 
 
 def add_replay(commands: Commands) -> None:
@@ -80,12 +80,6 @@ def add_replay(commands: Commands) -> None:
         '--salvage',
         action='store_true',
         help='filter what can be read of a damaged recording, and count what is lost',
-    )
-    parser.add_argument(
-        '--resume',
-        action='store_true',
-        help='go on where a run for the same output was broken off: the answers that it left are '
-        'taken; an archive does so anyway, recording by recording',
     )
     parser.add_argument(
         '--largest-message',
@@ -142,8 +136,8 @@ def _show(report: ReplayReport) -> None:
 
 def _show_losses(lost: Losses) -> None:
     """Say what could not be salvaged, and the first of the reasons."""
-    counts = f'{lost.messages} messages, {lost.chunks} chunks, {lost.size} bytes'
-    say(f'lost of the recording are at least {counts}: {"; ".join(lost.said(MOST_REASONS))}')
+    counts = f'{lost.messages} messages and {lost.chunks} chunks'
+    say(f'lost of the recording: at least {counts}: {"; ".join(lost.said(MAX_REASONS))}')
 
 
 def _table(report: ReplayReport) -> Table:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether an SQLite database is whole: SQLite itself reads one that was cut off without a word."""
+"""Open an SQLite database that nobody writes; find out whether all of it is there."""
 
 from __future__ import annotations
 
@@ -9,40 +9,36 @@ from contextlib import closing
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 _MAGIC = b'SQLite format 3\0'
-_HEADER = 100  # bytes
-_SHORTEST_LIMIT = 2**20  # bytes of a value; SQLite's own words must fit
+_MIN_LIMIT = 2**20  # bytes of a value; SQLite's own words must fit
 
 
-def check_pages(path: Path, refuse: Callable[[str], Exception]) -> None:
-    """Refuse a database that has not all its pages, or whose pages do not fit together."""
+def damage_of(path: Path) -> str:
+    """Say what is wrong with a database; empty: it is complete, or SQLite refuses to open it.
+
+    SQLite reads a file whose last page was cut off as if zeros followed.
+    """
     with path.open('rb') as stream:
-        head = stream.read(_HEADER)
-    if len(head) < _HEADER or not head.startswith(_MAGIC):
-        return  # SQLite says so
-    page = int.from_bytes(head[16:18], 'big')
+        head = stream.read(len(_MAGIC) + 2)
+    page = int.from_bytes(head[-2:], 'big')
     page = 65536 if page == 1 else page
-    size, pages = path.stat().st_size, int.from_bytes(head[28:32], 'big')
-    # Old versions of SQLite do not count the pages: the two numbers differ then.
-    counted = head[24:28] == head[92:96] and pages > 0
-    expected = page * pages if counted else size - size % max(1, page)
-    if size != expected:
-        raise refuse(f'{size} bytes instead of {expected}, as it says')
-    with closing(connect(path)) as database:
-        database.text_factory = bytes
-        try:
+    if not head.startswith(_MAGIC):
+        return ''
+    if path.stat().st_size % max(page, 1):
+        return f'an end within a page of {page} bytes'
+    try:
+        with closing(connect(path)) as database:
+            database.text_factory = bytes
             # A check that is stored in the file is an expression of who wrote it.
             database.execute('PRAGMA ignore_check_constraints = ON')
             (found,) = database.execute('PRAGMA quick_check(1)').fetchone()
-        except UnicodeDecodeError as err:  # names of tables that are no text, in SQLite's sentence
-            raise refuse('names that are no text') from err
-        except sqlite3.DatabaseError as err:
-            raise refuse(str(err)) from err
-        if found != b'ok':
-            raise refuse(' '.join(found.decode('latin-1').split()))
+    except UnicodeDecodeError:  # names of tables in a sentence of SQLite
+        return 'names that are not text'
+    except sqlite3.DatabaseError as err:
+        return str(err)
+    return '' if found == b'ok' else ' '.join(found.decode('latin-1').split())
 
 
 def connect(path: Path) -> sqlite3.Connection:
@@ -51,6 +47,6 @@ def connect(path: Path) -> sqlite3.Connection:
     No value is longer than the file, unless an expression in the file makes it: that is refused.
     """
     database = sqlite3.connect(f'{path.resolve().as_uri()}?mode=ro&immutable=1', uri=True)
-    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(path.stat().st_size, _SHORTEST_LIMIT))
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(path.stat().st_size, _MIN_LIMIT))
     database.execute('PRAGMA trusted_schema = OFF')
     return database

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidar_outlier_filter.disk.sqlite_pages import check_pages, connect
+from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files.cloud_file import CHUNK, CloudFile, parse_number
 
@@ -48,7 +48,8 @@ class SqliteFile(CloudFile):
         if log.is_file() and log.stat().st_size:
             must_be = 'closed by who wrote it'
             raise CloudError(f'the database {path}', must_be, f'rows in {log.name}')
-        check_pages(path, self._refuse)
+        if wrong := damage_of(path):
+            raise self._refuse(wrong)
         with closing(connect(path)) as database:
             self.table = _choose(database, path, table)
             about = database.execute(f'PRAGMA table_xinfo({_quoted(self.table)})').fetchall()

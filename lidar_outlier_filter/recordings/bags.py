@@ -1,12 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings: all of one, in the form of ROS 2, and a new one that appears whole or not at all."""
+"""Read a recording in the form of ROS 2; write a new bag that appears complete or not at all."""
 
 from __future__ import annotations
 
+import re
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from mcap.reader import SeekingReader
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -16,24 +19,19 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag1 import ReaderError as Reader1Error
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapReader
 
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder, publish
+from lidar_outlier_filter.disk.sqlite_pages import damage_of
 from lidar_outlier_filter.errors import FilterError, RecordingError, said_by
+from lidar_outlier_filter.parameters.declaration import shown
 from lidar_outlier_filter.recordings.channels import LATCHED, Topic, ros1_channels, ros2_channels
-from lidar_outlier_filter.recordings.packed import unpacked
-from lidar_outlier_filter.recordings.storage import (
-    bound,
-    check_storage,
-    texts_by_name,
-    whole_number,
-)
-from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
-    from pathlib import Path
     from types import TracebackType
     from typing import Self
 
@@ -43,6 +41,9 @@ if TYPE_CHECKING:
 
 __all__ = ['LATCHED', 'RELIABLE', 'NewBag', 'Recording', 'Topic']
 
+LARGEST = 256_000_000  # bytes of a message, or of a chunk of messages, uncompressed
+MAX_ALIASES = 100  # in a metadata.yaml, where recorders write none
+_ALIAS = re.compile(r'(?<![^\s,\[{])\*\w')
 LATEST = 2**63 - 1  # bag time, nanoseconds
 # What a publisher of ROS 2 offers that keeps ten messages; 0: the middleware's own default.
 RELIABLE = Qos(
@@ -59,25 +60,32 @@ RELIABLE = Qos(
 
 
 class Recording:
-    """A recording to read: a ROS 2 bag folder, a lone ``.mcap`` or ``.db3``, or a ROS 1 ``.bag``.
+    """A recording to read: a ROS 2 bag folder, a single ``.mcap`` or ``.db3``, or a ROS 1 ``.bag``.
 
-    A context manager; inside it, ``topics`` are all topics (those without a message too), ``start``
-    is the first bag time and ``duration`` the length, both in nanoseconds, and ``message_count`` is
-    what the recording's own index says.
-    Publishers that share a topic and a type are one topic here.
+    A context manager. Publishers that share a topic and a type are one topic here. On a store,
+    files are read by ranges.
+
+    Parameters
+    ----------
+    path : of the recording
+    largest : bytes; a message that is larger, or a chunk that its index says is, is refused
+
+    Attributes
+    ----------
+    topics : all topics, including those without a message
+    start, duration : first bag time and length, ns
+    message_count : messages that the index of the recording counts
+    custom_data : of its ``metadata.yaml``
 
     Raises
     ------
     RecordingError
-        If there is no recording, or a damaged one; also while its messages are read.
+        If there is no recording, or it is damaged; also while its messages are read.
 
     """
 
     def __init__(self, path: RecordingPath, largest: int = LARGEST) -> None:
-        """Name the recording; it is opened on entering. One on a store is read by ranges.
-
-        A chunk of messages or a message that has more than ``largest`` bytes is refused.
-        """
+        """Name the recording; it is opened on entering."""
         self.path = path
         self._largest = largest
         self.topics: tuple[Topic, ...] = ()
@@ -86,30 +94,29 @@ class Recording:
         self.custom_data: Mapping[str, str] = {}
 
     def __enter__(self) -> Self:
-        """Open the recording and read what it says of its topics."""
+        """Open the recording and read which topics it has."""
         with ExitStack() as stack, _readable(self.path):
-            _check_finished(self.path)
-            path = stack.enter_context(unpacked(self.path, self._largest))
-            walks = check_storage(path, self._largest)
-            is_ros1 = path.suffix == '.bag' and not path.is_dir()
-            self._reader: Reader1 | Reader2 = Reader1(path) if is_ros1 else Reader2(path)
-            stack.enter_context(self._reader)
-            self._unpack = bound(self._reader, walks, self._largest)
-            connections = self._reader.connections
-            self._channels = ros1_channels(connections) if is_ros1 else ros2_channels(connections)
+            check_regular(self.path)
+            _check_databases(self.path)
+            reader: Reader1 | Reader2
+            if self.path.suffix == '.bag' and not self.path.is_dir():
+                reader = stack.enter_context(_ros1_reader(self.path))
+                self._channels = ros1_channels(reader.connections)
+                self.message_count = reader.message_count
+            else:
+                check_metadata(self.path)
+                reader = stack.enter_context(Reader2(self.path))
+                _check_index(reader, self._largest)
+                self._channels = ros2_channels(reader.connections)
+                self.message_count = sum(one.msgcount for one in reader.connections)
+                self.custom_data = texts_by_name(reader.storage.metadata.custom or {})
+            self._reader = reader
             self.topics = tuple(dict.fromkeys(topic for topic, _ in self._channels.values()))
-            self.duration = whole_number(self.path, 'the duration', self._reader.duration)
-            self.start = self._reader.start_time
-            self.message_count = sum(
-                whole_number(
-                    self.path, f'the message_count of {connection.topic}', connection.msgcount
-                )
-                for connection in connections
-            )
-            if isinstance(self._reader, Reader2):
-                self.custom_data = texts_by_name(
-                    self.path, self._reader.storage.metadata.custom or {}
-                )
+            self.start, self.duration = reader.start_time, reader.duration
+            for number in (self.start, self.duration, self.message_count):
+                if type(number) is not int or number < 0:
+                    what = f'times and counts of {self.path}'
+                    raise RecordingError(what, 'whole numbers', f'"{shown(number)}"')
             self._close = stack.pop_all()
         return self
 
@@ -128,34 +135,123 @@ class Recording:
         start: int | None = None,
         stop: int | None = None,
     ) -> Iterator[tuple[Topic, int, bytes]]:
-        """Read topic, bag time (ns) and CDR bytes of every message, in the order of the bag times.
+        """Read topic, bag time (ns) and CDR bytes of every message, in the order of bag times.
 
         Messages with the same bag time come in the order in which they were recorded.
 
         Parameters
         ----------
-        topics : read these only; None: all
+        topics : read only these; None: all
         start, stop : bag times, ns, the first that is read and the first that is not
 
         """
         with _readable(self.path):
-            wanted = [
+            connections = [
                 connection
                 for connection in self._reader.connections
                 if topics is None or self._channels[connection.id][0] in topics
             ]
-            if not wanted:  # which readers take for all
+            if not connections:  # which readers take for all
                 return
-            for connection, time, packed in self._reader.messages(wanted, start, stop):
+            for connection, time, data in self._reader.messages(connections, start, stop):
                 topic, to_cdr = self._channels[connection.id]
-                data = self._unpack(packed)
                 if len(data) > self._largest:
-                    what, must_be = (
-                        f'a message of {topic.name}',
-                        f'of at most {self._largest} bytes',
-                    )
-                    raise RecordingError(what, must_be, len(data))
+                    must_be = f'of at most {self._largest} bytes'
+                    raise RecordingError(f'a message of {topic.name}', must_be, len(data))
                 yield topic, time, to_cdr(data)
+
+
+@contextmanager
+def _ros1_reader(path: RecordingPath) -> Iterator[Reader1]:
+    """Open a ROS 1 bag; name the tool that repairs its index."""
+    with ExitStack() as stack:
+        try:
+            reader = stack.enter_context(Reader1(path))
+        except (Reader1Error, AssertionError) as err:
+            got = f'{said_by(err)}; `rosbag reindex` restores a bag that was cut off'
+            refusal = RecordingError(f'the recording {path}', 'readable', got)
+            refusal.is_damage = False
+            raise refusal from err
+        yield reader
+
+
+def check_regular(path: RecordingPath) -> None:
+    """Refuse pipes, sockets and devices, as the recording or in its folder: reading may block."""
+    for file in [path, *(path.iterdir() if path.is_dir() else [])]:
+        if isinstance(file, Path) and file.exists() and not (file.is_file() or file.is_dir()):
+            raise RecordingError(f'{file}', 'a regular file or a folder', 'another kind of file')
+
+
+def _check_databases(path: RecordingPath) -> None:
+    """Refuse databases that lost pages, or that their recorder did not close."""
+    for file in path.glob('*.db3') if path.is_dir() else [path]:
+        if file.suffix != '.db3' or not file.is_file():
+            continue
+        if not isinstance(file, Path):
+            raise RecordingError(f'the database {file}', 'copied to this machine', 'a store')
+        log = file.with_name(f'{file.name}-wal')
+        if log.is_file() and log.stat().st_size:
+            what, got = f'the recording {path}', f'messages in {log.name}'
+            raise RecordingError(what, 'closed by its recorder', got)
+        if wrong := damage_of(file):
+            raise RecordingError(f'the recording {path}', 'readable', f'"{wrong}"')
+
+
+def check_metadata(path: RecordingPath) -> None:
+    """Refuse a ``metadata.yaml`` whose aliases could expand to more than memory holds."""
+    file = path / 'metadata.yaml'
+    if path.is_dir() and file.is_file():
+        count = len(_ALIAS.findall(file.read_text(encoding='utf-8')))
+        if count > MAX_ALIASES:
+            raise RecordingError(f'{file}', f'with at most {MAX_ALIASES} aliases', count)
+
+
+def texts_by_name(data: object) -> dict[str, str]:
+    """Refuse custom data that are not strings by name."""
+    if isinstance(data, dict) and all(
+        isinstance(one, str) for item in data.items() for one in item
+    ):
+        return data
+    raise RecordingError('custom_data in metadata.yaml', 'strings by name', f'"{shown(data)}"')
+
+
+def _check_index(reader: Reader2, largest: int) -> None:
+    """Refuse a bag of which rosbags would leave out messages without a word.
+
+    rosbags reads the chunks and channels that the index of an MCAP file names, and the topics that
+    ``metadata.yaml`` does. A file without an index is read from its beginning to its end.
+    """
+    topics = {(one.topic, one.msgtype) for one in reader.connections}
+    storage: Any = reader.storage
+    for part in getattr(storage, 'storages', [storage]):
+        for one in part.connections:
+            if one.msgcount and (one.topic, one.msgtype) not in topics:
+                raise RecordingError(f'metadata.yaml of {reader.path}', f'with {one.topic}', 'none')
+        if not isinstance(part, McapReader):
+            continue
+        size = max((chunk.uncompressed_size for chunk in part.chunks), default=0)
+        if size > largest:
+            raise RecordingError(f'a chunk of {part.path}', f'of at most {largest} bytes', size)
+        if not _is_complete(part):
+            must_be = 'with an index that names all of its messages'
+            raise RecordingError(f'{part.path}', must_be, 'one that does not')
+
+
+def _is_complete(part: McapReader) -> bool:
+    """Compare what the index of an MCAP file names with what its statistics count."""
+    with part.path.open('rb') as stream:
+        summary = SeekingReader(stream).get_summary()
+    counts = None if summary is None else summary.statistics
+    if counts is None:
+        return not part.chunks
+    indexed = sum(sum(chunk.channel_count.values()) for chunk in part.chunks)
+    found = (
+        (len(part.chunks), indexed) if part.chunks else (counts.chunk_count, counts.message_count)
+    )
+    channels = {one.id for one in part.connections}
+    return (counts.chunk_count, counts.message_count) == found and (
+        counts.channel_message_counts.keys() <= channels
+    )
 
 
 class NewBag:
@@ -163,7 +259,7 @@ class NewBag:
 
     A context manager. Until it is left without an error, all is in a hidden folder beside ``path``;
     no error, no Ctrl-C and no full disk leaves anything behind. Only one chunk (1 MiB, or a single
-    message that is longer) is held in memory. Inside it, ``folder`` is the hidden folder.
+    message that is longer) is held in memory.
 
     Raises
     ------
@@ -181,9 +277,8 @@ class NewBag:
         """Begin the bag in its hidden folder."""
         check_new(self.path, FOLDER)
         with ExitStack() as stack, writable(self.path):
-            self.folder = stack.enter_context(hidden_folder(self.path))
             # In the hidden folder it has its final name already: its files are named after it.
-            self._built = self.folder / self.path.name
+            self._built = stack.enter_context(hidden_folder(self.path)) / self.path.name
             stack.push(self._publish)
             writer = Writer(self._built, version=9, storage_plugin=StoragePlugin.MCAP)
             for key, value in self._custom_data.items():
@@ -247,7 +342,7 @@ def _readable(path: RecordingPath) -> Iterator[None]:
         except Exception as err:  # on damaged files, the decoders raise whatever they come upon
             raise RecordingError(f'the recording {path}', 'readable', said_by(err)) from err
     except RecordingError as err:
-        err.is_damage = True
+        vars(err).setdefault('is_damage', True)
         raise
 
 
@@ -257,20 +352,4 @@ def writable(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as err:
-        reason = _quoted(err.strerror or repr(err))
-        raise RecordingError(f'the output {path}', 'written in full', reason) from err
-
-
-def _quoted(text: str) -> str:
-    """Put a foreign text, on one line, into quotes."""
-    return '"' + ' '.join(text.split()) + '"'
-
-
-def _check_finished(path: RecordingPath) -> None:
-    """Refuse a database that its recorder did not close: messages are in the log beside it."""
-    beside: list[RecordingPath] = [path.with_name(path.name + '-wal')]
-    for log in path.glob('*.db3-wal') if path.is_dir() else beside:
-        if log.is_file() and log.stat().st_size:
-            raise RecordingError(
-                f'the recording {path}', 'closed by its recorder', f'messages in {log.name}'
-            )
+        raise RecordingError(f'the output {path}', 'written in full', said_by(err)) from err

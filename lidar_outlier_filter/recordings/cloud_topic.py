@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-from zlib import crc32
 
 from rosbags.serde import SerdeError
 
@@ -15,9 +14,8 @@ from lidar_outlier_filter.errors import CloudError, ParameterError, RecordingErr
 from lidar_outlier_filter.pipeline.motion import Odometry
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.topics import CLOUD, ODOMETRY, output_topics, resolve
-from lidar_outlier_filter.recordings.bags import RELIABLE, Topic, writable
+from lidar_outlier_filter.recordings.bags import RELIABLE, Topic
 from lidar_outlier_filter.recordings.channels import known_types
-from lidar_outlier_filter.recordings.journal import Done, refuse_other
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 
 if TYPE_CHECKING:
@@ -28,9 +26,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.parameters.node import MotionParameters
     from lidar_outlier_filter.pipeline.pipeline import SplitCloud
-    from lidar_outlier_filter.pipeline.statistics import Statistics
     from lidar_outlier_filter.recordings.bags import NewBag, Recording
-    from lidar_outlier_filter.recordings.journal import Journal
 
 MOST_SENTENCES = 50  # that are kept of refusals
 
@@ -109,11 +105,8 @@ class CloudTopic:
         self._filter.requested_outputs = (False, False)
         self._filter.refuse = self._note_refusal
         self._sentences: dict[str, str] = {}
-        self._clouds = self._checksum = 0  # read so far
+        self._clouds = 0  # read so far
         self._times = MessageTimes()
-        self._answered = 0  # number of the last cloud answered
-        self._journal: Journal | None = None
-        self._done = Done(0, 0, 0, {})  # by a killed run
         self._types = known_types()
         self._take: Callable[[StreamCloud, Any, int], object] | None = None
         self._shown: list[tuple[StreamCloud, Any]] = []  # and not taken yet
@@ -164,23 +157,17 @@ class CloudTopic:
             names.add(name)
             self._outputs.append(output)
 
-    def keep(self, journal: Journal) -> None:
-        """Note in a journal how far the answers are, and take those that a killed run left."""
-        self._journal, self._done = journal, journal.done(self.topic.name)
-
     def feed(self, time: int, data: bytes) -> None:
         """Filter a cloud with its bag time, and write the answers that are finished by it."""
         self._clouds += 1
         self._times.add(time)
-        self._check_input(data)
         try:
             cloud = self._types.deserialize_cdr(data, CLOUD)
         except SerdeError as err:
             self._filter.refused(CloudError('the CDR bytes', 'a whole cloud', err))
             return
         try:
-            known = self._clouds <= self._done.answered
-            finished = self._filter.process(cloud, (self._clouds, time), known=known)
+            finished = self._filter.process(cloud, (self._clouds, time))
         except CloudError as err:  # counted by the filter; others may be finished all the same
             self._note_refusal(err)
             finished = self._filter.advance()
@@ -201,25 +188,10 @@ class CloudTopic:
     def finish(self) -> None:
         """Write the answers to the last clouds."""
         self._write(self._filter.flush())
-        if self._journal is not None and self._clouds < self._done.read:
-            self._refuse_input(self._journal)
 
     def _note_refusal(self, err: CloudError) -> None:
         if len(self._sentences) < MOST_SENTENCES:
             self._sentences.setdefault(err.what, str(err))
-
-    def _check_input(self, data: bytes) -> None:
-        """Refuse a cloud that is not that of the killed run."""
-        if self._journal is None:
-            return
-        self._checksum = crc32(data, self._checksum)
-        if self._clouds == self._done.read and self._checksum != self._done.checksum:
-            self._refuse_input(self._journal)
-
-    @staticmethod
-    def _refuse_input(journal: Journal) -> None:
-        if journal.left is not None:
-            refuse_other(journal.left.folder, 'recording')
 
     def _write(self, finished: Sequence[SplitCloud]) -> None:
         if self._take is not None:
@@ -229,40 +201,13 @@ class CloudTopic:
         if not any(self._filter.requested_outputs):
             return
         for answer in finished:
-            self._answered, time = answer.tag
-            pair = self._pair(answer)
-            for topic, data in zip(self._outputs, pair, strict=True):
-                self._bag.write(topic, time, data)
-            if self._journal is not None:
-                self._journal.answer(pair)
-        if finished and self._journal is not None:
-            self._note(self._journal)
-
-    def _pair(self, answer: SplitCloud) -> list[bytes]:
-        """Give the bytes of the cleaned and of the outlier cloud."""
-        if answer.cleaned is None and self._journal is not None and self._journal.left is not None:
-            cleaned, outliers = self._outputs
-            return self._journal.left.take((cleaned.name, outliers.name))
-        clouds = (answer.cleaned, answer.outliers)
-        return [bytes(self._types.serialize_cdr(cloud, CLOUD)) for cloud in clouds]
-
-    def _note(self, journal: Journal) -> None:
-        if self._filter.statistics.failures:  # a cloud before the last one has no answer
-            journal.stop()
-        counts = self._counted().as_counts()
-        done = Done(self._clouds, self._checksum, self._answered, counts)
-        with writable(self._bag.path):
-            journal.note(self.topic.name, done)
-
-    def _counted(self) -> Statistics:
-        """Count what was filtered, by a killed run too."""
-        counts = self._filter.statistics.copy()
-        counts.add_counts(self._done.counts)
-        return counts
+            _, time = answer.tag
+            for topic, msg in zip(self._outputs, (answer.cleaned, answer.outliers), strict=True):
+                self._bag.write(topic, time, bytes(self._types.serialize_cdr(msg, CLOUD)))
 
     def report(self) -> TopicReport:
         """Say what became of the clouds."""
-        counts, parameters = self._counted(), self._parameters
+        counts, parameters = self._filter.statistics, self._parameters
         return TopicReport(
             self.topic.name,
             self._clouds,

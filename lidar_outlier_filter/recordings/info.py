@@ -4,14 +4,18 @@
 
 from __future__ import annotations
 
+import math
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rosbags.serde import SerdeError
 
 from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.core.points.scan_lines import line_starts, order_by_line
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -20,19 +24,58 @@ from lidar_outlier_filter.recordings.bags import Recording
 from lidar_outlier_filter.recordings.channels import known_types
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic
 from lidar_outlier_filter.recordings.message_times import MessageTimes
-from lidar_outlier_filter.recordings.scan_geometry import scan_geometry
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
+    from lidar_outlier_filter.core.points.points import Points
     from lidar_outlier_filter.recordings.bags import Topic
     from lidar_outlier_filter.recordings.cloud_topic import TopicReport
     from lidar_outlier_filter.recordings.remote_path import RecordingPath
-    from lidar_outlier_filter.recordings.scan_geometry import ScanGeometry
 
 SAMPLE = 3.0  # seconds of bag time that the filter judges
 BEFORE = SECOND // 2  # of bag time, in which a sensor shows which kernels it needs
+LEVEL = math.radians(1)  # deviation in elevation up to which a line is a ring
+EVEN = 0.1  # of the median step, up to which rings are evenly spaced
+MIN_LINE_POINTS = 3  # points of a line that says where it lies
 KINDS = ('int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'float32', 'float64')
+
+
+@dataclass(frozen=True)
+class ScanGeometry:
+    """What one cloud shows.
+
+    Attributes
+    ----------
+    lines : scan lines
+    per_line : points of a line, the median
+    seconds : between its first and its last point
+    near, far : the nearest 1 % of the points, and the farthest, are beyond; m
+    invalid : share of the points without a return
+    low, high : elevation of the rings, degrees; nan where lines are not level around the sensor
+    step, even : between rings, the median, degrees; and whether all are alike
+    azimuth : between two points of a ring, the median, degrees
+
+    """
+
+    lines: int
+    per_line: float
+    seconds: float
+    near: float
+    far: float
+    invalid: float
+    low: float = math.nan
+    high: float = math.nan
+    step: float = math.nan
+    even: bool = False
+    azimuth: float = math.nan
+
+    @property
+    def is_spinning(self) -> bool:
+        """Whether the lines are rings around the sensor."""
+        return not math.isnan(self.low)
 
 
 @dataclass
@@ -179,3 +222,47 @@ def _note_stamp(cloud: CloudInfo, time: int, data: bytes) -> None:
     if not cloud.stamps.count:
         cloud.behind = (time - stamp) / SECOND
     cloud.stamps.add(stamp)
+
+
+def scan_geometry(points: Points) -> ScanGeometry | None:
+    """Look at the points of a cloud; None where none is valid."""
+    invalid = 1 - float(points.valid.mean()) if len(points) else 1.0
+    points = points.take(points.valid)
+    if not len(points):
+        return None
+    points = points.take(order_by_line(points))
+    bounds = line_starts(points.line)
+    near, far = np.percentile(points.range, (1, 99))
+    found = ScanGeometry(
+        len(bounds) - 1,
+        float(np.median(np.diff(bounds))),
+        int(points.t.max() - points.t.min()) / SECOND,
+        float(near),
+        float(far),
+        invalid,
+    )
+    return _with_rings(found, points, bounds)
+
+
+def _with_rings(found: ScanGeometry, points: Points, bounds: NDArray[np.int64]) -> ScanGeometry:
+    """Add the angles of rings, if lines are rings."""
+    x, y, z = points.xyz.T
+    elevation, azimuth = np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)
+    lines = [slice(begin, end) for begin, end in pairwise(bounds) if end - begin >= MIN_LINE_POINTS]
+    if not lines:
+        return found
+    middles = np.array([np.median(elevation[line]) for line in lines])
+    spread = [np.median(abs(elevation[line] - m)) for line, m in zip(lines, middles, strict=True)]
+    if np.median(spread) > LEVEL or np.ptp(azimuth) < math.pi / 8:
+        return found
+    steps = np.diff(np.sort(middles))
+    turns = np.concatenate([np.diff(azimuth[line]) for line in lines])
+    turns = abs((turns + math.pi) % (2 * math.pi) - math.pi)
+    return replace(
+        found,
+        low=math.degrees(middles.min()),
+        high=math.degrees(middles.max()),
+        step=math.degrees(np.median(steps)) if len(steps) else math.nan,
+        even=bool(len(steps) and np.ptp(steps) <= EVEN * np.median(steps)),
+        azimuth=math.degrees(np.median(turns)),
+    )

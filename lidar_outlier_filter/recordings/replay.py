@@ -10,19 +10,14 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter import __version__
-from lidar_outlier_filter.core.points.mask import content_of
 from lidar_outlier_filter.disk.new_files import FOLDER, check_new
 from lidar_outlier_filter.errors import NoCloudsError, ParameterError, RecordingError
 from lidar_outlier_filter.parameters.declaration import OFF
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.pipeline.topics import CLOUD, check_name
-from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic, writable
+from lidar_outlier_filter.recordings.bags import LARGEST, NewBag, Recording, Topic
 from lidar_outlier_filter.recordings.cloud_topic import CloudTopic, check_motion
-from lidar_outlier_filter.recordings.journal import Journal, Left, left_for
-from lidar_outlier_filter.recordings.salvage.losses import Losses
-from lidar_outlier_filter.recordings.salvage.salvage import salvaged
-from lidar_outlier_filter.recordings.unpack import LARGEST
+from lidar_outlier_filter.recordings.salvage import Losses, salvaged
 
 OWN_CHUNK = 2**21  # bytes: a chunk that we write, beside a message that is longer
 
@@ -64,7 +59,6 @@ def replay(  # noqa: PLR0913  what the command line offers
     *,
     drop_input: bool = False,
     salvage: bool = False,
-    resume: bool = False,
     largest: int = LARGEST,
     progress: Callable[[int, int], object] | None = None,
     inform: Callable[[str], object] = str,
@@ -82,7 +76,6 @@ def replay(  # noqa: PLR0913  what the command line offers
     parameters : of the filter, by flat name
     drop_input : leave the clouds that are filtered out of the copy
     salvage : filter what can be read of a damaged recording; what is lost is counted
-    resume : take the answers that a killed run left for this output; with none it begins anew
     largest : bytes that a message, or a chunk of messages, may have
     progress : is called after each message: how many of how many have been read
     inform : is called with a sentence on how the clouds of a topic are read, once for each layout
@@ -100,11 +93,8 @@ def replay(  # noqa: PLR0913  what the command line offers
     if isinstance(recording, Path) and recording.resolve() in output.resolve().parents:
         raise RecordingError('the output', f'outside of {recording}, which stays as it is', output)
     check_new(output, FOLDER)
-    head = _head(recording, topics, given, drop_input=drop_input, salvage=salvage)
     with ExitStack() as stack:
-        left = _left(stack, output, head, inform) if resume else None
-        path: RecordingPath = recording
-        lost = Losses()
+        path, lost = recording, Losses()
         if salvage:
             if not isinstance(recording, Path):
                 raise RecordingError('a recording to salvage', 'on this machine', recording)
@@ -115,11 +105,6 @@ def replay(  # noqa: PLR0913  what the command line offers
         chosen = choose_clouds(source, topics, 'a topic to filter')
         _check_together(source, chosen, given)
         streams = {topic: CloudTopic(topic, given, inform) for topic in chosen}
-        with writable(output):
-            journal = Journal(bag.folder, head, left)
-        stack.callback(journal.stop)
-        for stream in streams.values():
-            stream.keep(journal)
         started = perf_counter()
         done = _copy(source, bag, streams, set(streams) if drop_input else set(), progress)
         elapsed = perf_counter() - started
@@ -127,47 +112,6 @@ def replay(  # noqa: PLR0913  what the command line offers
         _check_answered(source, reports)
         unread = max(0, source.message_count - done)
         return ReplayReport(output, reports, source.duration * 1e-9, elapsed, unread, lost)
-
-
-def _head(
-    recording: RecordingPath,
-    topics: Collection[str],
-    parameters: FilterParameters,
-    *,
-    drop_input: bool,
-    salvage: bool,
-) -> dict[str, object]:
-    """Say what a run must have in common with a killed one, so that it can go on from it."""
-    files: list[RecordingPath] = [*recording.iterdir()] if recording.is_dir() else [recording]
-    sizes = sorted(_size(file) for file in files if file.exists())
-    return {
-        'version': __version__,
-        'recording': sizes,
-        'choice of topics': sorted(set(topics)),
-        'choice to drop the input': drop_input,
-        'choice to salvage': salvage,
-        'set of parameters': parameters.flat(),
-        'content of the mask': content_of(parameters),
-    }
-
-
-def _size(file: RecordingPath) -> tuple[str, int, int]:
-    """Name a file with its size and, where the store knows it, the time of its last change."""
-    state = file.stat()
-    return file.name, state.st_size, getattr(state, 'st_mtime_ns', 0)
-
-
-def _left(
-    stack: ExitStack, output: Path, head: Mapping[str, object], inform: Callable[[str], object]
-) -> Left | None:
-    """Find what a killed run left, and say so."""
-    with writable(output):
-        left = stack.enter_context(left_for(output, head))
-    if left is None or left.answers == 0:
-        inform(f'no killed run has left answers for {output}: it begins anew')
-        return None
-    inform(f'{left.answers} answers of a killed run are taken as they are')
-    return left
 
 
 def _copy(

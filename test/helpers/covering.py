@@ -37,9 +37,8 @@ with atheris.instrument_imports(include=['lidar_outlier_filter', 'rosbags', 'las
     from lidar_outlier_filter.files.cloud_file import open_cloud
     from lidar_outlier_filter.messages.decoder import Decoder
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.recordings.bags import Recording
-    from lidar_outlier_filter.recordings.salvage.salvage import salvaged
-    from lidar_outlier_filter.recordings.unpack import LARGEST
+    from lidar_outlier_filter.recordings.bags import LARGEST, Recording
+    from lidar_outlier_filter.recordings.salvage import salvaged
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

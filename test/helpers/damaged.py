@@ -110,11 +110,6 @@ def write_recording(kind: str, folder: Path) -> Path:
     return _write_ros2(folder / 'drive', plugin, form)
 
 
-def write_large(path: Path) -> Path:
-    """Write the drive with so many points that its replay has several chunks."""
-    return _write_ros2(path, StoragePlugin.MCAP, '', points=15_000)
-
-
 def _write_mcap(path: Path, form: str) -> Path:
     compression = CompressionType[form.upper()] if form in {'lz4', 'zstd'} else CompressionType.NONE
     kinds = IndexType.NONE if 'index' in form else IndexType.ALL

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kill runs at moments spread over their time: a program of its own, that has no threads to lose.
 
-``killing.py clean|replay|resume INPUT FOLDER COUNT`` prints what was found, a line for each kill.
+``killing.py clean|replay INPUT FOLDER COUNT`` prints what was found, a line for each kill.
 """
 
 from __future__ import annotations
@@ -79,55 +79,6 @@ def kill(what: str, source: Path, folder: Path, count: int) -> None:
         remove(folder)
 
 
-def resume(source: Path, folder: Path, count: int) -> None:
-    """Kill replays after so many messages, spread over all, and go on from what they left.
-
-    Every second run that goes on is killed, too, and another goes on.
-    """
-    output = folder / 'out'
-    work = partial(replay, source, output, parameters=VALUES)
-    said: list[str] = []
-
-    def go_on() -> None:
-        report = work(resume=True, inform=said.append)
-        print(said[0], flush=True)  # noqa: T201
-        print(report.topics, flush=True)  # noqa: T201
-
-    def first() -> None:
-        print(work(progress=lambda _, total: number.write_text(f'{total}')).topics, flush=True)  # noqa: T201
-
-    number = folder / 'number'
-    os.waitpid(start(first), 0)
-    total, expected = int(number.read_text()), digest(output)
-    remove(folder)
-    for i in range(count):
-        last = round(total * (i + 0.5) / count)
-        os.waitpid(start(partial(work, progress=partial(die, last))), 0)
-        if i % 2:
-            again = partial(work, resume=True, progress=partial(die, last // 2))
-            os.waitpid(start(again), 0)
-        left = [path.name.startswith('.out.partial-') for path in folder.iterdir()]
-        os.waitpid(start(go_on), 0)
-        seen = [path.name for path in folder.iterdir()]
-        good = (
-            all(left) and len(left) == 1 + i % 2 and seen == ['out'] and digest(output) == expected
-        )
-        print('good' if good else f'bad: {left} {seen}', flush=True)  # noqa: T201
-        remove(folder)
-
-
-def leave(source: Path, folder: Path, values: dict[str, object], last: int) -> None:
-    """Leave what a replay has that is killed after so many messages."""
-    work = partial(replay, source, folder / 'out', parameters=values)
-    os.waitpid(start(partial(work, progress=partial(die, last))), 0)
-
-
-def die(last: int, done: int, _total: int) -> None:
-    """Kill this process after so many messages."""
-    if done == last:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-
 def content(output: Path) -> str:
     """Sum up an output, without what says when it was made."""
     if not output.exists():
@@ -144,5 +95,4 @@ def remove(folder: Path) -> None:
 
 
 if __name__ == '__main__':
-    what, where = sys.argv[1], (Path(sys.argv[2]), Path(sys.argv[3]), int(sys.argv[4]))
-    resume(*where) if what == 'resume' else kill(what, *where)
+    kill(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]), int(sys.argv[4]))

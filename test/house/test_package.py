@@ -48,9 +48,7 @@ PYPI_NAMES = {
     'boto3': 'moto',
     'catkin_pkg': 'catkin-pkg',
     'lazrs': 'laspy',  # in its brackets
-    'lz4': 'rosbags',
     'lzf': 'python-neo-lzf',
-    'mcap': 'mcap-ros2-support',
     'mcap_ros2': 'mcap-ros2-support',
     'sklearn': 'scikit-learn',
     'yaml': 'PyYAML',
@@ -58,7 +56,6 @@ PYPI_NAMES = {
 # Imported only where a user asks for them, and installed by an extra
 EXTRAS = {
     'argcomplete': 'completion',
-    'filterpy': 'audit',
     'dask': 'archive',
     'distributed': 'archive',
     'fsspec': 'archive',
@@ -203,7 +200,7 @@ def test_setup_lists_what_is_imported() -> None:
     assert isinstance(extras, dict)
     imported = foreign(NAME)
     ros = imported - set(ROSDEP_KEYS) - set(EXTRAS) - PIP_ONLY
-    always = imported - ros - set(EXTRAS)
+    always = (imported - ros - set(EXTRAS)) | {'filterpy'}  # imported by name when it is chosen
     wheels = {f'ros-jazzy-{name.replace("_", "-")}' for name in ros}
     assert requirement_names(setup_argument('install_requires')) == {
         PYPI_NAMES.get(name, name) for name in always

@@ -48,7 +48,7 @@ OUTSIDE = {
     'core': ('filterpy', 'numba', 'numpy', 'scipy'),
     'messages': ('numpy',),
     'pipeline': ('numpy',),
-    'recordings': ('lz4', 'numpy', 'rosbags', 'yaml'),
+    'recordings': ('mcap', 'numpy', 'rosbags', 'yaml'),
     'files': ('laspy', 'lazrs', 'lzf', 'numpy', 'pyarrow', 'pye57', 'pyproj'),
     'ros': ('numpy', 'rclpy', *MESSAGES),
     'archive': ('dask', 'distributed', 'fsspec', 'numpy'),

@@ -109,7 +109,7 @@ def test_environment_is_made_once(project: Project) -> None:
     project.make()
     asked = project.asked()
     assert asked[0] == f'-m venv {project.root}/.venv'
-    assert asked[-1].endswith(f'--editable {project.root}[ros,audit,docs,test,lint]')
+    assert asked[-1].endswith(f'--editable {project.root}[ros,docs,test,lint]')
     assert all('constraints.txt' in line for line in asked[1:])
     assert project.make('echo', 'said') == 'said\n'
     assert project.asked() == []
@@ -176,7 +176,7 @@ def test_sourced_jazzy_is_used(project: Project) -> None:
     seen = project.make('env', ROS_DISTRO='jazzy', HAS_RCLPY='1', PYTHONPATH='/opt/ros')
     asked = project.asked()
     assert asked[0] == f'-m venv --system-site-packages {project.root}/.venv'
-    assert asked[-1].endswith(f'--editable {project.root}[audit,docs,test,lint]')
+    assert asked[-1].endswith(f'--editable {project.root}[docs,test,lint]')
     assert not any('constraints.txt' in line for line in asked)
     assert 'PYTHONPATH=/opt/ros\n' in seen
 
@@ -188,7 +188,7 @@ def test_unfit_ros_is_left_alone(project: Project, distribution: str) -> None:
         'scripts/environment', 'env', ROS_DISTRO=distribution, PYTHONPATH='/opt/ros'
     )
     assert f'({distribution}) is left alone' in answer.stderr
-    assert project.asked()[-1].endswith('[ros,audit,docs,test,lint]')
+    assert project.asked()[-1].endswith('[ros,docs,test,lint]')
     assert not {'ROS_DISTRO', 'PYTHONPATH'} & {
         line.partition('=')[0] for line in answer.stdout.splitlines()
     }

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clouds and files of any kind, drawn at random: answered in full, or refused in one sentence.
 
-The numbers are small here. ``benchmarks/fuzz.py`` draws many more.
+The numbers are small here.
 """
 
 from __future__ import annotations

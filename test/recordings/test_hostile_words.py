@@ -18,7 +18,7 @@ from lidar_outlier_filter.files.cloud_file import readable
 from lidar_outlier_filter.messages.decoder import Decoder
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.recordings.bags import _readable
-from lidar_outlier_filter.recordings.salvage.losses import Losses
+from lidar_outlier_filter.recordings.salvage import Losses
 
 OWN = '"bytes that its format does not allow"'
 

@@ -18,10 +18,9 @@ from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.files.judged_file import describe_file
 from lidar_outlier_filter.recordings.bags import NewBag, Recording, Topic
-from lidar_outlier_filter.recordings.info import look
+from lidar_outlier_filter.recordings.info import look, scan_geometry
 from lidar_outlier_filter.recordings.message_times import MessageTimes
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.recordings.scan_geometry import scan_geometry
 
 if TYPE_CHECKING:
     from pathlib import Path

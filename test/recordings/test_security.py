@@ -16,10 +16,8 @@ from helpers.damaged import FAST, content, write_recording
 
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.parameters import yaml_files
-from lidar_outlier_filter.recordings.packed import MOST_TIMES
+from lidar_outlier_filter.recordings.bags import LARGEST, MAX_ALIASES
 from lidar_outlier_filter.recordings.replay import replay
-from lidar_outlier_filter.recordings.storage import MOST_NODES
-from lidar_outlier_filter.recordings.unpack import LARGEST
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -84,13 +82,13 @@ def test_nothing_of_an_input_is_run() -> None:
 def test_limits_are_those_of_the_page() -> None:
     """The limits that SECURITY.md gives are those of the code."""
     page = (ROOT / 'SECURITY.md').read_text('utf-8')
-    assert re.search(rf'unpacked \| {LARGEST // 10**6} MB \|', page)
-    assert f'{MOST_TIMES} times its size' in page
-    assert f'{MOST_NODES:,}' in page
+    assert re.search(rf'uncompressed \| {LARGEST // 10**6} MB \|', page)
+    assert f'aliases of a `metadata.yaml` | {MAX_ALIASES} |' in page
 
 
-@pytest.mark.parametrize('salvage', [False, True])
-@pytest.mark.parametrize('kind', ['folder', 'folder file'])
+@pytest.mark.parametrize(
+    ('kind', 'salvage'), [('folder', False), ('folder', True), ('folder file', False)]
+)
 @pytest.mark.parametrize('name', ['../outside.mcap', '..'])
 def test_names_in_metadata(tmp_path: Path, name: str, kind: str, *, salvage: bool) -> None:
     """A file that metadata name is looked up in the folder of the recording only."""

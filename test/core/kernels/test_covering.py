@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""A few seconds that are guided by coverage; hours are for ``benchmarks/fuzz.py --coverage``."""
+"""A few seconds that are guided by coverage; hours are for ``test/helpers/covering.py``."""
 
 from __future__ import annotations
 

@@ -1,0 +1,458 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Copy what can be read of a damaged recording into a new bag that is complete.
+
+MCAP files are read record by record, databases row by row, ROS 1 bags message by message, each
+until it cannot be read further. What is lost is counted.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from abc import ABC, abstractmethod
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import yaml
+from mcap.exceptions import EndOfFile
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, McapRecord, Message, MessageIndex, Schema
+from mcap.stream_reader import MAGIC_SIZE, StreamReader, get_chunk_data_stream
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+)
+from rosbags.rosbag2.metadata import parse_qos
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
+
+from lidar_outlier_filter.disk.new_files import FOLDER, check_new, hidden_folder
+from lidar_outlier_filter.disk.sqlite_pages import connect, damage_of
+from lidar_outlier_filter.errors import RecordingError, printable, said_by
+from lidar_outlier_filter.recordings.bags import (
+    LATEST,
+    NewBag,
+    Recording,
+    check_metadata,
+    check_regular,
+    texts_by_name,
+    writable,
+)
+from lidar_outlier_filter.recordings.channels import ros2_channels
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from mcap.summary import Summary
+
+    from lidar_outlier_filter.recordings.channels import Topic
+
+MAX_REASONS = 1000  # that are kept
+_FORMATS = {
+    'ros2msg': MessageDefinitionFormat.MSG,
+    'ros2idl': MessageDefinitionFormat.IDL,
+    'omgidl': MessageDefinitionFormat.IDL,
+    '': MessageDefinitionFormat.NONE,
+}
+_LOGS = ('-wal', '-journal')  # of SQLite, beside a database
+
+# A message with its bag time, ns; without one, a topic that the file has.
+_Item = tuple['Topic', int, bytes | None]
+
+
+@dataclass
+class Losses:
+    """What is lost of a recording, at least.
+
+    Attributes
+    ----------
+    messages : as far as they can be counted: by statistics, by indexes, by ``metadata.yaml``
+    chunks : of messages that cannot be unpacked, or whose checksum is wrong
+    reasons : a clause for each loss, of the first ``MAX_REASONS``
+    more : losses beyond these
+
+    """
+
+    messages: int = 0
+    chunks: int = 0
+    reasons: list[str] = field(default_factory=list)
+    more: int = 0
+
+    def add(self, reason: str, *, messages: int = 0, chunks: int = 0) -> None:
+        """Count what is lost at once."""
+        if len(self.reasons) < MAX_REASONS:
+            self.reasons.append(printable(' '.join(reason.split())))
+        else:
+            self.more += 1
+        self.messages += messages
+        self.chunks += chunks
+
+    def said(self, most: int = MAX_REASONS) -> list[str]:
+        """List so many of the first reasons, and behind them how many more there are."""
+        more = self.more + max(0, len(self.reasons) - most)
+        return self.reasons[:most] + ([f'and {more} more'] if more else [])
+
+
+@contextmanager
+def salvaged(path: Path, output: Path, largest: int) -> Iterator[tuple[Path, Losses]]:
+    """Give a copy, in a hidden folder beside ``output``, of what can be read, and what is lost.
+
+    Raises
+    ------
+    RecordingError
+        If there is no recording, or the copy cannot be written.
+
+    """
+    if not path.exists():
+        raise RecordingError('the recording', 'an existing file or folder', path)
+    check_regular(path)
+    check_new(output, FOLDER)
+    losses = Losses()
+    with writable(output), hidden_folder(output) as folder:
+        copy = folder / 'salvaged'
+        _copy(path, folder, copy, largest, losses)
+        yield copy, losses
+
+
+def _copy(path: Path, folder: Path, copy: Path, largest: int, losses: Losses) -> None:
+    """Write all that can be read into a new bag."""
+    bag = _metadata(path, losses)
+    zipped = str(bag.get('compression_mode')).lower() == 'message'
+    topics: dict[tuple[str, str], Topic] = {}
+    expected = found = 0
+    with NewBag(copy, bag.get('custom_data') or {}) as new:
+        for file in _files(path, bag, losses):
+            part = _open(file, folder, largest, losses)
+            for topic, time, data in part:
+                key = (topic.name, topic.msgtype)
+                if key not in topics:
+                    new.add(topics.setdefault(key, topic))
+                if data is None:
+                    continue
+                try:
+                    new.write(
+                        topics[key], time, _checked(topic, time, data, largest, zipped=zipped)
+                    )
+                except RecordingError as err:
+                    losses.add(str(err), messages=1)
+                else:
+                    found += 1
+            expected += part.expected
+    counted = bag.get('message_count')
+    missing = max(expected, counted if type(counted) is int else 0) - found - losses.messages
+    if missing > 0:
+        losses.add(f'{missing} more messages that it counts are missing', messages=missing)
+
+
+def _checked(topic: Topic, time: int, data: bytes, largest: int, *, zipped: bool) -> bytes:
+    """Give the bytes of a message, unpacked; refuse one that a bag cannot hold."""
+    what = f'a message of {topic.name} at {time} ns'
+    if not 0 <= time <= LATEST:
+        raise RecordingError(what, f'from 0 to {LATEST} ns', 'another time')
+    try:
+        data = DECOMPRESSORS['zstd'](data, 0) if zipped else data
+    except Exception as err:  # a private type of the version of Python
+        raise RecordingError(what, 'readable', said_by(err)) from err
+    if len(data) > largest:
+        raise RecordingError(what, f'of at most {largest} bytes', len(data))
+    return data
+
+
+def _metadata(path: Path, losses: Losses) -> dict[str, Any]:
+    """Read metadata.yaml as far as it can be read."""
+    if not path.is_dir():
+        return {}
+    try:
+        check_metadata(path)
+        data = yaml.safe_load((path / 'metadata.yaml').read_text(encoding='utf-8'))
+        bag = dict(data['rosbag2_bagfile_information'])
+        texts_by_name(bag.get('custom_data') or {})
+    except (RecordingError, yaml.YAMLError, OSError, LookupError, TypeError, ValueError) as err:
+        losses.add(f'metadata.yaml: {said_by(err)}')
+        return {}
+    if str(bag.get('compression_mode')).lower() == 'file':
+        must_be = 'unpacked, as by `zstd -d`, before a part of it can be read'
+        raise RecordingError(f'the files of {path}', must_be, 'compressed as a whole')
+    return bag
+
+
+def _files(path: Path, bag: Mapping[str, Any], losses: Losses) -> Iterator[Path]:
+    """List the files of a recording, in their order."""
+    if not path.is_dir():
+        yield path
+        return
+    named = bag.get('relative_file_paths')
+    names = [PurePath(str(name)).name for name in named] if isinstance(named, list) else []
+    found = sorted(one.name for one in path.iterdir() if one.suffix in {'.mcap', '.db3'})
+    for name in names or found:
+        if (path / name).is_file():
+            yield path / name
+        else:
+            losses.add(f'{name} is missing')
+
+
+class _DamagedFile(ABC):
+    """A file of a recording: its topics and messages, as far as they can be read.
+
+    ``expected`` counts the messages that the file says it has, once it was read.
+    """
+
+    def __init__(self, path: Path, largest: int, losses: Losses) -> None:
+        self.path, self.largest, self._losses = path, largest, losses
+        self.expected = 0
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[_Item]:
+        """Give its topics and messages, each topic before its messages."""
+
+    def lose(self, reason: str, *, messages: int = 0, chunks: int = 0) -> None:
+        """Count a loss."""
+        self._losses.add(f'{self.path.name}: {reason}', messages=messages, chunks=chunks)
+
+    def topic_of(  # noqa: PLR0913  the columns of a database
+        self,
+        name: str,
+        msgtype: str,
+        definition: tuple[str, str],
+        encoding: str,
+        qos: str,
+        digest: str = '',
+    ) -> Topic | None:
+        """Describe a topic; None: its messages are lost."""
+        owner: Any = self
+        try:
+            kind = MessageDefinition(_FORMATS[definition[0]], definition[1])
+            extension = ConnectionExtRosbag2(encoding, parse_qos(qos) if qos else [])
+            connection = Connection(0, name, msgtype, kind, digest, 0, extension, owner)
+            return ros2_channels([connection])[0][0]
+        except Exception as err:  # noqa: BLE001  on damaged bytes, decoders raise anything
+            self.lose(f'the topic {name}: {said_by(err)}')
+            return None
+
+
+def _open(path: Path, folder: Path, largest: int, losses: Losses) -> _DamagedFile:
+    """Open a file of a recording by its suffix."""
+    if path.suffix == '.bag':
+        return _Ros1Bag(path, largest, losses)
+    if path.suffix == '.mcap':
+        return _McapFile(path, largest, losses)
+    if path.suffix == '.db3':
+        return _Database(_with_log(path, folder, losses), largest, losses)
+    must_be = 'a ROS 2 bag folder, .mcap, .db3 or a ROS 1 .bag'
+    raise RecordingError('the recording', must_be, path)
+
+
+class _Ros1Bag(_DamagedFile):
+    """A ROS 1 bag whose index is complete."""
+
+    def __iter__(self) -> Iterator[_Item]:
+        with Recording(self.path, self.largest) as source:
+            self.expected = source.message_count
+            for topic in source.topics:
+                yield topic, 0, None
+            try:
+                yield from source.messages()
+            except RecordingError as err:
+                self.lose(str(err))
+
+
+class _McapFile(_DamagedFile):
+    """An MCAP file: every chunk whose checksum agrees, and every message outside of chunks."""
+
+    def __iter__(self) -> Iterator[_Item]:
+        self._schemas: dict[int, Schema] = {}
+        self._topics: dict[int, Topic | None] = {}
+        indexed = 0  # messages in chunks, and others
+        with self.path.open('rb') as stream:
+            summary = _summary(stream)
+            yield from self._described(summary)
+            starts = (
+                sorted(one.chunk_start_offset for one in summary.chunk_indexes) if summary else []
+            )
+            for record in self._file_records(stream, starts):
+                if isinstance(record, Chunk):
+                    yield from self._chunk_items(record)
+                else:
+                    indexed += len(record.records) if isinstance(record, MessageIndex) else 0
+                    indexed += isinstance(record, Message)
+                    yield from self._items(record)
+        statistics = summary and summary.statistics
+        self.expected = statistics.message_count if statistics else indexed
+
+    def _described(self, summary: Summary | None) -> Iterator[_Item]:
+        """Give the topics that the summary names."""
+        for records in (summary.schemas, summary.channels) if summary else ():
+            for record in records.values():
+                yield from self._items(record)
+
+    def _file_records(self, stream: BinaryIO, starts: list[int]) -> Iterator[McapRecord]:
+        """Read the records of the file; behind damage, go on at the next chunk of the index."""
+        begin: int | None = MAGIC_SIZE
+        while begin is not None:
+            stream.seek(begin)
+            end = begin
+            reader = StreamReader(
+                stream, skip_magic=True, emit_chunks=True, record_size_limit=self.largest
+            )
+            try:
+                for record in reader.records:
+                    end = stream.tell()
+                    yield record
+                begin = None
+            except Exception as err:  # noqa: BLE001  on damaged bytes, decoders raise anything
+                self.lose(f'no complete record at byte {end}, got {_words(err)}')
+                begin = next((start for start in starts if start > end), None)
+
+    def _chunk_items(self, chunk: Chunk) -> Iterator[_Item]:
+        """Give what is in a chunk, if all of it can be read."""
+        try:
+            size = max(chunk.uncompressed_size, len(chunk.data))
+            if size > self.largest:
+                raise RecordingError('a chunk', f'of at most {self.largest} bytes', size)  # noqa: TRY301
+            records = list(_records(chunk))
+        except Exception as err:  # noqa: BLE001  as above
+            times = f'from {chunk.message_start_time} to {chunk.message_end_time} ns'
+            self.lose(f'the chunk {times}: {_words(err)}', chunks=1)
+            return
+        for record in records:
+            yield from self._items(record)
+
+    def _items(self, record: McapRecord) -> Iterator[_Item]:
+        """Give the topic or the message that a record describes."""
+        if isinstance(record, Schema):
+            self._schemas.setdefault(record.id, record)
+        elif isinstance(record, Channel) and record.id not in self._topics:
+            self._topics[record.id] = topic = self._topic(record)
+            if topic is not None:
+                yield topic, 0, None
+        elif isinstance(record, Message):
+            topic = self._topics.get(record.channel_id)
+            if topic is not None:
+                yield topic, record.log_time, record.data
+            elif record.channel_id not in self._topics:
+                self._topics[record.channel_id] = None
+                self.lose(f'the channel {record.channel_id} is not described')
+
+    def _topic(self, channel: Channel) -> Topic | None:
+        schema = self._schemas.get(channel.schema_id)
+        if schema is None:
+            self.lose(f'the topic {channel.topic} has no schema')
+            return None
+        definition = (schema.encoding, schema.data.decode(errors='replace'))
+        qos = channel.metadata.get('offered_qos_profiles', '')
+        return self.topic_of(channel.topic, schema.name, definition, channel.message_encoding, qos)
+
+
+def _summary(stream: BinaryIO) -> Summary | None:
+    """Read the summary of an MCAP file, if it can be read."""
+    try:
+        return SeekingReader(stream).get_summary()
+    except Exception:  # noqa: BLE001  as above
+        return None
+
+
+def _records(chunk: Chunk) -> Iterator[McapRecord]:
+    """Unpack a chunk, and read its records up to its end."""
+    data, size = get_chunk_data_stream(chunk, validate_crc=True)
+    if size != chunk.uncompressed_size:
+        raise RecordingError('a chunk', f'of {chunk.uncompressed_size} bytes', size)
+    stream, end = BytesIO(data.read(size)), 0
+    try:
+        for record in StreamReader(stream, skip_magic=True, record_size_limit=size).records:
+            end = stream.tell()
+            yield record
+    except EndOfFile:
+        if end != size:
+            raise
+
+
+def _words(err: Exception) -> str:
+    """Quote an error; the end of a file has no words of its own."""
+    return '"the end of its bytes"' if isinstance(err, EndOfFile) else said_by(err)
+
+
+class _Database(_DamagedFile):
+    """A database: its rows up to the first that SQLite cannot read.
+
+    Recorders number messages from 1 and delete none: a gap in the numbers is a loss.
+    """
+
+    def __iter__(self) -> Iterator[_Item]:
+        if wrong := damage_of(self.path):
+            self.lose(wrong)
+        last: int = 0
+        try:
+            with closing(connect(self.path)) as database:
+                topics = dict(self._topics(database))
+                for topic in filter(None, topics.values()):
+                    yield topic, 0, None
+                rows = database.execute(
+                    'SELECT id, topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY id'
+                )
+                for row, number, time, data in rows:
+                    last, found = row, topics.get(number)
+                    if found is not None and isinstance(time, int) and isinstance(data, bytes):
+                        yield found, time, data
+                    elif number not in topics:
+                        topics[number] = None
+                        self.lose(f'the topic {number} is not described')
+        except (sqlite3.Error, OverflowError, UnicodeError) as err:
+            self.lose(f'no row behind {last} can be read: {said_by(err)}')
+            last = self._last_number()
+        self.expected = last
+
+    def _last_number(self) -> int:
+        """Return the number of the last message; 0 where SQLite cannot find it."""
+        try:
+            with closing(connect(self.path)) as database:
+                (number,) = database.execute('SELECT max(id) FROM messages').fetchone()
+        except sqlite3.Error:
+            return 0
+        return number if isinstance(number, int) else 0
+
+    def _topics(self, database: sqlite3.Connection) -> Iterator[tuple[int, Topic | None]]:
+        """Describe the topics, with the definitions of their types where the database has them."""
+        database.row_factory = sqlite3.Row
+        definitions = {}
+        if database.execute('PRAGMA table_info(message_definitions)').fetchall():
+            for row in database.execute('SELECT * FROM message_definitions'):
+                text = row['encoded_message_definition']
+                definitions[row['topic_type']] = (row['encoding'], text)
+        for row in database.execute('SELECT * FROM topics ORDER BY id').fetchall():
+            values = dict(row)
+            yield (
+                values['id'],
+                self.topic_of(
+                    values['name'],
+                    values['type'],
+                    definitions.get(values['type'], ('', '')),
+                    values['serialization_format'],
+                    values.get('offered_qos_profiles', ''),
+                    values.get('type_description_hash', ''),
+                ),
+            )
+        database.row_factory = None
+
+
+def _with_log(path: Path, folder: Path, losses: Losses) -> Path:
+    """Let SQLite take what is in the log beside a database into a copy of it."""
+    logs = [path.with_name(path.name + suffix) for suffix in _LOGS]
+    logs = [log for log in logs if log.is_file() and log.stat().st_size]
+    if not logs:
+        return path
+    for file in (path, *logs):
+        shutil.copyfile(file, folder / file.name)
+    losses.add(f'{path.name}: it was not closed by its recorder, messages in {logs[0].name}')
+    copy = folder / path.name
+    try:
+        with closing(sqlite3.connect(copy)) as database:
+            database.execute('PRAGMA wal_checkpoint(TRUNCATE)').fetchall()
+            database.execute('SELECT count(*) FROM sqlite_master').fetchall()
+    except sqlite3.DatabaseError as err:
+        losses.add(f'{logs[0].name}: {said_by(err)}')
+    return copy
