@@ -12,23 +12,16 @@ import os
 import shlex
 import sys
 from contextlib import suppress
+from importlib import import_module
 from importlib.metadata import entry_points
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.cli.clean import add_clean
-from lidar_outlier_filter.cli.compile import add_compile
 from lidar_outlier_filter.cli.compile_notice import COMMAND_GROUP
-from lidar_outlier_filter.cli.evaluate import add_evaluate
-from lidar_outlier_filter.cli.info import add_info
 from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
-from lidar_outlier_filter.cli.mask import add_mask
-from lidar_outlier_filter.cli.replay import add_replay
-from lidar_outlier_filter.cli.report import add_report
 from lidar_outlier_filter.cli.terminal import REFUSED, missing_module, say
-from lidar_outlier_filter.cli.tune import add_tune
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -36,17 +29,8 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.cli.terminal import Commands
 
-# A command is a function that adds its parser; `run` in the parser's defaults runs it.
-COMMANDS: dict[str, Callable[[Commands], None]] = {
-    'replay': add_replay,
-    'clean': add_clean,
-    'report': add_report,
-    'info': add_info,
-    'mask': add_mask,
-    'evaluate': add_evaluate,
-    'tune': add_tune,
-    'compile': add_compile,
-}
+# Each is a module with a function that adds its parser; `run` in the parser's defaults runs it.
+COMMANDS = ('replay', 'clean', 'report', 'info', 'mask', 'evaluate', 'tune', 'compile')
 PROGRAM = 'lidar-outlier-filter'
 COMPLETING = '_ARGCOMPLETE'  # the environment variable by which a shell asks for completions
 INPUTS = ('recording', 'path', 'data', 'files')  # the arguments that name what a command works on
@@ -113,9 +97,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
-    """List the commands; those of other packages only where none of the product is asked for."""
-    known = list(COMMANDS.values())
-    if words and words[0] in COMMANDS:
+    """List the command that is asked for, or all, those of other packages too."""
+    names = [name for name in COMMANDS if name in words[:1]]
+    known = [
+        getattr(import_module(f'lidar_outlier_filter.cli.{name}'), f'add_{name}')
+        for name in names or COMMANDS
+    ]
+    if names:
         return known
     found = sorted(entry_points(group=COMMAND_GROUP), key=lambda one: one.name)
     return known + [one.load() for one in found]

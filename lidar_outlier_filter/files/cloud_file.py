@@ -31,23 +31,23 @@ CHUNK = 500_000  # rows in memory at once; a multiple of LAZ's 50 000
 _BYTES_AT_ONCE = 2**20
 _MOST_DIGITS = 18  # of a number that is less than 2^63
 
-# Suffix, module, and the extra that installs its library.
+# Suffix, module, class, and the extra that installs its library.
 FORMATS = {
-    '.las': ('las', 'files'),
-    '.laz': ('las', 'files'),
-    '.pcd': ('pcd', 'files'),
-    '.ply': ('ply', ''),
-    '.ptx': ('ptx', ''),
-    '.e57': ('e57', 'e57'),
-    '.csv': ('text', ''),
-    '.tsv': ('text', ''),
-    '.txt': ('text', ''),
-    '.xyz': ('text', ''),
-    '.asc': ('text', ''),
-    '.parquet': ('parquet', 'parquet'),
-    '.sqlite': ('sqlite', ''),
-    '.sqlite3': ('sqlite', ''),
-    '.db': ('sqlite', ''),
+    '.las': ('las', 'LasFile', 'files'),
+    '.laz': ('las', 'LasFile', 'files'),
+    '.pcd': ('pcd', 'PcdFile', 'files'),
+    '.ply': ('ply', 'PlyFile', ''),
+    '.ptx': ('ptx', 'PtxFile', ''),
+    '.e57': ('e57', 'E57File', 'e57'),
+    '.csv': ('text', 'TextFile', ''),
+    '.tsv': ('text', 'TextFile', ''),
+    '.txt': ('text', 'TextFile', ''),
+    '.xyz': ('text', 'TextFile', ''),
+    '.asc': ('text', 'TextFile', ''),
+    '.parquet': ('parquet', 'ParquetFile', 'parquet'),
+    '.sqlite': ('sqlite', 'SqliteFile', ''),
+    '.sqlite3': ('sqlite', 'SqliteFile', ''),
+    '.db': ('sqlite', 'SqliteFile', ''),
 }
 SUFFIXES = tuple(FORMATS)
 _COPIES = {'.e57': '.ply'}  # of formats that are only read, the format of copies
@@ -155,24 +155,23 @@ def open_cloud(path: Path, table: str | None = None) -> CloudFile:
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise CloudError(f'the file {path}', f'one of {" ".join(FORMATS)}', repr(path.suffix))
-    module, extra = FORMATS[suffix]
+    module, name, extra = FORMATS[suffix]
+    arguments = [path] if table is None else [path, table]
+    if table is not None and module != 'sqlite':
+        raise CloudError('the table', f'given for a database only, not for {suffix}', repr(table))
     with readable(path):
         if not path.is_file():
             got = 'a folder' if path.is_dir() else 'a pipe or device' if path.exists() else 'none'
             raise CloudError(f'the file {path}', 'a file', got)
         try:
-            opened: CloudFile = importlib.import_module(f'{__package__}.{module}').open_file(
-                path, table
-            )
+            kind = getattr(importlib.import_module(f'{__package__}.{module}'), name)
+            opened: CloudFile = kind(*arguments)
         except ModuleNotFoundError as err:
             must_be = f"installed, as by pip install 'lidar_outlier_filter[{extra}]'"
             raise CloudError(f'the module {err.name} for {suffix} files', must_be, 'none') from err
-    if table is not None and module != 'sqlite':
-        raise CloudError('the table', f'given for a database only, not for {suffix}', repr(table))
-    with readable(path):
         if len(opened) == 0:
             raise CloudError(f'the cloud {path}', 'of at least one point', 0)
-    return opened
+        return opened
 
 
 def copy_suffix(path: Path) -> str:

@@ -47,11 +47,6 @@ _NARROWEST = tuple(map(np.dtype, ('u1', 'u2', 'i4')))
 _BITS = 8  # of a byte; a point is packed into one bit at least
 
 
-def open_file(path: Path, _table: str | None) -> E57File:
-    """Open an E57 file."""
-    return E57File(path)
-
-
 @dataclass(frozen=True)
 class _PosedScan:
     """One scan: its number, its count of points, its fields and their types, and its pose."""

@@ -74,11 +74,6 @@ _MOST_BYTES = 2**28  # of points in memory at once
 logging.getLogger('laspy').addHandler(logging.NullHandler())
 
 
-def open_file(path: Path, _table: str | None) -> LasFile:
-    """Open a LAS or LAZ file."""
-    return LasFile(path)
-
-
 class LasFile(CloudFile):
     """A LAS or LAZ file; see :class:`CloudFile`. Columns x, y and z are in the unit of the file."""
 

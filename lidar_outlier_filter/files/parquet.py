@@ -39,11 +39,6 @@ _TEXT = 'BYTE_ARRAY'
 _WIDTHS = {'BOOLEAN': 1, 'INT32': 4, 'INT64': 8, 'INT96': 12, 'FLOAT': 4, 'DOUBLE': 8, _TEXT: 4}
 
 
-def open_file(path: Path, _table: str | None) -> ParquetFile:
-    """Open a Parquet file."""
-    return ParquetFile(path)
-
-
 class ParquetFile(CloudFile):
     """A Parquet file; see :class:`CloudFile`."""
 

@@ -40,11 +40,6 @@ _LONGEST_HEADER = 1_000_000  # bytes
 _SIZES = struct.Struct('<II')
 
 
-def open_file(path: Path, _table: str | None) -> PcdFile:
-    """Open a PCD file."""
-    return PcdFile(path)
-
-
 class PcdFile(CloudFile):
     """A PCD file; see :class:`CloudFile`."""
 

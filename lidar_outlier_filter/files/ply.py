@@ -74,11 +74,6 @@ class _Element:
         )
 
 
-def open_file(path: Path, _table: str | None) -> PlyFile:
-    """Open a PLY file."""
-    return PlyFile(path)
-
-
 class PlyFile(CloudFile):
     """A PLY file; see :class:`CloudFile`."""
 

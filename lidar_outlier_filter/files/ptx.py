@@ -39,11 +39,6 @@ _SHAPE = ('columns', 'rows')
 _POSE = (3,) * 4 + (4,) * 4  # numbers of each line: position, three axes, matrix
 
 
-def open_file(path: Path, _table: str | None) -> PtxFile:
-    """Open a PTX file."""
-    return PtxFile(path)
-
-
 @dataclass(frozen=True)
 class _GridScan:
     """One scan: its header as it is, its count of lines, and the matrix (4, 4) of its pose."""

@@ -31,17 +31,12 @@ _SHOWN = 40  # letters of a value that is none
 _TYPES = {'f': 'REAL', 'u': 'INTEGER', 'i': 'INTEGER'}
 
 
-def open_file(path: Path, table: str | None) -> SqliteFile:
-    """Open a table of a database; None: the only one that it has."""
-    return SqliteFile(path, table)
-
-
 class SqliteFile(CloudFile):
     """A table of an SQLite database; see :class:`CloudFile`."""
 
     whole = 'the verdict on a table is a table of its own'
 
-    def __init__(self, path: Path, table: str | None) -> None:
+    def __init__(self, path: Path, table: str | None = None) -> None:
         """Find the table, its columns and its size."""
         self.path = path
         log = path.with_name(path.name + '-wal')

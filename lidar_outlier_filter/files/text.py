@@ -49,17 +49,12 @@ class _Row(NamedTuple):
 
 def is_prose(path: Path) -> bool:
     """Return whether a file named as a text table is none: no number is in its first two rows."""
-    if FORMATS.get(path.suffix.lower(), ('', ''))[0] != 'text':
+    if FORMATS.get(path.suffix.lower(), ('',))[0] != 'text':
         return False
     with path.open(encoding='utf-8-sig', errors='surrogateescape') as stream:
         lines = [stream.readline(LONGEST_LINE) for _ in range(2)]
     words = re.split(rf'[{_SEPARATORS}\n]', ''.join(lines))
     return not any(_is_number(word) for word in words)
-
-
-def open_file(path: Path, _table: str | None) -> TextFile:
-    """Open a table that is text."""
-    return TextFile(path)
 
 
 class TextFile(CloudFile):

@@ -242,14 +242,6 @@ def test_each_column_alone(tmp_path: Path, point_format: int) -> None:
         np.testing.assert_array_equal(found, np.array(whole[name]), err_msg=name)
 
 
-def test_nothing_kept(tmp_path: Path) -> None:
-    """A file of rejected points may be empty, and is an LAS file all the same."""
-    for name in ('made.las', 'made.laz'):
-        copy = copied(make(tmp_path / name), Change(keep=np.zeros(1000, np.bool_)))
-        assert len(laspy.read(copy)) == 0
-        assert laspy.read(copy).header.number_of_points_by_return.sum() == 0
-
-
 def test_coordinates_are_scaled(tmp_path: Path) -> None:
     """x, y and z are metres, as are extra dimensions that have a scale; few bits are numbers."""
     path = make(tmp_path / 'made.laz')
@@ -341,45 +333,6 @@ def test_copc(tmp_path: Path) -> None:
     assert (np.array(after.classification)[every_third(len(points))] == 7).all()
     assert [record[-4:] for record in records(copy)] == [b'kept']
     assert evlrs(copy) == []
-
-
-@pytest.mark.parametrize('name', ['made.las', 'made.laz'])
-@pytest.mark.parametrize('length', [0, 3, 200, 1000, -20_000])
-def test_truncated(tmp_path: Path, name: str, length: int) -> None:
-    """A file that ends too early is refused, in whichever part it does."""
-    path = make(tmp_path / name, version='1.2')
-    path.write_bytes(path.read_bytes()[:length])
-    with pytest.raises(CloudError, match=f'{name} must be '):
-        columns(path)
-
-
-def test_fewer_points_than_it_says(tmp_path: Path) -> None:
-    """A file that ends between two points is refused like any other."""
-    path = make(tmp_path / 'made.las', version='1.2')
-    path.write_bytes(path.read_bytes()[: -100 * raw(path).itemsize])
-    with pytest.raises(CloudError, match=r'must be of 1000 points, as it says, got 900'):
-        columns(path)
-
-
-@pytest.mark.parametrize('suffix', ['.las', '.laz'])
-def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
-    """Chunk by chunk, the points are the same as at once."""
-    path = make(tmp_path / f'made{suffix}')
-    change = Change(keep=every_third(1000), noise=~every_third(1000), added=verdict(1000))
-    marked = Change(noise=every_third(1000))
-    expected = columns(path)
-    at_once = [raw(copied(path, one)).tobytes() for one in (change, marked)]
-    monkeypatch.setattr('lidar_outlier_filter.files.las.CHUNK', 300)
-    assert [one.tobytes() for one in columns(path)] == [one.tobytes() for one in expected]
-    assert [raw(copied(path, one)).tobytes() for one in (change, marked)] == at_once
-
-
-def test_no_las(tmp_path: Path) -> None:
-    """A file of another kind is refused."""
-    path = tmp_path / 'other.las'
-    path.write_bytes(io.BytesIO(b'PLY or whatever' * 50).getvalue())
-    with pytest.raises(CloudError, match=r'other\.las must be readable, got "Invalid file sig'):
-        open_cloud(path)
 
 
 def test_waveforms_within(tmp_path: Path) -> None:

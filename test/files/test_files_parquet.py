@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from helpers.cloud_files import columns, copied, every_third, verdict
+from helpers.cloud_files import columns, copied, every_third
 from pyarrow import parquet
 
 from lidar_outlier_filter.errors import CloudError
@@ -82,49 +82,6 @@ def test_some_rows(tmp_path: Path) -> None:
     copy = copied(path, Change(keep=keep))
     expected = parquet.read_table(path).filter(pa.array(keep))
     assert parquet.read_table(copy).equals(expected, check_metadata=True)
-
-
-def test_added_columns(tmp_path: Path) -> None:
-    """Added columns stand behind the others."""
-    path = make(tmp_path)
-    added = verdict(COUNT)
-    copy = copied(path, Change(added=added))
-    after = parquet.read_table(copy)
-    for name, values in added.items():
-        column = after[name].to_numpy()
-        assert column.dtype == values.dtype
-        np.testing.assert_array_equal(column, values)
-    rest = after.drop_columns(list(added))
-    assert rest.equals(parquet.read_table(path), check_metadata=True)
-
-
-def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chunk by chunk, the rows are the same as at once."""
-    path = make(tmp_path)
-    expected = columns(path, 'x', 'time')
-    monkeypatch.setattr('lidar_outlier_filter.files.parquet.CHUNK', 77)
-    assert [one.tobytes() for one in columns(path, 'x', 'time')] == [
-        one.tobytes() for one in expected
-    ]
-
-
-def test_nothing_kept(tmp_path: Path) -> None:
-    """A file of rejected points may be empty; it has the same columns."""
-    path = make(tmp_path)
-    copy = copied(path, Change(keep=np.zeros(COUNT, np.bool_)))
-    assert parquet.read_table(copy).num_rows == 0
-    assert parquet.read_schema(copy).equals(parquet.read_schema(path), check_metadata=True)
-    with pytest.raises(CloudError, match='must be of at least one point, got 0'):
-        open_cloud(copy)
-
-
-@pytest.mark.parametrize('length', [0, 3, 1000, -1])
-def test_truncated(tmp_path: Path, length: int) -> None:
-    """A file that ends too early is refused."""
-    path = make(tmp_path)
-    path.write_bytes(path.read_bytes()[:length])
-    with pytest.raises(CloudError, match=r'cloud\.parquet must be readable, got "'):
-        open_cloud(path)
 
 
 def test_damaged(tmp_path: Path) -> None:

@@ -129,16 +129,6 @@ def test_vertices_that_faces_name_stay(tmp_path: Path) -> None:
             copied(path, Change(keep=every_third(6)))
 
 
-def test_empty_faces_are_no_hindrance(tmp_path: Path) -> None:
-    """An element of no faces names no vertex."""
-    path = make(tmp_path, 'ascii')
-    text = path.read_text().replace(
-        'end_header', FACES.replace('2', '0').replace('1', '0') + 'end_header'
-    )
-    path.write_text(text)
-    assert len(columns(copied(path, Change(keep=every_third(6))), 'x')[0]) == 4
-
-
 def test_line_ends(tmp_path: Path) -> None:
     """CRLF stays CRLF, in what is added too."""
     path = make(tmp_path, 'ascii', with_faces=True)
@@ -148,41 +138,6 @@ def test_line_ends(tmp_path: Path) -> None:
     copy = copied(path, Change(added=verdict(6)))
     assert copy.read_bytes().count(b'\n') == copy.read_bytes().count(b'\r\n')
     assert [one.tobytes() for one in columns(copy)[:4]] == [one.tobytes() for one in before]
-
-
-@pytest.mark.parametrize('form', FORMS)
-def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
-    """Chunk by chunk, the points are the same as at once."""
-    path = make(tmp_path, form, with_faces=True)
-    added = verdict(6)
-    expected = columns(path)
-    at_once = copied(path, Change(added=added)).read_bytes()
-    monkeypatch.setattr('lidar_outlier_filter.files.rows.CHUNK', 4)
-    assert [one.tobytes() for one in columns(path)] == [one.tobytes() for one in expected]
-    assert copied(path, Change(added=added)).read_bytes() == at_once
-
-
-def test_real_file(recordings: Path, tmp_path: Path) -> None:
-    """A real sweep comes out as it went in."""
-    path = tmp_path / 'source.ply'
-    path.write_bytes((recordings / 'clouds' / 'source.ply').read_bytes())
-    before = columns(path)
-    keep = every_third(69792)
-    assert copied(path, Change()).read_bytes() == path.read_bytes()
-    after = columns(copied(path, Change(keep=keep)))
-    assert [one.tobytes() for one in after] == [one[keep].tobytes() for one in before]
-
-
-@pytest.mark.parametrize('form', FORMS)
-@pytest.mark.parametrize('length', [2, 40, 250, -40, -1])
-def test_truncated(tmp_path: Path, form: str, length: int) -> None:
-    """A file that ends too early is refused, in whichever part it does."""
-    path = make(tmp_path, form)
-    if form == 'ascii' and length == -1:
-        length = -9  # within a number nobody could say
-    path.write_bytes(path.read_bytes()[:length])
-    with pytest.raises(CloudError, match=r' must be '):
-        columns(path)
 
 
 @pytest.mark.parametrize(

@@ -46,12 +46,6 @@ def test_points_of_all_scans(tmp_path: Path) -> None:
     assert columns(tmp_path / 'two.ptx', 'intensity')[0].tolist() == intensity.tolist()
 
 
-def test_copy_is_the_file(tmp_path: Path) -> None:
-    """Without a change every byte is that of the file."""
-    path = make(tmp_path / 'two.ptx')
-    assert copied(path, Change()).read_bytes() == path.read_bytes()
-
-
 def test_what_is_left_out_is_missing(tmp_path: Path) -> None:
     """The grid stays whole, in the form of missing returns; other lines keep their bytes."""
     path = make(tmp_path / 'two.ptx')

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from helpers.cloud_files import columns, copied, every_third, verdict
+from helpers.cloud_files import columns, copied, verdict
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
@@ -150,23 +150,6 @@ def test_generated_columns(tmp_path: Path) -> None:
     )
     assert list(open_cloud(path).columns) == ['x', 'y', 'z']
     assert [column.tolist() for column in columns(path)] == [[1, 3], [2, 4], [3, 7]]
-
-
-def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chunk by chunk, the rows are the same as at once."""
-    path = make(tmp_path)
-    expected = columns(path)
-    rows = 'SELECT * FROM "line 11_verdict"'
-    at_once = run(copied(path, Change(added=verdict(COUNT)), 'one.db'), rows)
-    monkeypatch.setattr('lidar_outlier_filter.files.sqlite.CHUNK', 7)
-    assert [one.tobytes() for one in columns(path)] == [one.tobytes() for one in expected]
-    assert run(copied(path, Change(added=verdict(COUNT)), 'other.db'), rows) == at_once
-
-
-def test_no_row_is_removed(tmp_path: Path) -> None:
-    """Rows are not taken out of a database."""
-    with pytest.raises(CloudError, match='marked, got removed: the verdict on a table is a table'):
-        copied(make(tmp_path), Change(keep=every_third(COUNT)))
 
 
 def test_the_table_is_named(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers.cloud_files import columns, copied, every_third, verdict
+from helpers.cloud_files import columns, copied, verdict
 
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.files import cloud_file
@@ -64,12 +64,6 @@ def test_whole_numbers_are_exact(tmp_path: Path, fields: str, expected: list[flo
     assert x.tolist() == expected
     (x,) = columns(path, 'x')
     np.testing.assert_array_equal(x, np.array(expected, x.dtype))
-
-
-def test_unchanged(tmp_path: Path) -> None:
-    """A copy without changes is the same file."""
-    path = make(tmp_path)
-    assert copied(path, Change()).read_bytes() == TABLE
 
 
 def test_some_rows(tmp_path: Path) -> None:
@@ -163,21 +157,6 @@ def test_byte_order_mark(tmp_path: Path) -> None:
     assert copied(path, Change()).read_bytes() == path.read_bytes()
     copy = copied(path, Change(added={'outlier': np.zeros(2, np.uint8)}))
     assert copy.read_bytes().startswith(b'\xef\xbb\xbfx;y;outlier\n1;2;0\n')
-
-
-def test_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chunk by chunk, the rows are the same as at once."""
-    monkeypatch.setattr('lidar_outlier_filter.files.text.CHUNK', 7)
-    count = 100
-    path = make(tmp_path, b'x y z\n' + b''.join(b'%d 0 %d\n' % (i, -i) for i in range(count)))
-    chunks = list(cloud_file.read(open_cloud(path), ['x', 'z']))
-    assert [len(x) for x, _ in chunks] == [7] * 14 + [2]
-    keep, added = every_third(count), verdict(count)
-    copy = copied(path, Change(keep=keep, added=added))
-    x, outlier, detectors = columns(copy, 'x', 'outlier', 'outlier_detectors')
-    np.testing.assert_array_equal(x, np.arange(count)[keep])
-    np.testing.assert_array_equal(outlier, added['outlier'][keep])
-    np.testing.assert_array_equal(detectors, added['outlier_detectors'][keep])
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def test_broken_clouds(cloud: Any) -> None:
 
 def test_every_format_is_among_them() -> None:
     """Each module that reads files has one here that is broken, and one for a full disk."""
-    modules = {reader for reader, _ in cloud_file.FORMATS.values()}
+    modules = {reader for reader, *_ in cloud_file.FORMATS.values()}
     here = {cloud_file.FORMATS[f'.{kind.split(maxsplit=1)[0]}'][0] for kind in FORMATS}
     assert here == modules
 
