@@ -41,7 +41,6 @@ class _PendingCloud(StreamCloud):
     tag: Any
     parameters: FilterParameters
     bypassed: str = ''  # why it is not filtered; empty: it is filtered
-    known: bool = False
 
     @property
     def is_judged(self) -> bool:
@@ -140,7 +139,6 @@ class Pipeline:
         tag: Any = None,
         *,
         stamp: int | np.integer[Any] | None = None,
-        known: bool = False,
     ) -> list[SplitCloud]:
         """Filter the next cloud; return the clouds that it completes, oldest first.
 
@@ -152,8 +150,6 @@ class Pipeline:
             Is returned with the split cloud.
         stamp : int, optional
             Time that the times of an array count from, nanoseconds. Absolute times need none.
-        known : bool, optional
-            The split cloud is known elsewhere: it is not counted, and both its clouds are None.
 
         Raises
         ------
@@ -167,7 +163,7 @@ class Pipeline:
         with self._counted_refusals(self._decoder.undo):
             # Decode: position, time and scan line of each point.
             points = self._decoder.decode(msg)
-            entered = self._enter(_PendingCloud(points, **self._layout(msg, tag), known=known))
+            entered = self._enter(_PendingCloud(points, **self._layout(msg, tag)))
             # Move: each point to the fixed frame, once the pose at its own time is known.
             for moved in self._queue.ready():
                 # Blocks: each complete one goes, with its halo, through the chain of detectors.
@@ -357,9 +353,7 @@ class Pipeline:
         """Split the finished clouds; there is nothing for a refused one."""
         results = []
         for cloud in finished:
-            if cloud.known:
-                results.append(SplitCloud(None, None, cloud.tag))
-            elif self._note(cloud):
+            if self._note(cloud):
                 results.append(self._split_one(cloud))
         return results
 
