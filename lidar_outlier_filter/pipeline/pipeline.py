@@ -351,11 +351,7 @@ class Pipeline:
 
     def _split(self, finished: list[_PendingCloud]) -> list[SplitCloud]:
         """Split the finished clouds; there is nothing for a refused one."""
-        results = []
-        for cloud in finished:
-            if self._note(cloud):
-                results.append(self._split_one(cloud))
-        return results
+        return [self._split_one(cloud) for cloud in finished if self._note(cloud)]
 
     def _note(self, cloud: _PendingCloud) -> bool:
         """Count and show a finished cloud; return False for a refused one."""
