@@ -1,22 +1,18 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The cloud like Sotoodeh's, its errors beside the paper's, its picture, and the benchmark."""
+"""The cloud like Sotoodeh's, its errors beside the paper's, and its picture."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib.util import module_from_spec, spec_from_file_location
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers import ROOT
 from PIL import Image
 
-from lidar_outlier_filter.core.detectors.elevation import detector as elevation
 from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
 from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
-from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.results import pictures as picture
 from lidar_outlier_lab.results.papers import published, sotoodeh_hod
 from lidar_outlier_lab.results.papers import sotoodeh_picture as hod_picture
@@ -24,9 +20,6 @@ from lidar_outlier_lab.simulation.papers.sotoodeh_clusters import FAR, NEAR, sim
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import ModuleType
-
-    from lidar_outlier_filter.core.detectors.hierarchical.detector import ClusterOutcome
 
 SEEDS = range(20)
 
@@ -86,42 +79,3 @@ def test_picture(tmp_path: Path, least: int) -> None:
         colours = {colour for _, colour in image.convert('RGB').getcolors(1000) or []}
     lost = tuple(bytes.fromhex(picture.LOST[1:]))
     assert (lost in colours) == (least == 400)
-
-
-@pytest.fixture(scope='module')
-def benchmark() -> ModuleType:
-    """Load the benchmark, which is a script."""
-    path = ROOT / 'benchmarks' / 'hierarchical.py'
-    spec = spec_from_file_location('hierarchical_benchmark', path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_benchmark_compares(benchmark: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Right answers pass; wrong ones are not timed."""
-    cloud = benchmark.street(4000)
-    benchmark.compare_hierarchical(cloud)
-    benchmark.compare_elevation(cloud)
-    honest, honest_elevation = hierarchical.detect, elevation.detect
-
-    def wrong(*given: Any) -> ClusterOutcome:
-        outcome = honest(*given)
-        return replace(outcome, phase=np.zeros_like(outcome.phase))
-
-    monkeypatch.setattr(hierarchical, 'detect', wrong)
-    with pytest.raises(FilterError, match="the phases must be those of Qhull's triangulation"):
-        benchmark.compare_hierarchical(cloud)
-    monkeypatch.setattr(elevation, 'detect', lambda *given: honest_elevation(*given) * 1.001)
-    with pytest.raises(FilterError, match="the scores must be those of scipy's kd-tree"):
-        benchmark.compare_elevation(cloud)
-
-
-def test_benchmark_measures(benchmark: ModuleType) -> None:
-    """Time passes; memory is what the work needs, not what was used before."""
-    heap = np.zeros(1 << 24)
-    timing = benchmark.measure('elevation', 20_000)
-    assert timing.seconds > 0
-    assert timing.mebibytes < heap.nbytes / 2**20
