@@ -152,9 +152,8 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             ),
             Quote(
                 'README.md',
-                'twelve real sensors it rejects {least shipped} to {most shipped} of the points. '
-                'It learnt from them. Left out of the training in turn, eleven of the sensors lost '
-                '{least left} to {most but one}, and a Ruby Plus in a narrow room {most left}.\n*',
+                'twelve real sensors: {least shipped} to {most shipped} of the points rejected, or '
+                '{least left} to {most left} by trees that were not trained on the sensor.',
             ),
             *(
                 Quote(
@@ -169,13 +168,8 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
         [
             Quote(
                 'README.md',
-                '| the default, which never saw a label | {default both} | {default last} |\n'
-                '| 3D-OutDet, a network trained on this data set | {3D-OutDet both} '
-                '| {3D-OutDet last} |\n'
-                '| the best rule on intensity, range and distance, chosen on these labels '
-                '| {rule both} | {rule last} |\n'
-                '| DROR, at the threshold that is best for these labels | {DROR both} '
-                '| {DROR last} |\n',
+                'F1 and good points lost {default both}; '
+                'DROR tuned on the same labels {DROR both}. [Real snow]',
             ),
             Quote(SHORTLY, 'labelled, F1 is {default both} with both returns.'),
         ],
@@ -260,15 +254,16 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
             ),
             Quote(
                 'README.md',
-                'In the first picture, {outliers} of {points} points are outliers:\n\n'
-                '| | found by the default | found by `alpha_beta_gamma` |\n| --- | --- | --- |\n'
-                '| reflections | {default reflection} | {smoother reflection} |\n'
-                '| exhaust | {default exhaust} | {smoother exhaust} |\n'
-                '| points near a surface | {default near surface} | {smoother near surface} |\n'
-                '| mixed pixels at edges | {default mixed} | {smoother mixed} |\n'
-                '| a level barrier arm | {default barrier} | {smoother barrier} |\n'
-                '| **good points lost** | **{default lost}** | **{smoother lost}** |',
+                '| | default | `config/classic.yaml` |\n| --- | --- | --- |\n'
+                '| reflections found | {default reflection} | {classic reflection} |\n'
+                '| exhaust found | {default exhaust} | {classic exhaust} |\n'
+                '| points near a surface found | {default near surface} '
+                '| {classic near surface} |\n'
+                '| mixed pixels at edges found | {default mixed} | {classic mixed} |\n'
+                '| level barrier arm found | {default barrier} | {classic barrier} |\n'
+                '| **good points lost** | **{default lost}** | **{classic lost}** |',
             ),
+            Quote('README.md', 'above: F1 {default F1}, {default lost} good points lost.'),
             Quote(
                 'doc/results_in_short.md',
                 'On the street of the demo F1 is {default F1}, recall {default recall}, and '
@@ -290,11 +285,6 @@ SOURCES: Mapping[str, tuple[Source, Sequence[Quote]]] = {
                 '| spray | {spray exactly} |\n'
                 '| mixed points | {mixed exactly} |\n'
                 '| good points lost | {lost exactly} |',
-            ),
-            Quote(
-                'README.md',
-                'it finds {snow} of the snow and {spray} of the spray, and loses {lost} good '
-                'points',
             ),
         ],
     ),

@@ -16,7 +16,7 @@ from lidar_outlier_filter.core.detectors.alpha_beta_gamma.parameters import Alph
 from lidar_outlier_filter.errors import FilterError, ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, read_yaml, table, write_yaml
-from lidar_outlier_lab.results.papers.methods import METHODS, SMOOTHER
+from lidar_outlier_lab.results.papers.methods import CLASSIC, METHODS, SMOOTHER
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -236,9 +236,10 @@ def test_files_of_families() -> None:
         assert len(values) < 8
 
 
-def test_file_of_the_paper() -> None:
-    """The file with the paper's settings has them."""
-    assert read_yaml(CONFIG / 'leslar2010.yaml') == SMOOTHER
+@pytest.mark.parametrize(('name', 'values'), [('leslar2010', SMOOTHER), ('classic', CLASSIC)])
+def test_file_of_a_measured_chain(name: str, values: dict[str, object]) -> None:
+    """The files beside those of the sensors have the settings that tables are made with."""
+    assert read_yaml(CONFIG / f'{name}.yaml') == values
 
 
 @pytest.mark.parametrize('name', METHODS)

@@ -16,7 +16,7 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_lab.results.markdown import NOTHING, image, paragraphs, table
 from lidar_outlier_lab.results.papers import leslar_picture
 from lidar_outlier_lab.results.papers.counts import NONE_OF_ITS_PRESETS, Counted, count
-from lidar_outlier_lab.results.papers.methods import METHODS, SMOOTHER
+from lidar_outlier_lab.results.papers.methods import CLASSIC, METHODS, SMOOTHER
 from lidar_outlier_lab.results.papers.published import LESLAR, OUTLIERS, POINTS
 from lidar_outlier_lab.results.samples import simulated
 
@@ -55,7 +55,7 @@ FORMS: Mapping[str, Mapping[str, object]] = {
     },
     '`quadric` as it is by default': {'chain': ['quadric']},
     '`alpha_beta_gamma` as it is by default': {'chain': ['alpha_beta_gamma']},
-    '`alpha_beta_gamma`, `quadric`, `lof`': METHODS['all_three'],
+    '`alpha_beta_gamma`, `quadric`, `lof`': CLASSIC,
     'the default, `boosted_trees`': {},
 }
 SHOWN = ('a', 'b', 'c', 'ab', 'the default, `boosted_trees`')  # in the figure
