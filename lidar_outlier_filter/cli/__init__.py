@@ -11,7 +11,7 @@ import os
 import signal
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.interrupts import INTERRUPTED, ignore
+from lidar_outlier_filter.cli.terminal import INTERRUPTED, ignore
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -21,7 +21,7 @@ def start() -> int:
     """Run the command line as a process of its own; return the exit status."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
-    from lidar_outlier_filter.cli.compile_notice import say_what_is_compiled  # noqa: PLC0415  later
+    from lidar_outlier_filter.cli.compile import say_what_is_compiled  # noqa: PLC0415  later
 
     say_what_is_compiled()
     from lidar_outlier_filter.cli.main import run  # noqa: PLC0415  as said above

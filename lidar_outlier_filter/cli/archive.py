@@ -12,8 +12,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.cli.archive_tables import show, status
-from lidar_outlier_filter.cli.interrupts import stopping
+from lidar_outlier_filter.cli.tables import show_replayed, status
 from lidar_outlier_filter.cli.terminal import (
     LINE_PERIOD,
     beside,
@@ -21,6 +20,7 @@ from lidar_outlier_filter.cli.terminal import (
     read_parameters,
     say,
     saying_how_far,
+    stopping,
 )
 from lidar_outlier_filter.errors import FilterError
 
@@ -114,7 +114,7 @@ def replay_archive(options: argparse.Namespace) -> int:
         suffix = '' if location.is_folder else location.path.suffix
         tasks.append(Task(location, name, folder, (name.removesuffix(suffix),)))
     records, tried = go_through(tasks, job, options, root.name, folder)
-    show(tasks, records, tried, job, folder)
+    show_replayed(tasks, records, tried, job, folder)
     return status(records)
 
 

@@ -12,13 +12,13 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from lidar_outlier_filter.cli import tables
 from lidar_outlier_filter.cli.archive import (
     add_worker_options,
     check_workers,
     go_through,
     refuse_inside,
 )
-from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
@@ -31,6 +31,7 @@ from lidar_outlier_filter.cli.terminal import (
     read_parameters,
     say,
     saying_how_far,
+    stopping,
 )
 from lidar_outlier_filter.errors import ParameterError
 
@@ -172,8 +173,6 @@ def _add_marks(parser: argparse.ArgumentParser) -> None:
 
 def _clean(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.archive.jobs import clean_job
-    from lidar_outlier_filter.cli import clean_tables
-    from lidar_outlier_filter.cli.archive_tables import status
 
     parameters = read_parameters(options.params, options.settings, options.chain)
     if options.scores:
@@ -195,8 +194,8 @@ def _clean(options: argparse.Namespace) -> int:
                 made[task] = result.made
 
         records, tried = go_through(tasks, job, options, 'cleaning', folder, keep)
-    clean_tables.show(tasks, records, tried, job, made)
-    found = status(records)
+    tables.show_cleaned(tasks, records, tried, job, made)
+    found = tables.status(records)
     return INCOMPLETE if found == DONE and picture != options.picture else found
 
 

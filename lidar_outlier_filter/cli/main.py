@@ -19,9 +19,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter import __version__
-from lidar_outlier_filter.cli.compile_notice import COMMAND_GROUP
-from lidar_outlier_filter.cli.interrupts import INTERRUPTED, handlers_kept
-from lidar_outlier_filter.cli.terminal import REFUSED, missing_module, say
+from lidar_outlier_filter.cli.compile import COMMAND_GROUP
+from lidar_outlier_filter.cli.terminal import (
+    INTERRUPTED,
+    REFUSED,
+    handlers_kept,
+    missing_module,
+    say,
+)
 from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
@@ -29,8 +34,17 @@ if TYPE_CHECKING:
 
     from lidar_outlier_filter.cli.terminal import Commands
 
-# Each is a module with a function that adds its parser; `run` in the parser's defaults runs it.
-COMMANDS = ('replay', 'clean', 'report', 'info', 'mask', 'evaluate', 'tune', 'compile')
+# Commands and their modules, in which `add_COMMAND` adds the parser; its default `run` runs it.
+COMMANDS = {
+    'replay': 'replay',
+    'clean': 'clean',
+    'report': 'report',
+    'info': 'info',
+    'mask': 'replay',
+    'evaluate': 'evaluate',
+    'tune': 'tune',
+    'compile': 'compile',
+}
 PROGRAM = 'lidar-outlier-filter'
 COMPLETING = '_ARGCOMPLETE'  # the environment variable by which a shell asks for completions
 INPUTS = ('recording', 'path', 'data', 'files')  # the arguments that name what a command works on
@@ -100,7 +114,7 @@ def commands_for(words: Sequence[str]) -> list[Callable[[Commands], None]]:
     """List the command that is asked for, or all, those of other packages too."""
     names = [name for name in COMMANDS if name in words[:1]]
     known = [
-        getattr(import_module(f'lidar_outlier_filter.cli.{name}'), f'add_{name}')
+        getattr(import_module(f'lidar_outlier_filter.cli.{COMMANDS[name]}'), f'add_{name}')
         for name in names or COMMANDS
     ]
     if names:
@@ -202,7 +216,7 @@ def _chains(prefix: str, **_asked: object) -> Iterable[str]:
 
 
 if __name__ == '__main__':
-    from lidar_outlier_filter.cli.compile_notice import say_what_is_compiled
+    from lidar_outlier_filter.cli.compile import say_what_is_compiled
 
     say_what_is_compiled()
     sys.exit(main())

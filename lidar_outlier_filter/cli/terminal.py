@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""What commands share: a sentence, a bar, and parameters from the command line.
+"""What commands share: sentences, progress bars, signals, and parameters from the command line.
 
 Each function imports what is heavy when it runs, so that help is instant.
 """
@@ -9,24 +9,28 @@ Each function imports what is heavy when it runs, so that help is instant.
 
 from __future__ import annotations
 
+import signal
+import sys
+import threading
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Protocol
 
-from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.errors import FilterError, ParameterError, printable
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, _SubParsersAction
     from collections.abc import Callable, Iterable, Iterator
+    from types import FrameType
 
     Commands = _SubParsersAction[ArgumentParser]  # argparse gives it no other name
 
 LINE_PERIOD = 5.0  # seconds between two lines of progress, where there is no terminal
-# Exit statuses; INTERRUPTED is another one, and argparse itself exits with 2.
-DONE, REFUSED, INCOMPLETE = 0, 1, 3
+# Exit statuses; argparse itself exits with 2.
+DONE, REFUSED, INCOMPLETE, INTERRUPTED = 0, 1, 3, 130
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 EXTRAS = {'matplotlib': 'lab', 'PIL': 'lab', 'sklearn': 'lab', 'open3d': 'bench'}
 
 
@@ -64,6 +68,75 @@ def can_draw() -> bool:
         say(f'{missing_module(err)}; no picture is drawn')
         return False
     return True
+
+
+def ignore() -> None:
+    """Ignore both signals once all is written: the exit status reports success."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def stopping() -> Iterator[Callable[[], None]]:
+    """Give a function to call where work may stop; it leaves if SIGINT or SIGTERM was received.
+
+    An exception raised by the handler could come up anywhere: inside a compiled kernel or the
+    middleware, which swallow or replace it. A second signal ends the process at once. Once the work
+    is done, both are ignored.
+    """
+    received: list[int] = []
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        received.append(number)
+        for one in SIGNALS:
+            signal.signal(one, signal.SIG_DFL)
+
+    def leave_if_asked() -> None:
+        if signal.SIGINT in received:
+            raise KeyboardInterrupt
+        if received:
+            sys.exit(128 + received[0])
+
+    before = {number: _once(number, note) for number in SIGNALS}
+    try:
+        yield leave_if_asked
+    except BaseException:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        raise
+    ignore()
+
+
+def _once(number: int, handler: Callable[[int, FrameType | None], None]) -> signal._HANDLER:
+    """Set a handler for one signal only: the next one ends the process. Return the handler before.
+
+    Python runs a handler between two of its steps, which may be hours apart. So the system puts the
+    default back, where it has a function for that.
+    """
+    before = signal.signal(number, handler)
+    import ctypes
+
+    system = ctypes.CDLL(None)
+    if hasattr(system, 'sysv_signal'):
+        system.sysv_signal.restype = ctypes.c_void_p
+        system.sysv_signal.argtypes = (ctypes.c_int, ctypes.c_void_p)
+        python = system.sysv_signal(number, None)
+        system.sysv_signal(number, python)
+    return before
+
+
+@contextmanager
+def handlers_kept() -> Iterator[None]:
+    """Put the handlers of both signals back at the end, for whoever called."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

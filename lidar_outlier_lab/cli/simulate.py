@@ -9,7 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.cli.interrupts import stopping
 from lidar_outlier_filter.cli.terminal import (
     DONE,
     INCOMPLETE,
@@ -20,6 +19,7 @@ from lidar_outlier_filter.cli.terminal import (
     say,
     say_unread,
     stoppable_bar,
+    stopping,
 )
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_lab.simulation.presets import PRESETS

@@ -22,7 +22,7 @@ from helpers.labelled import write
 from lidar_outlier_filter.archive import fingerprints, jobs, publish, run, workers
 from lidar_outlier_filter.archive.locations import location_of
 from lidar_outlier_filter.cli import archive as command
-from lidar_outlier_filter.cli import archive_tables
+from lidar_outlier_filter.cli import tables
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.disk import new_files
 from lidar_outlier_filter.parameters.filter import FilterParameters
@@ -359,7 +359,7 @@ def test_the_table(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     for text in ('123,456', ' 12,345 ', '9,876,543,210', 'recording', 'rejected', 'untested'):
         assert text in table
     assert name in ''.join(line.split()[0] for line in table.splitlines() if line.strip())
-    monkeypatch.setattr(archive_tables, 'MAX_ROWS', 1)
+    monkeypatch.setattr(tables, 'MAX_ROWS', 1)
     assert run_on() == 3
     printed = capsys.readouterr().out
     assert '2 more are on the page' in printed

@@ -13,7 +13,7 @@ import pytest
 from helpers.watching import fresh_copy
 from numba import njit
 
-from lidar_outlier_filter.cli.compile_notice import notice
+from lidar_outlier_filter.cli.compile import notice
 from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 from lidar_outlier_filter.core.kernels.compiling import NotCompiled, only_compiled
 

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from lidar_outlier_filter.cli.interrupts import SIGNALS, handlers_kept, ignore
+from lidar_outlier_filter.cli.terminal import SIGNALS, handlers_kept, ignore
 
 # A process that was started in the background of a shell would ignore SIGINT.
 BEGIN = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from lidar_outlier_filter.cli import start
-from lidar_outlier_filter.cli.interrupts import stopping
+from lidar_outlier_filter.cli.terminal import stopping
 def interrupt(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 """
@@ -39,13 +39,13 @@ with stopping():
     sum(repeat(0))
 """
 DONE = """
-import lidar_outlier_filter.cli.clean_tables as tables
-show = tables.show
+import lidar_outlier_filter.cli.tables as tables
+show = tables.show_cleaned
 def slow(*what):
     interrupt(), interrupt(signal.SIGTERM)
     show(*what)
     interrupt()
-tables.show = slow
+tables.show_cleaned = slow
 import atexit
 atexit.register(interrupt)
 sys.exit(start())
