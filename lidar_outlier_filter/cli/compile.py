@@ -10,10 +10,7 @@ It imports what is heavy when it runs, so that help is instant.
 from __future__ import annotations
 
 import sys
-from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
-from threading import Lock
 from typing import TYPE_CHECKING
 
 from lidar_outlier_filter.cli.terminal import DONE, INCOMPLETE, progress_bar, say
@@ -21,13 +18,13 @@ from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
 
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.parameters.filter import FilterParameters
 
 PACKAGE = 'lidar_outlier_filter'
 COMMAND_GROUP = f'{PACKAGE}.commands'  # the group of entry points by which others add commands
+SENTENCE = 'kernels are compiled once, on the first run; this takes up to a minute'
 
 
 def add_compile(commands: Commands) -> None:
@@ -107,39 +104,10 @@ def _shipped() -> list[Path]:
 
 
 def say_what_is_compiled() -> None:
-    """Say it in this process, from now on."""
-    listeners.append(notice())
+    """Say once in this process that kernels are compiled, before the first one is."""
 
+    def say_once(_module: str) -> None:
+        listeners.remove(say_once)
+        say(SENTENCE)
 
-def notice() -> Callable[[str], None]:
-    """Return what takes the module of each kernel that is compiled, and says each part once."""
-    said: set[str] = set()
-    lock = Lock()
-
-    def say_once(module: str) -> None:
-        sentence = _sentence(module)
-        with lock:
-            if not sentence or sentence in said:
-                return
-            said.add(sentence)
-        say(sentence)
-
-    return say_once
-
-
-def _sentence(module: str) -> str:
-    """Name the part of the package that a kernel belongs to; nothing for kernels of others."""
-    from lidar_outlier_filter.core.detectors.registry import DETECTORS
-
-    for one in DETECTORS.values():
-        if f'{module}.'.startswith(f'{one.home}.'):
-            return f'the kernels of {one.name} are compiled, this once'
-    if (package := module.partition('.')[0]) != PACKAGE:
-        return f'the kernels of {package} are compiled, this once' if package in _others() else ''
-    return 'the kernels that all share are compiled, this once'
-
-
-@cache
-def _others() -> frozenset[str]:
-    """Name the packages that add commands."""
-    return frozenset(one.module.partition('.')[0] for one in entry_points(group=COMMAND_GROUP))
+    listeners.append(say_once)

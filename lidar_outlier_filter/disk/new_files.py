@@ -103,19 +103,6 @@ def _remove(folder: Path) -> None:
         shutil.rmtree(name, ignore_errors=True)
 
 
-@contextmanager
-def held_leftovers(path: Path, kind: str = 'partial') -> Iterator[list[Path]]:
-    """Hold the folders that killed runs left beside ``path``, so that no other run removes them."""
-    with ExitStack() as stack:
-        held = []
-        for left in sorted(_folders(path, kind)):
-            if (left / LOCK).is_file() and not left.name.endswith(_GONE):
-                lock = stack.enter_context((left / LOCK).open('ab'))
-                if _take(lock):
-                    held.append(left)
-        yield held
-
-
 def _folders(path: Path, kind: str) -> list[Path]:
     """List the hidden folders beside ``path``."""
     prefix = f'.{path.name}.{kind}-'
