@@ -18,6 +18,7 @@ from lidar_outlier_filter.core.kernels.compile_listeners import listeners
 from lidar_outlier_filter.core.kernels.compiling import NotCompiled, only_compiled
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 PACKAGE = 'lidar_outlier_filter'
@@ -45,7 +46,8 @@ def test_compiling_is_said_once(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """However many kernels of whatever module are compiled."""
-    monkeypatch.setattr(compile_notice, 'listeners', calls := [])
+    calls: list[Callable[[str], None]] = []
+    monkeypatch.setattr(compile_notice, 'listeners', calls)
     compile_notice.say_what_is_compiled()
     (say_once,) = calls
     say_once('detectors.lof')
