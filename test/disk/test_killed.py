@@ -147,7 +147,6 @@ print(main(['replay', '--set', 'chain=[sor]', *sys.argv[2:]]))
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(('limit', 'more'), [(1000, []), (6000, ['--salvage'])])
 def test_full_disk_of_a_replay(tmp_path: Path, limit: int, more: list[str]) -> None:
     """Where no more can be written, of the bag or of a copy, one sentence says so."""

@@ -253,20 +253,24 @@ def test_ros1_with_a_damaged_chunk(
     assert found > 0
 
 
-@pytest.mark.parametrize('name', ['missing.mcap', 'words.txt', 'empty', 'empty.mcap', 'noise.db3'])
-def test_nothing_to_salvage(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
-    """What is no recording, or has no cloud left, is refused, salvaged or not."""
+def test_what_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Files and folders that are something else, or nothing, are refused, salvaged or not."""
+    for suffix in ('bag', 'mcap', 'db3'):
+        (tmp_path / f'empty.{suffix}').touch()
+        (tmp_path / f'noise.{suffix}').write_bytes(bytes(range(256)) * 40)
     (tmp_path / 'words.txt').write_text('hello')
     (tmp_path / 'empty').mkdir()
-    (tmp_path / 'empty.mcap').touch()
-    (tmp_path / 'noise.db3').write_bytes(bytes(range(256)) * 40)
+    (tmp_path / 'broken').mkdir()
+    (tmp_path / 'broken' / 'metadata.yaml').write_text('rosbag2_bagfile_information:\n  - [')
     before = sorted(tmp_path.iterdir())
-    for more in ([], ['--salvage']):
-        assert main(['replay', str(tmp_path / name), '--output', str(tmp_path / 'out'), *more]) == 1
-        sentence = capsys.readouterr().err
-        assert sentence.count('\n') == 1
-        assert ' must be ' in sentence
-        assert sorted(tmp_path.iterdir()) == before
+    for path in (*before, tmp_path / 'missing.mcap', tmp_path / 'missing'):
+        command = ['replay', str(path), '--output', str(tmp_path / 'out')]
+        for more in ([], ['--salvage']):
+            assert main([*command, *more]) == 1
+            sentence = capsys.readouterr().err
+            assert sentence.count('\n') == 1
+            assert ' must be ' in sentence
+            assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize('kind', ['mcap', 'db3'])

@@ -24,7 +24,6 @@ from lidar_outlier_filter.errors import FilterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from lidar_outlier_filter.annotations import Floats
 
@@ -223,21 +222,18 @@ def assert_sound(neighbourhood: Neighbourhood) -> None:
 # Nearest ------------------------------------------------------------------------------------------
 
 
-@every_cloud
-@pytest.mark.parametrize('k', [1, 7, 20, 60, SMALL - 1])
-def test_equals_the_naive_twin(cloud: Callable[[Rng, int], Floats], k: int) -> None:
-    """The same neighbours in the same order, and the same ties."""
-    xyz = cloud(np.random.default_rng(k), SMALL)
-    assert_same_lists(lists(Neighbourhood(xyz, k), k), naive_lists(xyz, k))
+CASES = [(SMALL, k, k) for k in (1, 7, 20, 60, SMALL - 1)]
+CASES += [(count, min(20, count - 1), 20) for count in (2, 3, 24, 25, 26, 49, 50)]
 
 
 @every_cloud
-@pytest.mark.parametrize('count', [2, 3, 24, 25, 26, 49, 50])
-def test_small_clouds(cloud: Callable[[Rng, int], Floats], count: int) -> None:
-    """With few points, around the size of a leaf; 20 neighbours or all that there are."""
-    xyz = cloud(np.random.default_rng(count), count)
-    k = min(20, count - 1)
-    neighbourhood = Neighbourhood(xyz, 20)
+@pytest.mark.parametrize(('count', 'k', 'most'), CASES)
+def test_equals_the_naive_twin(
+    cloud: Callable[[Rng, int], Floats], count: int, k: int, most: int
+) -> None:
+    """The same neighbours in the same order, and the same ties, also around the size of a leaf."""
+    xyz = cloud(np.random.default_rng(k), count)
+    neighbourhood = Neighbourhood(xyz, most)
     assert_same_lists(lists(neighbourhood, k), naive_lists(xyz, k))
     assert_sound(neighbourhood)
 
@@ -298,43 +294,6 @@ def _on_a_sphere(radius: int) -> Floats:
     return np.unique((signs * octant).reshape(-1, 3), axis=0).astype(np.float64)
 
 
-def test_point_is_not_its_own_neighbour() -> None:
-    """Whatever coincides with it is, and comes first."""
-    xyz = stacks(np.random.default_rng(8), SMALL)
-    neighbourhood = Neighbourhood(xyz, 20)
-    index = neighbourhood.nearest(20).index
-    assert not np.any(index == np.arange(len(xyz))[:, None])
-
-
-@every_cloud
-def test_order_of_the_points_does_not_matter(cloud: Callable[[Rng, int], Floats]) -> None:
-    """The same distances, however the points are shuffled; only ties are said by the index."""
-    rng = np.random.default_rng(9)
-    xyz = cloud(rng, SMALL)
-    shuffle = rng.permutation(SMALL)
-    index, tied = lists(Neighbourhood(xyz, 10), 10)
-    shuffled_index, shuffled_tied = lists(Neighbourhood(xyz[shuffle], 10), 10)
-    xyz = counted(xyz)
-    assert_array_equal(shuffled_tied, tied[shuffle])
-    assert_array_equal(_distances(xyz[shuffle], shuffled_index), _distances(xyz, index)[shuffle])
-
-
-def _distances(xyz: Floats, index: NDArray[np.int64]) -> Floats:
-    dx, dy, dz = np.moveaxis(xyz[index] - xyz[:, None], -1, 0)
-    squared: Floats = (dx * dx + dy * dy) + dz * dz
-    return squared
-
-
-@pytest.mark.parametrize('scale', [2.0**-30, 2.0**20])
-def test_scale_and_reflection(scale: float) -> None:
-    """Powers of two and exchanged axes change no rounding, and no neighbour."""
-    xyz = scattered(np.random.default_rng(10), 5000)
-    expected = lists(Neighbourhood(xyz, 12), 12)
-    other = xyz * scale
-    other[:, 0] *= -1
-    assert_same_lists(lists(Neighbourhood(other, 12), 12), expected)
-
-
 def test_any_number_of_threads() -> None:
     """Bit for bit the same tree and lists."""
     xyz = np.concatenate(
@@ -352,24 +311,16 @@ def test_any_number_of_threads() -> None:
 
 
 def test_layout_of_memory_does_not_matter() -> None:
-    """Columns, float32 and every other row of something."""
+    """Columns, float32 and every other row of something; nothing is sorted in place."""
     xyz = sheet(np.random.default_rng(12), 2000).astype(np.float32)
+    before = xyz.copy()
     expected = lists(Neighbourhood(xyz.astype(np.float64), 9), 9)
     wide = np.zeros((4000, 6))
     wide[::2, ::2] = xyz
     assert_same_lists(lists(Neighbourhood(np.asfortranarray(wide[::2, ::2]), 9), 9), expected)
     assert_same_lists(lists(Neighbourhood(wide[::2, ::2], 9), 9), expected)
     assert_same_lists(lists(Neighbourhood(xyz, 9), 9), expected)  # type: ignore[arg-type]
-
-
-def test_points_are_left_as_they_are() -> None:
-    """Nothing is sorted in place."""
-    xyz = scattered(np.random.default_rng(13), 1000)
-    before = xyz.copy()
-    neighbourhood = Neighbourhood(xyz, 5)
-    neighbourhood.nearest(5)
     assert_array_equal(xyz, before)
-    assert_array_equal(neighbourhood.xyz, xyz[neighbourhood.order])
 
 
 def test_several_threads_ask_at_once() -> None:
@@ -380,29 +331,6 @@ def test_several_threads_ask_at_once() -> None:
     with ThreadPoolExecutor(4) as callers:
         for answer in callers.map(lambda _: lists(neighbourhood, 10), range(8)):
             assert_same_lists(answer, expected)
-
-
-@pytest.mark.parametrize('name', ['bun0', 'actual_scan_20240820_cloud'])
-def test_real_clouds(recordings: Path, name: str) -> None:
-    """Coordinates as they were recorded: of an object, and of a spinning sensor."""
-    xyz = _read_pcd(recordings / 'clouds' / f'{name}.pcd')
-    assert len(xyz) > 300
-    assert_exact(xyz, Neighbourhood(xyz, 20), 20)
-
-
-def _read_pcd(path: Path) -> Floats:
-    """Read the coordinates of the real returns of an ascii or a binary file."""
-    head, _, body = path.read_bytes().partition(b'\nDATA ')
-    form, _, data = body.partition(b'\n')
-    about = dict(line.split(' ', 1) for line in head.decode().splitlines() if ' ' in line)
-    names, kinds, sizes = (about[key].split() for key in ('FIELDS', 'TYPE', 'SIZE'))
-    if form.strip() == b'ascii':
-        xyz = np.array(data.split(), np.float64).reshape(-1, len(names))[:, :3]
-    else:
-        formats = [f'<{kind.lower()}{size}' for kind, size in zip(kinds, sizes, strict=True)]
-        rows = np.frombuffer(data, {'names': names, 'formats': formats}, int(about['POINTS']))
-        xyz = np.stack([rows[axis].astype(np.float64) for axis in 'xyz'], axis=1)
-    return xyz[np.isfinite(xyz).all(axis=1)]
 
 
 # The tree -----------------------------------------------------------------------------------------
@@ -682,14 +610,6 @@ def _time_of(xyz: Floats) -> float:
     neighbourhood.nearest(20)
     neighbourhood.nearest_elsewhere(np.arange(len(xyz)))
     return process_time() - begin
-
-
-def test_of_many_coincident_points_the_first_are_listed() -> None:
-    """The twenty of the lowest index, without the point itself."""
-    index, tied = lists(Neighbourhood(np.zeros((50_000, 3)), 20), 20)
-    assert index[40_000].tolist() == list(range(20))
-    assert index[5].tolist() == [0, 1, 2, 3, 4, *range(6, 21)]
-    assert tied.all()
 
 
 @pytest.mark.slow
