@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from helpers.clouds import (
-    DATATYPES,
     TYPES,
     cloud,
     dump,
@@ -183,14 +182,6 @@ def test_refusals(kind: Callable[..., Any], spoil: Callable[[Any], None], senten
         structured(msg)
 
 
-def test_no_fields() -> None:
-    """A cloud with points and without fields is refused."""
-    msg = PointCloud2(height=1, width=1, point_step=4, row_step=4)
-    msg.data.frombytes(bytes(4))
-    with pytest.raises(CloudError, match='the fields must be with x, y and z, got none'):
-        structured(msg)
-
-
 # Splitting --------------------------------------------------------------------------------------
 
 
@@ -347,11 +338,3 @@ def test_scores_and_keep_organized() -> None:
     np.testing.assert_array_equal(view['outlier_score'], verdict.score)
     np.testing.assert_array_equal(view['outlier_detectors'], verdict.detectors)
     np.testing.assert_array_equal(np.isnan(view['x'][verdict.rejected]), True)  # noqa: FBT003
-
-
-def test_numbers_of_the_types() -> None:
-    """The numbers that the tests use are those of ROS."""
-    names = ('INT8', 'UINT8', 'INT16', 'UINT16', 'INT32', 'UINT32', 'FLOAT32', 'FLOAT64')
-    codes = ('i1', 'u1', 'i2', 'u2', 'i4', 'u4', 'f4', 'f8')
-    for name, code in zip(names, codes, strict=True):
-        assert getattr(PointField, name) == DATATYPES[code]

@@ -124,19 +124,15 @@ def test_nebula_stamp() -> None:
 
 
 def test_nanoseconds_survive() -> None:
-    """Absolute stamps keep what they hold: a float64's seconds, a uint64's last nanosecond."""
+    """Stamps keep what they hold: a float64's seconds, a uint64's or a header's nanoseconds."""
+    msg = cloud(table(3, t=('u4', [0, 1, 2])), STAMP + 123_456_789)
+    assert decode(msg).t.tolist() == [STAMP + 123_456_789 + i for i in range(3)]
     fine = EPOCH + np.arange(COUNT) * 2.0**-22
     t = decode(cloud(table(COUNT, timestamp=('f8', fine)))).t
     np.testing.assert_array_equal(np.abs(np.diff(t) - 1e9 * 2.0**-22) < 1, True)  # noqa: FBT003
     finest = STAMP + np.arange(COUNT) * 7
     t = decode(cloud(table(COUNT, timestamp=('u8', finest)))).t
     assert t.tolist() == finest.tolist()
-
-
-def test_stamp_keeps_nanoseconds() -> None:
-    """The header stamp meets no float either."""
-    msg = cloud(table(3, t=('u4', [0, 1, 2])), STAMP + 123_456_789)
-    assert decode(msg).t.tolist() == [STAMP + 123_456_789 + i for i in range(3)]
 
 
 @pytest.mark.parametrize(('reference', 'start'), [('stamp', STAMP), ('absolute', 0)])
@@ -425,7 +421,7 @@ def test_absurd_coordinates(axis: str, kind: str) -> None:
     assert reader.decode(cloud(rows)).valid.tolist() == [True, False, True]
 
 
-@pytest.mark.parametrize('wrong', [0, -1, 9e-10, 1e-170, 1.1e9, 1e170, np.inf])
+@pytest.mark.parametrize('wrong', [0, -1, 9e-10, 1e-170, 1.1e9, 1e170, np.inf, np.nan])
 def test_absurd_sigma(wrong: float) -> None:
     """What no standard deviation can be is refused; that of a missing return is not looked at."""
     rows = table(4, t=('u4', 0), std=('f8', [1e-9, 1e9, 1, wrong]))
@@ -495,7 +491,7 @@ def test_invalid_points_decide_nothing() -> None:
 
 
 def test_sigma_field() -> None:
-    """A point's own standard deviation comes along; of a valid point it must be more than 0."""
+    """A point's own standard deviation comes along."""
     name = {'sigma_field': 'std'}
     rows = table(3, t=('u4', 0), std=('f4', [0.25, 0, 0.5]))
     rows['x'][1] = 0
@@ -503,10 +499,6 @@ def test_sigma_field() -> None:
     assert sigma is not None
     assert sigma.tolist() == [0.25, 0, 0.5]
     assert decode(cloud(rows)).sigma is None
-    for bad in (0, -1, np.nan, np.inf):
-        rows['std'][0] = bad
-        with pytest.raises(CloudError, match="field 'std' must be from 1e-09 to 1e\\+09 m, got"):
-            decode(cloud(rows), **name)
 
 
 @pytest.mark.parametrize('shape', [(0,), (0, 4), (4, 0)])
