@@ -84,7 +84,7 @@ def parameters_hash(parameters: FilterParameters, options: Mapping[str, object])
 
 
 @cache
-def code() -> str:
+def code_version() -> str:
     """Return the version of the package with a hash of the code and models that judge."""
     root = Path(str(lidar_outlier_filter.__file__)).parent
     files = [file for room in ROOMS for file in (root / room).rglob('*')]

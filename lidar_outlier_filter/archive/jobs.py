@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lidar_outlier_filter.archive.fingerprints import code, parameters_hash
+from lidar_outlier_filter.archive.fingerprints import code_version, parameters_hash
 from lidar_outlier_filter.archive.locations import staged
 from lidar_outlier_filter.archive.sidecar import SUFFIX, ArchiveRecord
 from lidar_outlier_filter.files.clean import clean_file
@@ -142,7 +142,7 @@ def wanted(task: Task, job: Job) -> ArchiveRecord:
         task.location.size,
         task.location.state,
         parameters=job.fingerprint,
-        code=code(),
+        code=code_version(),
         worker=HERE,
     )
 

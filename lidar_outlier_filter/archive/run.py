@@ -14,7 +14,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from lidar_outlier_filter.archive.fingerprints import code, content_hash, parameters_hash
+from lidar_outlier_filter.archive.fingerprints import code_version, content_hash, parameters_hash
 from lidar_outlier_filter.archive.jobs import Made, wanted
 from lidar_outlier_filter.archive.publish import look, publish, settle, workshop
 from lidar_outlier_filter.archive.sidecar import DONE, NO_CLOUDS, ArchiveRecord
@@ -103,7 +103,7 @@ def attempt_on_worker(task: Task, job: Job, record: ArchiveRecord) -> Result:
 
     """
     name = f'{socket.gethostname()}:{os.getpid()}'
-    own = parameters_hash(job.filter, job.options), code()
+    own = parameters_hash(job.filter, job.options), code_version()
     if own != (record.parameters, record.code):
         must_be = f'of version {record.code}, with the same plug-ins and mask'
         raise SchedulerError(f'the worker {name}', must_be, own[1])

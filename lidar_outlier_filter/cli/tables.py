@@ -218,7 +218,8 @@ def _say_how(path: Path, report: CleanReport) -> None:
     """Say in which way a file is not judged as it is."""
     if report.metres:
         sizes = ', '.join(f'{name} = {size:.10g} m' for name, size in report.metres.items())
-        say(f'{path} is not in metres ({sizes}): it is judged in metres')
+        crs = f'; its coordinate system is {report.crs}' if report.crs else ''
+        say(f'{path} is not in metres ({sizes}): it is judged in metres{crs}')
     if report.coarse:
         say(f'{path}: {report.coarse}')
     if report.rings:

@@ -112,8 +112,13 @@ def change_parameters(_patch: pytest.MonkeyPatch) -> list[str]:
 
 def change_code(patch: pytest.MonkeyPatch) -> list[str]:
     """Use another version."""
-    patch.setattr(jobs, 'code', lambda: 'another')
+    patch.setattr(jobs, 'code_version', lambda: 'another')
     return []
+
+
+def written(path: Path) -> tuple[int, int]:
+    """Tell a file that was written anew; an inode alone may be used again."""
+    return path.stat().st_ino, path.stat().st_mtime_ns
 
 
 @pytest.mark.parametrize(
@@ -125,12 +130,12 @@ def test_what_has_changed_is_replayed(
 ) -> None:
     """And nothing else is; the outputs are those of a run without an earlier one."""
     assert run_on() == 0
-    inode = {path: path.stat().st_ino for path in OUT.rglob('*.mcap')}
+    before = {path: written(path) for path in OUT.rglob('*.mcap')}
     options = change(monkeypatch)
     capsys.readouterr()
     assert run_on(DRIVES, *options) == 0
     assert f'{count} replayed, {2 - count} done before' in capsys.readouterr().out
-    new = [path for path in OUT.rglob('*.mcap') if path.stat().st_ino != inode[path]]
+    new = [path for path in OUT.rglob('*.mcap') if written(path) != before[path]]
     assert len(new) == count
     assert main(replaying(DRIVES, 'fresh', *options)) == 0
     assert content(OUT) == content(Path('fresh'))
@@ -151,7 +156,7 @@ def test_parameters_that_decide() -> None:
     plain = FilterParameters()
     assert of(plain) == of(FilterParameters(threads=1)) not in found
     assert of(plain) != of(plain, topics=['/lidar'])
-    assert fingerprints.code() == fingerprints.code()
+    assert fingerprints.code_version() == fingerprints.code_version()
 
 
 def test_a_damaged_recording_fails_alone(capsys: Capture) -> None:

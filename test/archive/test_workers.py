@@ -198,7 +198,7 @@ def test_workers_of_other_code_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """They do not begin."""
-    monkeypatch.setattr(jobs, 'code', lambda: '0.0.1+abc')
+    monkeypatch.setattr(jobs, 'code_version', lambda: '0.0.1+abc')
     assert main(cleaning(clouds, tmp_path / 'out', *scheduler)) == 1
     assert 'must be of version 0.0.1+abc' in capsys.readouterr().err
     assert not content(tmp_path / 'out')

@@ -103,10 +103,11 @@ def test_only_what_a_sensor_needs_is_compiled(recordings: Path, tmp_path: Path, 
     command = [sys.executable, '-c', LOADED, str(source), output]
     loaded = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     boosted_trees = 'lidar_outlier_filter.core.detectors.boosted_trees.'
-    assert f'{boosted_trees}pattern.judge' in loaded
+    assert f'{boosted_trees}pattern_trees' in loaded
     others = ('profile_pattern', 'profile_scanner', 'profile_groups', 'profile_features')
     assert not [one for one in loaded if one.endswith(others)]
-    assert not [one for one in loaded if one.startswith(f'{boosted_trees}surv')]
+    features = (f'{boosted_trees}near_', f'{boosted_trees}far_')
+    assert not [one for one in loaded if one.startswith(features)]
 
 
 def test_everything_else_is_copied(tmp_path: Path) -> None:
