@@ -17,7 +17,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.ros.namespaces import split_namespaces
+from lidar_outlier_filter.ros.executable import split_namespaces
 from lidar_outlier_filter.ros.node import NODE_NAME, remappings
 
 RESPAWN_DELAY = 2.0  # seconds: one that ends at once does not fill the log

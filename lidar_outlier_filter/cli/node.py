@@ -102,7 +102,7 @@ def serve_page(node: OutlierFilterNode, port: int = 0) -> PageServer:
     """Serve the page of a node that is not started yet, and log its address once."""
     # Without a page none of this is loaded.
     from lidar_outlier_filter.report.served import PageServer  # noqa: PLC0415
-    from lidar_outlier_filter.ros.access import NodeAccess  # noqa: PLC0415
+    from lidar_outlier_filter.ros.live_parameters import NodeAccess  # noqa: PLC0415
 
     server = PageServer(NodeAccess(node), port)
     node.show(server.show)

@@ -6,35 +6,42 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from nav_msgs.msg import Odometry
+from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.utilities import get_rmw_implementation_identifier
+from sensor_msgs.msg import PointCloud2
 
 from lidar_outlier_filter.core.points.points import SECOND
+from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.pipeline.pipeline import Pipeline
 from lidar_outlier_filter.pipeline.visibility import SensorWatch
-from lidar_outlier_filter.ros.backlog import Treatment
-from lidar_outlier_filter.ros.clocks import DelayClock
+from lidar_outlier_filter.ros.backlog import Received, Treatment
+from lidar_outlier_filter.ros.endpoints import SplitCloudPublisher, read_cloud
 from lidar_outlier_filter.ros.health import Backlog, Health, LossWarning, Report
-from lidar_outlier_filter.ros.publisher import AnswerPublisher
-from lidar_outlier_filter.ros.receiver import CloudReceiver
 from lidar_outlier_filter.ros.tf import make_motion
-from lidar_outlier_filter.ros.worker import Worker
+from lidar_outlier_filter.ros.worker import DelayClock, Worker
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Iterator
 
     from rclpy.node import Node
-    from sensor_msgs.msg import PointCloud2
+    from rclpy.subscription import Subscription
 
     from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
-    from lidar_outlier_filter.errors import CloudError, JudgingError
+    from lidar_outlier_filter.errors import JudgingError
     from lidar_outlier_filter.parameters.filter import FilterParameters
+    from lidar_outlier_filter.pipeline.motion import PoseSource
     from lidar_outlier_filter.pipeline.statistics import Statistics
     from lidar_outlier_filter.ros.compiler import Compiler
 
     Show = Callable[[str, StreamCloud, PointCloud2], object]  # topic, judged cloud, its message
 
+# Messages kept while the executor is busy: the middleware replaces the oldest without a notice.
+INPUT_DEPTH, ODOMETRY_DEPTH = 50, 1000
 REFUSAL_PERIOD = 5.0  # seconds between two log lines about refused clouds
 MEGABYTE = 1e6
 
@@ -67,7 +74,7 @@ class Channel:
         self._watch = SensorWatch()
         self._filter.show.append(self._look_at)
         self._clock = DelayClock(node)
-        self.publisher = AnswerPublisher(node, topic)
+        self.publisher = SplitCloudPublisher(node, topic)
         self.worker = Worker(self._filter, self.publisher, self._clock, self.health, parameters)
         self.receiver = CloudReceiver(node, topic, self.worker, self.health, self._motion)
 
@@ -173,3 +180,97 @@ class Channel:
 
     def _log_warning(self, text: str) -> None:
         self._log.warning(f'{self.resolved}: {text}')
+
+
+class CloudReceiver:
+    """Subscribes to the clouds of one topic, and to the odometry that they need."""
+
+    def __init__(
+        self, node: Node, topic: str, worker: Worker, health: Health, motion: PoseSource | None
+    ) -> None:
+        """Pass clouds to ``worker`` and poses to ``motion``, once started."""
+        self._node = node
+        self._topic = topic
+        self._worker = worker
+        self._health = health
+        self._motion = motion
+        self._clouds: Subscription | None = None
+        self._odometry: Subscription | None = None
+
+    def start(self) -> None:
+        """Subscribe."""
+        if self._motion is not None and self._motion.topic:
+            self._odometry = self._subscribe(
+                Odometry, self._motion.topic, self._take_pose, ODOMETRY_DEPTH
+            )
+        create = partial(
+            self._subscribe, PointCloud2, self._topic, self._take, INPUT_DEPTH, raw=True
+        )
+        try:
+            events = SubscriptionEventCallbacks(message_lost=self._lost)
+            self._clouds = create(event_callbacks=events)
+        except UnsupportedEventTypeError:  # by some middlewares
+            self._clouds = create()
+
+    def end(self) -> list[Received]:
+        """Unsubscribe; return the clouds that were received and not served."""
+        clouds, self._clouds = self._clouds, None
+        odometry, self._odometry = self._odometry, None
+        # Poses last: those of the last clouds may be received after them.
+        received = self._drain(clouds)
+        for msg in self._drain(odometry):
+            self._take_pose(msg)
+        return [self._noted(msg) for msg in self._read(received)]
+
+    def take(self, msg: PointCloud2) -> None:
+        """Put a cloud into the inbox."""
+        self._worker.raise_failure()
+        self._health.dropped(self._worker.inbox.put(self._noted(msg)))
+
+    def _subscribe(
+        self, kind: type, name: str, receive: Callable[[Any], object], depth: int, **options: Any
+    ) -> Subscription:
+        """Subscribe with ``best_effort``, which accepts publishers of every reliability."""
+        return self._node.create_subscription(
+            kind,
+            name,
+            receive,
+            QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            **options,
+        )
+
+    def _drain(self, subscription: Subscription | None) -> list[Any]:
+        """End a subscription; return the messages that no executor will serve any more."""
+        if subscription is None:
+            return []
+        take = partial(subscription.handle.take_message, subscription.msg_type, subscription.raw)
+        with subscription.handle:
+            received = [taken[0] for taken in iter(take, None)]
+        self._node.destroy_subscription(subscription)
+        return received
+
+    def _take(self, data: bytes) -> None:
+        for msg in self._read([data]):
+            self.take(msg)
+
+    def _read(self, received: Iterable[bytes]) -> Iterator[PointCloud2]:
+        """Read clouds; invalid ones are counted."""
+        for data in received:
+            try:
+                yield read_cloud(data)
+            except CloudError as err:
+                self._worker.refuse(err)
+
+    def _noted(self, msg: PointCloud2) -> Received:
+        """Count a cloud, and note when it was received."""
+        self._health.received(msg.width * msg.height)
+        return Received(msg, self._worker.clock.now(), len(msg.data))
+
+    def _take_pose(self, msg: Odometry) -> None:
+        if self._motion is not None:
+            self._motion.take(msg)
+            self._worker.inbox.wake()
+
+    def _lost(self, event: Any) -> None:
+        self._health.lost(event.total_count_change)

@@ -18,10 +18,9 @@ from lidar_outlier_filter.ros.health import ERROR, OK, PLOTTED, WARN
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rclpy.node import Node
-
     from lidar_outlier_filter.ros.channel import Channel
     from lidar_outlier_filter.ros.health import Report
+    from lidar_outlier_filter.ros.live_parameters import TunableNode
 
 PERIOD = 1.0  # seconds
 LEVELS = {OK: DiagnosticStatus.OK, WARN: DiagnosticStatus.WARN, ERROR: DiagnosticStatus.ERROR}
@@ -30,12 +29,11 @@ LEVELS = {OK: DiagnosticStatus.OK, WARN: DiagnosticStatus.WARN, ERROR: Diagnosti
 class Diagnostics:
     """Looks at the channels of a node once in a second of real time, and says what it sees."""
 
-    def __init__(self, node: Node, channels: Sequence[Channel]) -> None:
+    def __init__(self, node: TunableNode, channels: Sequence[Channel]) -> None:
         """Begin at once."""
         self._node = node
         self._channels = channels
         self._status = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.latest: list[DiagnosticStatus] = []  # what was published last
         self._plotted = node.create_publisher(Float64MultiArray, '~/statistics', 10)
         self._seen = node.create_publisher(Float64MultiArray, '~/visibility', 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -60,7 +58,7 @@ class Diagnostics:
             for channel, report in zip(self._channels, reports, strict=True)
         ]
         self._status.publish(array)
-        self.latest = array.status
+        self._node.statuses = array.status
         self._plotted.publish(self._table(PLOTTED, [report.plotted for report in reports]))
         views = [UNSEEN if one.view is None else one.view.plotted() for one in reports]
         self._seen.publish(self._table(VIEWED, views))

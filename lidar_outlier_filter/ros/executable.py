@@ -1,36 +1,86 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""The executable of the node: ends without a trace when it is stopped while it still loads."""
+"""How the node starts and stops. Imports nothing heavy: a signal may end it while it loads."""
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from typing import TYPE_CHECKING
 
+from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.pipeline.memory import keep_memory
-from lidar_outlier_filter.ros.signals import leave, on_stop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from lidar_outlier_filter.ros.node import OutlierFilterNode
 
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 
 def main(*, lifecycle: bool = False, attach: Callable[[OutlierFilterNode], object] = id) -> int:
-    """Load the node, a managed one if asked for, and run it; return the exit status.
+    """Run the node until SIGINT or SIGTERM; pending clouds are filtered and published first.
 
-    ``attach`` is called with the node before it starts.
+    A second signal ends the process at once, and pending clouds are lost.
+
+    Parameters
+    ----------
+    lifecycle : bool
+        Whether the node is a managed one.
+    attach : callable
+        Called with the node before it starts.
+
+    Returns
+    -------
+    int
+        The exit status: 0, or 1 where the arguments are invalid; stderr says why.
+
     """
-    on_stop(leave)
+    # Until there is a node: not by an exception, which an import or a destructor would swallow.
+    on_stop(lambda: os._exit(0))
     keep_memory()
     # ROS, NumPy and numba take a second or two.
-    from lidar_outlier_filter.ros.node import main as run  # noqa: PLC0415
+    from lidar_outlier_filter.ros.node import ManagedFilterNode, OutlierFilterNode, run  # noqa: PLC0415
 
-    if not lifecycle:
-        return run(attach=attach)
-    from lidar_outlier_filter.ros.managed import ManagedFilterNode  # noqa: PLC0415
+    return run(ManagedFilterNode if lifecycle else OutlierFilterNode, attach, on_stop)
 
-    return run(make=ManagedFilterNode, attach=attach)
+
+def on_stop(react: Callable[[], object]) -> None:
+    """Call ``react`` at the next SIGINT or SIGTERM; the one after it ends the process at once.
+
+    The system ends it: Python would handle a signal only when its current call returns.
+    """
+
+    def first(*_: object) -> None:
+        for number in STOP_SIGNALS:
+            signal.signal(number, signal.SIG_DFL)
+        react()
+
+    for number in STOP_SIGNALS:
+        signal.signal(number, first)
+
+
+def split_namespaces(text: str, topics: Iterable[str]) -> list[str]:
+    """Return the comma-separated namespaces of a launch; a single one may be empty.
+
+    Raises
+    ------
+    ParameterError
+        If there are several, and two are equal, or a topic would be the same in all.
+
+    """
+    names = [name.strip() for name in text.split(',')]
+    if len(names) > 1:
+        full = {name.strip('/') for name in names}
+        if '' in full or len(full) < len(names):
+            raise ParameterError('namespace', 'different names with commas between', repr(text))
+        for topic in topics:
+            if topic.startswith('/'):
+                must_be = 'without a leading slash, because namespace names several'
+                raise ParameterError('input_topic', must_be, repr(topic))
+    return names
 
 
 if __name__ == '__main__':

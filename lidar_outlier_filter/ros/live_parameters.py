@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 from array import array
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,9 +27,15 @@ from lidar_outlier_filter.parameters.filter import FilterParameters, describe
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME, write_yaml
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from diagnostic_msgs.msg import DiagnosticStatus
 
     from lidar_outlier_filter.parameters.declaration import Parameter
+    from lidar_outlier_filter.ros.channel import Channel
+
+
+NODE_TIMEOUT = 10.0  # seconds until a change that the node has not begun is withdrawn
 
 
 class TunableNode(Node):  # type: ignore[misc]
@@ -36,6 +43,12 @@ class TunableNode(Node):  # type: ignore[misc]
 
     They are set one by one or together; what makes no sense is refused, and nothing is changed by
     it.
+
+    Attributes
+    ----------
+    channels : one for each input; empty while a managed node is not configured
+    statuses : the last diagnostics, one for each input; empty while the node does not run
+
     """
 
     def __init__(self, values: Mapping[str, object], **options: Any) -> None:
@@ -49,6 +62,8 @@ class TunableNode(Node):  # type: ignore[misc]
         """
         given = [RosParameter(name, value=_to_ros(values[name])) for name in values]
         super().__init__(NODE_NAME, parameter_overrides=given, **options)
+        self.channels: tuple[Channel, ...] = ()
+        self.statuses: Sequence[DiagnosticStatus] = ()
         self._parameters_now = self._parameters_first = self._declare()
 
     @property
@@ -171,6 +186,70 @@ class TunableNode(Node):  # type: ignore[misc]
         if response.success:
             response.message = 'as at the start again: ' + (', '.join(changed) or 'nothing to do')
         return response
+
+
+class NodeAccess:
+    """Reads a node at any time, and changes it in the executor's thread only."""
+
+    def __init__(self, node: TunableNode) -> None:
+        """Name the node."""
+        self._node = node
+
+    @property
+    def name(self) -> str:
+        """The full name of the node."""
+        return str(self._node.get_fully_qualified_name())
+
+    @property
+    def topics(self) -> list[str]:
+        """The full names of its inputs; a managed node has none before it is configured."""
+        return [channel.resolved for channel in self._node.channels]
+
+    @property
+    def parameters(self) -> FilterParameters:
+        """The parameters as they were set last."""
+        return self._node.filter_parameters
+
+    def statuses(self) -> list[dict[str, object]]:
+        """Say what the diagnostics said last, a status for each input."""
+        return [
+            {
+                'name': status.hardware_id,
+                'level': int.from_bytes(status.level, 'little'),
+                'message': status.message,
+                'values': {item.key: item.value for item in status.values},
+            }
+            for status in self._node.statuses
+        ]
+
+    def set(self, values: Mapping[str, str]) -> str:
+        """Set all parameters or none, as `ros2 param set` does; say why not, '' where they are.
+
+        What the node has not begun in time is withdrawn: it does not come later.
+        """
+        answer: Future[str] = Future()
+
+        def apply() -> None:
+            if not answer.set_running_or_notify_cancel():
+                return
+            given = [RosParameter(name, value=value) for name, value in values.items()]
+            try:
+                result = self._node.set_parameters_atomically(given)
+            except BaseException as err:
+                answer.set_exception(err)
+                raise
+            answer.set_result('' if result.successful else result.reason)
+
+        executor = self._node.executor
+        if executor is None:
+            return 'the node must run, got one that starts or ends'
+        executor.create_task(apply)
+        try:
+            return answer.result(NODE_TIMEOUT)
+        except TimeoutError:
+            if answer.cancel():
+                return f'the node must answer within {NODE_TIMEOUT:g} s, got nothing'
+            return answer.result()  # it has begun, and ends soon
 
 
 def _write_whole(path: Path, text: str) -> None:

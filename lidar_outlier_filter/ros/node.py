@@ -13,6 +13,7 @@ import rclpy
 from rclpy.exceptions import InvalidTopicNameException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.expand_topic_name import expand_topic_name
+from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_srvs.srv import SetBool
@@ -27,15 +28,14 @@ from lidar_outlier_filter.ros.channel import Channel
 from lidar_outlier_filter.ros.compiler import Compiler
 from lidar_outlier_filter.ros.diagnostics import Diagnostics
 from lidar_outlier_filter.ros.live_parameters import TunableNode
-from lidar_outlier_filter.ros.signals import leave, on_stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from diagnostic_msgs.msg import DiagnosticStatus
     from rcl_interfaces.msg import SetParametersResult
     from rclpy.context import Context
     from rclpy.executors import Executor
+    from rclpy.lifecycle import LifecycleState
     from rclpy.parameter import Parameter as RosParameter
     from rclpy.publisher import Publisher
 
@@ -114,7 +114,8 @@ class OutlierFilterNode(TunableNode):
         )
         self._is_started = self._is_ready = False
         self._show: Show | None = None
-        self.channels = () if self.is_managed else self.make_channels()
+        if not self.is_managed:
+            self.channels = self.make_channels()
         self._watch_parameters(self.apply)
 
     def make_channels(self) -> tuple[Channel, ...]:
@@ -130,11 +131,6 @@ class OutlierFilterNode(TunableNode):
         self._show = look
         for channel in self.channels:
             channel.show(look)
-
-    @property
-    def statuses(self) -> list[DiagnosticStatus]:
-        """What the diagnostics said last, a status for each input; none before they begin."""
-        return self._diagnostics.latest if self._is_started else []
 
     @property
     def statistics(self) -> Statistics:
@@ -187,7 +183,7 @@ class OutlierFilterNode(TunableNode):
             with ExitStack() as others:  # which finish where one has failed
                 for channel in reversed(self.channels):
                     others.callback(channel.finish)
-        self._is_started = False
+        self._is_started, self.statuses = False, ()
 
     def rest(self) -> None:
         """Compile nothing and report nothing until it runs again, once it has finished."""
@@ -245,31 +241,85 @@ class OutlierFilterNode(TunableNode):
         return response
 
 
-def main(
-    args: list[str] | None = None,
-    make: Callable[[], OutlierFilterNode] = OutlierFilterNode,
-    attach: Callable[[OutlierFilterNode], object] = id,
-) -> int:
-    """Run the node until SIGINT or SIGTERM; what is pending is judged and published first.
+class ManagedFilterNode(LifecycleNodeMixin, OutlierFilterNode):  # type: ignore[misc]
+    """Filters while it is active.
 
-    A second signal ends the process at once, and what is pending is lost.
+    =============  ================================================================
+    state          what there is
+    =============  ================================================================
+    unconfigured   parameters and services
+    inactive       publishers, too, which are silent; nothing is subscribed to
+    active         subscriptions and diagnostics, too
+    =============  ================================================================
 
-    Parameters
-    ----------
-    args : the command line; default: that of the process
-    make : gives the node
-    attach : is called with the node before it starts
-
-    Returns
-    -------
-    int
-        The exit status: 0, or 1 where the arguments make no sense; stderr says why.
-
+    What was received while it was active is answered before it is inactive.
     """
-    on_stop(leave)  # nothing to lose yet
+
+    is_managed = True
+
+    def __init__(self, **options: Any) -> None:
+        """Declare the parameters; the options are those of OutlierFilterNode."""
+        OutlierFilterNode.__init__(self, **options)
+        LifecycleNodeMixin.__init__(self)
+
+    def start(self) -> None:
+        """Offer the services, and wait for a manager."""
+        self.serve()
+        self.get_logger().info('managed: waits to be configured and activated')
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Make the publishers by the parameters of now."""
+        try:
+            self.channels = self.make_channels()
+        except FilterError as err:
+            self.get_logger().error(f'not configured: {err}')
+            return TransitionCallbackReturn.FAILURE
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Subscribe, and filter once the kernels are ready."""
+        self.run()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Answer all that was received; then receive and publish nothing."""
+        self._pause()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let go of the publishers."""
+        self._release()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Answer all that was received, and let go of the publishers."""
+        self._pause()
+        self._release()
+        return super().on_shutdown(state)
+
+    def _pause(self) -> None:
+        if self._is_started:
+            self.finish()
+            self.rest()
+
+    def _release(self) -> None:
+        for channel in self.channels:
+            channel.destroy()
+        self.channels = ()
+
+
+def run(
+    make: Callable[[], OutlierFilterNode],
+    attach: Callable[[OutlierFilterNode], object],
+    on_stop: Callable[[Callable[[], object]], object],
+) -> int:
+    """Make a node and run it, as :func:`lidar_outlier_filter.ros.executable.main` says.
+
+    ``on_stop`` is called with the function that the first signal is to call.
+    """
     stop = threading.Event()
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         on_stop(stop.set)
         attach(node)
@@ -315,7 +365,3 @@ def ready_line(parameters: FilterParameters, topics: Iterable[str]) -> str:
         f'chain {", ".join(parameters.chain)}; blocks {parameters.blocks}{length}; '
         f'threads {parameters.threads or cores()}'
     )
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -124,7 +124,7 @@ def read_message(data: bytes) -> None:
 def wire_reader() -> Callable[[bytes], None]:
     """Return what reads a cloud as the node does, and decodes it."""
     with atheris.instrument_imports(include=['lidar_outlier_filter']):
-        from lidar_outlier_filter.ros.receiver import read_cloud  # noqa: PLC0415  needs ROS
+        from lidar_outlier_filter.ros.endpoints import read_cloud  # noqa: PLC0415  needs ROS
 
     def read(data: bytes) -> None:
         _refused(lambda: Decoder(FilterParameters()).decode(read_cloud(data)))

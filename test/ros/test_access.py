@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from helpers.live import PATIENCE
 
-from lidar_outlier_filter.ros import access
-from lidar_outlier_filter.ros.access import NodeAccess
+from lidar_outlier_filter.ros import live_parameters
+from lidar_outlier_filter.ros.live_parameters import NodeAccess
 
 if TYPE_CHECKING:
     import pytest
@@ -23,7 +23,7 @@ LATE = 'the node must answer within 0.01 s, got nothing'
 
 def test_a_change_that_is_given_up_is_not_made(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
     """A node that serves again later does not do what its page said was not done."""
-    monkeypatch.setattr(access, 'PATIENCE', 0.01)
+    monkeypatch.setattr(live_parameters, 'NODE_TIMEOUT', 0.01)
     node = ros.filter()
     before = node.get_parameter(NAME).value
     assert NodeAccess(node).set({NAME: '7.5'}) == LATE
@@ -46,7 +46,7 @@ def test_a_change_that_is_begun_is_waited_for(ros: Ros, monkeypatch: pytest.Monk
             given_up.set()
             return super().cancel()
 
-    monkeypatch.setattr(access, 'Future', Impatient)
+    monkeypatch.setattr(live_parameters, 'Future', Impatient)
     node = ros.filter()
     set_really = node.set_parameters_atomically
 

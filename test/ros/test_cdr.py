@@ -13,7 +13,7 @@ from sensor_msgs.msg import PointCloud2
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import CloudError
 from lidar_outlier_filter.messages.cloud import split
-from lidar_outlier_filter.ros.receiver import read_cloud
+from lidar_outlier_filter.ros.endpoints import read_cloud
 
 PARTS = (
     'header',

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
 from lidar_outlier_filter.ros.backlog import Received
-from lidar_outlier_filter.ros.clocks import DelayClock
+from lidar_outlier_filter.ros.worker import DelayClock
 
 if TYPE_CHECKING:
     from rclpy.publisher import Publisher

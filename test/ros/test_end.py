@@ -13,8 +13,8 @@ from helpers.live import PATIENCE
 from helpers.nodes import Ros, broken, hold_up, line
 from helpers.overload import answers, send, start
 
-from lidar_outlier_filter.ros import receiver as receiver_module
-from lidar_outlier_filter.ros.receiver import read_cloud
+from lidar_outlier_filter.ros import channel
+from lidar_outlier_filter.ros.endpoints import read_cloud
 
 if TYPE_CHECKING:
     from rclpy.duration import Duration
@@ -62,7 +62,7 @@ def test_the_end_waits_for_who_receives(ros: Ros, monkeypatch: pytest.MonkeyPatc
         thread.join(0.05)
         return read_cloud(data)
 
-    monkeypatch.setattr(receiver_module, 'read_cloud', read_slowly)
+    monkeypatch.setattr(channel, 'read_cloud', read_slowly)
     for number in range(5):
         sensor.publish(line(0.01 * number), expected=10**9)
     sensor.publish(broken(), expected=10**9)

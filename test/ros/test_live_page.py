@@ -22,7 +22,7 @@ from rclpy.executors import ExternalShutdownException
 from lidar_outlier_filter.cli.node import serve_page
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.report.served import PageServer, about
-from lidar_outlier_filter.ros.access import NodeAccess
+from lidar_outlier_filter.ros.live_parameters import NodeAccess
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

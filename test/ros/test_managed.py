@@ -13,7 +13,7 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 
 from lidar_outlier_filter.parameters.yaml_files import NODE_NAME
-from lidar_outlier_filter.ros.managed import ManagedFilterNode
+from lidar_outlier_filter.ros.node import ManagedFilterNode
 
 if TYPE_CHECKING:
     import pytest

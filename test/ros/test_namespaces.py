@@ -9,7 +9,7 @@ import re
 import pytest
 
 from lidar_outlier_filter.errors import ParameterError
-from lidar_outlier_filter.ros.namespaces import split_namespaces
+from lidar_outlier_filter.ros.executable import split_namespaces
 
 
 @pytest.mark.parametrize(

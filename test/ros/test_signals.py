@@ -13,7 +13,7 @@ import pytest
 # What it finishes takes hours: it waits for a thread, or computes, as a kernel does.
 PROGRAM = """
 import threading
-from lidar_outlier_filter.ros.signals import on_stop
+from lidar_outlier_filter.ros.executable import on_stop
 
 stop = threading.Event()
 on_stop(stop.set)

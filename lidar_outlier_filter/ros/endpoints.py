@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""The clouds of one topic as the middleware has them: publishers, and serialised clouds.
+
+rclpy copies the points of a cloud three times
+while it holds the GIL. So rclpy reads all but the points, which are viewed in the received bytes.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import PointCloud2
+
+from lidar_outlier_filter.errors import CloudError, said_by
+from lidar_outlier_filter.pipeline.topics import output_topics
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+    from lidar_outlier_filter.pipeline.pipeline import SplitCloud
+
+OUTPUT_DEPTH = 10  # clouds kept for a slow subscriber
+ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)  # until the last clouds have arrived
+# Of plain CDR, by the identifier of the representation.
+BYTE_ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
+CDR_START = 4  # after the identifier; alignment counts from here
+
+
+class SplitCloudPublisher:
+    """Publishes the cleaned and the outlier clouds of one topic."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        """Advertise ``topic``/cleaned and ``topic``/outliers."""
+        self._node = node
+        self._context = node.context
+        self.cleaned, self.outliers = (
+            node.create_publisher(
+                PointCloud2,
+                name,
+                QoSProfile(depth=OUTPUT_DEPTH),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
+            for name in output_topics(topic)
+        )
+
+    @property
+    def requested(self) -> tuple[bool, bool]:
+        """Whether cleaned and outlier clouds have subscribers.
+
+        Read it for each cloud: an event of the first subscriber would come after its first cloud.
+        """
+        cleaned, outliers = self.cleaned, self.outliers
+        return bool(cleaned.get_subscription_count()), bool(outliers.get_subscription_count())
+
+    def publish(self, answer: SplitCloud) -> bool:
+        """Publish both clouds; return False where ROS is shut down."""
+        if not self._context.ok():
+            return False
+        if answer.cleaned is not None:
+            self.cleaned.publish(answer.cleaned)
+        if answer.outliers is not None:
+            self.outliers.publish(answer.outliers)
+        return True
+
+    def wait(self) -> None:
+        """Wait until every subscriber has the last clouds of both topics."""
+        for publisher in (self.cleaned, self.outliers):
+            publisher.wait_for_all_acked(ACKNOWLEDGE_TIMEOUT)
+
+    def destroy(self) -> None:
+        """Destroy the publishers."""
+        for publisher in (self.cleaned, self.outliers):
+            self._node.destroy_publisher(publisher)
+
+
+def read_cloud(received: bytes) -> PointCloud2:
+    """Read a serialised cloud; its ``data`` is a read-only memoryview of ``received``.
+
+    Such a cloud can be read and split, not published. One in another representation than plain CDR
+    is read by rclpy as a whole.
+
+    Raises
+    ------
+    CloudError
+        If it is truncated, or not a cloud.
+
+    """
+    order = BYTE_ORDERS.get(received[:2])
+    if order is None:
+        return _by_rclpy(received)
+    try:
+        begin = _find_data(received, order)
+        (size,) = struct.unpack_from(order + 'I', received, begin - 4)
+        end = begin + size
+        # The same cloud without points: length 0, then is_dense.
+        bare = received[: begin - 4] + bytes(4) + struct.pack('?', received[end])
+    except (struct.error, IndexError) as err:
+        raise CloudError('a serialised cloud', 'whole', f'{len(received)} bytes') from err
+    msg = _by_rclpy(bare)
+    # The setter accepts arrays only, or checks every byte.
+    msg._data = memoryview(received)[begin:end]  # noqa: SLF001
+    return msg
+
+
+def _by_rclpy(data: bytes) -> PointCloud2:
+    try:
+        return deserialize_message(data, PointCloud2)
+    except RuntimeError as err:  # of the middleware
+        must_be = 'a sensor_msgs/msg/PointCloud2'
+        raise CloudError('a serialised cloud', must_be, f'other bytes ({said_by(err)})') from err
+
+
+def _find_data(received: bytes, order: str) -> int:
+    """Return the offset of the points."""
+    at = _after_string(received, order, CDR_START + 8)  # header: stamp, frame_id
+    at = _aligned(at) + 8  # height, width
+    (fields,) = struct.unpack_from(order + 'I', received, at)
+    at += 4
+    for _ in range(fields):
+        at = _after_string(received, order, at)
+        at = _aligned(_aligned(at) + 5) + 4  # offset, datatype, count
+    return _aligned(at + 1) + 12  # is_bigendian, point_step, row_step, size of the points
+
+
+def _after_string(received: bytes, order: str, at: int) -> int:
+    at = _aligned(at)
+    (size,) = struct.unpack_from(order + 'I', received, at)
+    return at + 4 + int(size)
+
+
+def _aligned(at: int) -> int:
+    """Return the next multiple of four, where every number but a single byte lies."""
+    return CDR_START + -(-(at - CDR_START) // 4) * 4
