@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lidar_outlier_filter.cli.terminal import Commands
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning.inject import Injection
-    from lidar_outlier_filter.tuning.search import Tuned
+    from lidar_outlier_filter.tuning.output import Tuned
     from lidar_outlier_filter.tuning.training import Training
 
 FOLDS = 5
@@ -125,8 +125,7 @@ def _run(options: argparse.Namespace) -> int:
     from lidar_outlier_filter.disk.new_files import check_new
     from lidar_outlier_filter.parameters.filter import FilterParameters
     from lidar_outlier_filter.tuning import output as tuned
-    from lidar_outlier_filter.tuning.model import Goal
-    from lidar_outlier_filter.tuning.search import tune
+    from lidar_outlier_filter.tuning.search import Goal, tune
     from lidar_outlier_filter.tuning.training import together
 
     output = options.output or beside(options.data[0], '_tuned.yaml')

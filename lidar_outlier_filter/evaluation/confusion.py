@@ -1,11 +1,15 @@
 # SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
 # SPDX-License-Identifier: Apache-2.0
-"""Truth against verdict: four counts, the figures that the papers make of them, and their errors.
+"""Truth against verdict: counts, the figures that the papers make of them, intervals and curves.
 
 Positive is what is to be found: the outlier. Two habits of naming errors live side by side. Leslar,
 Wang and Hu (2010, tables 2-5) and Sotoodeh (2006, table 3; 2007, table 1) divide by all points of
 the cloud; Pirotti et al. (2018) divide false rejections by the good points and misses by the
 outliers, as ROC curves do. Both are here, each under a name of its own.
+
+A curve has the counts of every threshold of a score. Untested points (score NaN) are kept by every
+threshold: they come last, all together. Equal scores have one point on the curve, so ties count
+half in the area under the ROC curve, as in scikit-learn.
 """
 
 from __future__ import annotations
@@ -17,16 +21,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
+from lidar_outlier_filter.errors import FilterError
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.annotations import Bools, Ints
-
+    from lidar_outlier_filter.annotations import Bools, Floats, Ints
 
 CONFIDENCE = 0.95
 DRAWS = 2000  # of the bootstrap
-FEWEST_STRETCHES = 2  # one stretch alone says nothing of how stretches differ
+MIN_STRETCHES = 2  # one stretch alone says nothing of how stretches differ
 FOUND, MISSED, LOST, KEPT = range(4)  # columns of a tally
+MAX_CURVE_POINTS = 1000  # that a thinned curve keeps: more than a picture can show
 
 
 class Interval(NamedTuple):
@@ -54,19 +60,17 @@ class Share(NamedTuple):
     def interval(self) -> Interval:
         """Wilson's score interval of 95 %, which holds for points that are independent.
 
-        Wilson (1927): the shares p whose own standard deviation √(p (1 - p) / n) does not make the
-        observed one improbable. Unlike p ± z·√(…) it never leaves [0, 1], and says something at 0
-        and at n. Outliers come in clouds: for whole drives the truth is wider.
+        Outliers come in clouds: between whole drives the share varies more.
         """
-        n = self.total
+        n, part = self.total, self.part
         if n == 0:
             return UNKNOWN
         z2 = float(ndtri(0.5 + CONFIDENCE / 2)) ** 2
-        middle = self.part + z2 / 2
-        half = math.sqrt(z2 * (self.part * (n - self.part) / n + z2 / 4))
-        # At the ends rounding must not leave a trace of either sign.
-        low = 0.0 if self.part == 0 else (middle - half) / (n + z2)
-        high = 1.0 if self.part == n else (middle + half) / (n + z2)
+        middle = part + z2 / 2
+        half = math.sqrt(z2 * (part * (n - part) / n + z2 / 4))
+        # Rounding must leave no trace at 0 and at n.
+        low = 0.0 if part == 0 else (middle - half) / (n + z2)
+        high = 1.0 if part == n else (middle + half) / (n + z2)
         return Interval(low, high)
 
 
@@ -210,7 +214,7 @@ def f1_interval(counts: Ints, seed: int = 1) -> Interval:
 
     """
     count = len(counts)
-    if count < FEWEST_STRETCHES:
+    if count < MIN_STRETCHES:
         return UNKNOWN
     times = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), DRAWS)
     drawn = f1(times @ counts)
@@ -220,3 +224,105 @@ def f1_interval(counts: Ints, seed: int = 1) -> Interval:
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(known, [tail, 1 - tail])
     return Interval(float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Cumulative counts at every threshold that says points apart, from the strictest on.
+
+    Attributes
+    ----------
+    threshold : (M,) float64
+        Points with a score of at least this are rejected, descending. The first is inf: nothing is
+        rejected. -inf: even the untested are.
+    found, lost : (M,) float64
+        Outliers and good points rejected at that threshold; whole numbers.
+
+    """
+
+    threshold: Floats
+    found: Floats
+    lost: Floats
+
+    @property
+    def recall(self) -> Floats:
+        """Of the outliers those rejected (M,): true positive rate."""
+        share: Floats = self.found / self.found[-1]
+        return share
+
+    @property
+    def false_rejections(self) -> Floats:
+        """Of the good points those rejected (M,): false positive rate."""
+        share: Floats = self.lost / self.lost[-1]
+        return share
+
+    @property
+    def precision(self) -> Floats:
+        """Of the rejected points those that are outliers (M,); 1 where none is rejected."""
+        rejected = self.found + self.lost
+        return np.divide(self.found, rejected, out=np.ones_like(rejected), where=rejected > 0)
+
+    @property
+    def best(self) -> float:
+        """Largest F1 that a threshold gives: 2 found ÷ (rejected + outliers)."""
+        return float(np.max(2 * self.found / (self.found + self.lost + self.found[-1])))
+
+    @property
+    def auc(self) -> float:
+        """Area under the ROC curve: the chance that an outlier scores above a good point."""
+        width, height = np.diff(self.false_rejections), self.recall
+        return float(np.sum(width * (height[1:] + height[:-1])) / 2)
+
+    @property
+    def average_precision(self) -> float:
+        """Area under the steps of the precision–recall curve: Σ (Rₙ - Rₙ₋₁) Pₙ."""
+        return float(np.sum(np.diff(self.recall) * self.precision[1:]))
+
+    def thinned(self, most: int = MAX_CURVE_POINTS) -> Curve:
+        """Keep at most so many points, the first and the last among them, evenly along the curve.
+
+        Evenly in recall, in false rejections and in the logarithm of those, one third each, so that
+        no scale of a picture shows where points are missing.
+        """
+        if len(self.threshold) <= most:
+            return self
+        lost = np.log(np.maximum(self.lost, 0.5))
+        axes = [column / column[-1] for column in (self.found, self.lost, lost - lost[0])]
+        goals = np.linspace(0.0, 1.0, most // 3)
+        index = np.unique([np.searchsorted(axis, goals) for axis in axes])
+        return Curve(self.threshold[index], self.found[index], self.lost[index])
+
+
+def curve(bad: Bools, score: NDArray[np.floating]) -> Curve:
+    """Count what every threshold rejects.
+
+    Parameters
+    ----------
+    bad : (N,) bool
+        The outliers in truth.
+    score : (N,) float
+        The larger, the more of an outlier; NaN for untested points.
+
+    Raises
+    ------
+    FilterError
+        If there are no outliers, or no good points.
+
+    """
+    outliers = int(np.count_nonzero(bad))
+    if outliers in {0, len(bad)}:
+        raise FilterError(
+            'the truth behind a curve', 'of outliers and good points', f'{outliers} of {len(bad)}'
+        )
+    lowered = np.where(np.isnan(score), -np.inf, score).astype(np.float64)
+    order = np.argsort(-lowered, kind='stable')
+    ordered = lowered[order]
+    # The last point of each group of equal scores stands for the group.
+    last = np.flatnonzero(np.append(ordered[1:] != ordered[:-1], True))
+    found = np.cumsum(bad[order])[last]
+    zero, lost = np.zeros(1), last + 1 - found
+    return Curve(
+        np.concatenate([[np.inf], ordered[last]]),
+        np.concatenate([zero, found]),
+        np.concatenate([zero, lost]),
+    )

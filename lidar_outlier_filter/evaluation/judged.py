@@ -16,13 +16,13 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation.join import Joiner
 from lidar_outlier_filter.evaluation.labels import (
     ALL_BUT_0,
     CLASSIFICATION,
     LABEL,
     LAS_NOISE,
     Codes,
+    Joiner,
     column_names,
     read_codes,
     read_column,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.evaluation.join import JoinedAnswer
+    from lidar_outlier_filter.evaluation.labels import JoinedAnswer
 
 SURFACE, OUTLIER = 'surface', 'outlier'
 # What the label of a simulated drive says.

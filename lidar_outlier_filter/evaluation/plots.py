@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from lidar_outlier_filter.evaluation.confusion import Confusion
-    from lidar_outlier_filter.evaluation.curves import Curve
+    from lidar_outlier_filter.evaluation.confusion import Confusion, Curve
 
 INK, FRAME, GRID = '#30343a', '#9aa0a6', '#e4e6e9'
 # Okabe and Ito: distinguished by everybody, and in grey.

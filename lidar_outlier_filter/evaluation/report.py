@@ -19,10 +19,10 @@ from lidar_outlier_filter.evaluation.confusion import (
     Interval,
     Share,
     confusion,
+    curve,
     f1_interval,
     tally,
 )
-from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.messages.truth import Kind
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from lidar_outlier_filter.evaluation.curves import Curve
+    from lidar_outlier_filter.evaluation.confusion import Curve
     from lidar_outlier_filter.evaluation.judged import Judged
     from lidar_outlier_filter.evaluation.labels import Codes
 

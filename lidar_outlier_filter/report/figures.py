@@ -14,8 +14,7 @@ from lidar_outlier_filter.core.points.mask import COLUMNS
 from lidar_outlier_filter.core.points.points import SECOND
 from lidar_outlier_filter.disk.new_files import FOLDER, new_output
 from lidar_outlier_filter.errors import CloudError
-from lidar_outlier_filter.evaluation.confusion import Confusion
-from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.evaluation.confusion import Confusion, curve
 from lidar_outlier_filter.evaluation.plots import DPI, FRAME, INK, draw_roc, dress, save
 from lidar_outlier_filter.report.page import near_origin
 from lidar_outlier_filter.report.steps import MAX_SCORE, RANGES, SCORE_BINS

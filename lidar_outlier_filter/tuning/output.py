@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -15,14 +16,41 @@ from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.parameters.yaml_files import as_yaml, write_yaml
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
 
+    from lidar_outlier_filter.annotations import Ints
     from lidar_outlier_filter.evaluation.confusion import Interval
     from lidar_outlier_filter.parameters.filter import FilterParameters
-    from lidar_outlier_filter.tuning.search import Tuned
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What a search has found.
+
+    Attributes
+    ----------
+    parameters : the best found, on all stretches
+    values : what was searched, by name
+    before, after : (S, 4) int64
+        Tallies by stretch: with the parameters at the start, and with those found.
+    held_out : (S, 4) int64
+        The same with those found without the fold that the stretch is in: what to expect.
+    folds : what was found without each fold
+    alone : outliers and good points that each detector of the chain, and no other, rejects
+
+    """
+
+    parameters: FilterParameters
+    values: Mapping[str, object]
+    before: Ints
+    after: Ints
+    held_out: Ints
+    folds: tuple[Mapping[str, object], ...]
+    alone: Mapping[str, tuple[int, int]]
 
 
 def tables(found: Tuned, start: FilterParameters) -> list[Table]:

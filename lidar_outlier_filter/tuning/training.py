@@ -15,8 +15,8 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import with_rings
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation.curves import Curve, curve
-from lidar_outlier_filter.evaluation.labels import read_codes
+from lidar_outlier_filter.evaluation.confusion import Curve, curve
+from lidar_outlier_filter.evaluation.labels import codes_of, read_codes_of
 from lidar_outlier_filter.files import points as file_points
 from lidar_outlier_filter.files.cloud_file import open_cloud
 from lidar_outlier_filter.messages.cloud import is_empty, structured
@@ -208,20 +208,11 @@ def from_recording(  # noqa: PLR0913  what the command line offers
 
 def _labels(message: Any, path: Path | None, truth: str | Sequence[Path] | Injection) -> Ints:
     """Return the labels of all points of a cloud, row by row."""
-    count = message.width * message.height
     if path is not None:
-        code = read_codes(path)
-        if len(code) != count:
-            raise RecordingError(f'the labels in {path}', f'for {count} points', len(code))
-        return code
+        return read_codes_of(path, message.width * message.height)
     if is_empty(message):
         return np.zeros(0, np.int64)
-    points = structured(message).reshape(-1)
-    names = points.dtype.names or ()
-    if truth not in names or points.dtype[truth].kind not in 'iu':
-        must_be = f'with whole numbers {truth!r}'
-        raise RecordingError('the fields of the clouds', must_be, ', '.join(names))
-    return np.asarray(points[str(truth)].astype(np.int64))
+    return codes_of(structured(message).reshape(-1), str(truth), 'the clouds')
 
 
 def from_file(  # noqa: PLR0913  what the command line offers
@@ -264,10 +255,7 @@ def from_file(  # noqa: PLR0913  what the command line offers
     if injection is not None:
         (cloud,), code = inject([cloud], injection)
     else:
-        code = read_codes(labels or path, label)
-        if len(code) != len(valid):
-            raise RecordingError(f'the labels in {labels}', f'for {len(valid)} points', len(code))
-        code = code[valid]
+        code = read_codes_of(labels or path, len(valid), label)[valid]
     longest = int(np.argmax(np.ptp(cloud.xyz, axis=0))) if len(cloud) else 0
     pieces = cut(cloud.xyz[:, longest], stretches)
     whole = with_rings(cloud, parameters)

@@ -15,11 +15,11 @@ import numpy as np
 from lidar_outlier_filter.evaluation.confusion import (
     Confusion,
     Interval,
+    curve,
     f1,
     f1_interval,
     tally,
 )
-from lidar_outlier_filter.evaluation.curves import curve
 from lidar_outlier_lab.results.samples import simulated
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.core.detectors.sor.parameters import Sor
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.evaluation import plots
-from lidar_outlier_filter.evaluation.curves import Curve, curve
+from lidar_outlier_filter.evaluation.confusion import Curve, curve
 from lidar_outlier_filter.evaluation.labels import words
 from lidar_outlier_filter.evaluation.report import percent
 from lidar_outlier_filter.messages.truth import Cause

@@ -11,9 +11,8 @@ import numpy as np
 
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.tuning.model import Goal
 from lidar_outlier_filter.tuning.output import whole
-from lidar_outlier_filter.tuning.search import tune
+from lidar_outlier_filter.tuning.search import Goal, tune
 from lidar_outlier_filter.tuning.search_space import searches
 from lidar_outlier_lab.results.markdown import number, paragraphs, table
 from lidar_outlier_lab.results.samples import simulated

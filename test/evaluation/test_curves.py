@@ -11,7 +11,7 @@ import pytest
 from sklearn import metrics
 
 from lidar_outlier_filter.errors import FilterError
-from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.evaluation.confusion import curve
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

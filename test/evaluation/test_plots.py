@@ -12,8 +12,7 @@ from PIL import Image
 
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation import plots
-from lidar_outlier_filter.evaluation.confusion import confusion
-from lidar_outlier_filter.evaluation.curves import Curve, curve
+from lidar_outlier_filter.evaluation.confusion import Curve, confusion, curve
 
 if TYPE_CHECKING:
     from pathlib import Path

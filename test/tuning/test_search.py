@@ -15,8 +15,14 @@ from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.confusion import Confusion, confusion
 from lidar_outlier_filter.parameters.filter import FilterParameters
-from lidar_outlier_filter.tuning.model import Goal, Model, levels, middle_of_best
-from lidar_outlier_filter.tuning.search import fold_of_each, tune
+from lidar_outlier_filter.tuning.search import (
+    Goal,
+    Model,
+    fold_of_each,
+    levels,
+    middle_of_best,
+    tune,
+)
 from lidar_outlier_filter.tuning.search_space import searches
 from lidar_outlier_filter.tuning.training import Training, together
 from lidar_outlier_lab.results.tuner_proof import AIM, BAD_START, prove, run
@@ -24,7 +30,7 @@ from lidar_outlier_lab.results.tuner_proof import AIM, BAD_START, prove, run
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from lidar_outlier_filter.tuning.search import Tuned
+    from lidar_outlier_filter.tuning.output import Tuned
 
 SMALL: dict[str, list[object]] = {
     'alpha_beta_gamma.before': [3, 5],

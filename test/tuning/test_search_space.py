@@ -15,7 +15,7 @@ from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import ParameterError
 from lidar_outlier_filter.parameters.filter import FilterParameters, describe
-from lidar_outlier_filter.tuning.model import levels
+from lidar_outlier_filter.tuning.search import levels
 from lidar_outlier_filter.tuning.search_space import searches
 
 if TYPE_CHECKING:

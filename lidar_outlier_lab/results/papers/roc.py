@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
-from lidar_outlier_filter.evaluation.confusion import Confusion, Share, confusion
-from lidar_outlier_filter.evaluation.curves import Curve, curve
+from lidar_outlier_filter.evaluation.confusion import Confusion, Curve, Share, confusion, curve
 from lidar_outlier_filter.messages.truth import Cause
 from lidar_outlier_lab.results.neighbour_curves import CLOSE, statistics
 

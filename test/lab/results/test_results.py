@@ -12,7 +12,7 @@ import pytest
 from lidar_outlier_filter.cli.main import main
 from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
 from lidar_outlier_filter.core.points.points import Points
-from lidar_outlier_filter.evaluation.curves import curve
+from lidar_outlier_filter.evaluation.confusion import curve
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_lab.results import growth, neighbour_curves, real_clouds
 from lidar_outlier_lab.results.samples import simulated
