@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ from lidar_outlier_filter.evaluation.confusion import (
 # Truth, verdict, group: two of three outliers are found, one of five good points is lost.
 BAD = np.array([0, 1, 0, 1, 1, 0, 0, 0], np.bool_)
 REJECTED = np.array([0, 1, 1, 0, 1, 0, 0, 0], np.bool_)
-GROUP = np.array([0, 0, 0, 0, 2, 2, 2, 0])
 
 
 def test_counts_by_hand() -> None:
@@ -121,47 +119,6 @@ def _spaced(number: int) -> str:
     return f'{number:,}'.replace(',', ' ' if number >= 10_000 else '')
 
 
-@pytest.mark.parametrize(('cloud', 'share'), [(A, 1.00), (B, 0.30), (C, 0.01)])
-def test_table_1_of_leslar(cloud: tuple[int, int], share: float) -> None:
-    """The share of outliers is that of the whole cloud."""
-    points, outliers = cloud
-    counts = Confusion(0, outliers, 0, points - outliers)
-    assert round(100 * counts.prevalence.ratio, 2) == share
-
-
-def test_table_3_of_sotoodeh_2006() -> None:
-    """α- and β-error are shares of the whole cloud; the β-error is cut off, not rounded.
-
-    4273 of 115 820 are 3.689 %, printed as 3.68. (The captions "correct outliers" and "correct
-    inliers" beside the sums of the rows are exchanged, too.)
-    """
-    counts = Confusion(found=319, missed=4273, lost=1261, kept=109_967)
-    assert (counts.good, counts.outliers, counts.total) == (111_228, 4592, 115_820)
-    assert counts.total - counts.rejected == 114_240
-    assert counts.rejected == 1580
-    assert round(100 * counts.alpha_error.ratio, 2) == 1.09
-    assert round(100 * counts.beta_error.ratio, 2) == 3.69
-    assert math.floor(1e4 * counts.beta_error.ratio) / 100 == 3.68
-
-
-def test_table_1_of_sotoodeh_2007() -> None:
-    """Both phases; the α-error of the first is cut off, and the second judges other points.
-
-    3 of 656 are 0.457 %, printed as 0.45. The first phase leaves 569 good points and 9 outliers,
-    578 in all; the second counts 571 and 7 of them.
-    """
-    first = Confusion(found=75, missed=9, lost=3, kept=569)
-    assert (first.good, first.outliers, first.total) == (572, 84, 656)
-    assert round(100 * first.alpha_error.ratio, 2) == 0.46
-    assert math.floor(1e4 * first.alpha_error.ratio) / 100 == 0.45
-    assert round(100 * first.beta_error.ratio, 2) == 1.37
-    second = Confusion(found=4, missed=3, lost=6, kept=565)
-    assert second.total == first.kept + first.missed == 578
-    assert round(100 * second.alpha_error.ratio, 2) == 1.04
-    assert round(100 * second.beta_error.ratio, 2) == 0.52
-    assert (second.good, second.outliers) != (first.kept, first.missed)
-
-
 # Intervals --------------------------------------------------------------------------------------
 
 
@@ -180,14 +137,6 @@ def test_wilson(part: int, total: int, low: float, high: float) -> None:
     """Wilson's score interval has the published values."""
     interval = Share(part, total).interval
     assert interval == pytest.approx((low, high), abs=5e-5)
-
-
-def test_wilson_solves_its_equation() -> None:
-    """At both limits the observed share is z of the limit's own standard deviations away."""
-    for part, total in product((1, 7, 499), (500, 10_000)):
-        for limit in Share(part, total).interval:
-            deviation = 1.959964 * math.sqrt(limit * (1 - limit) / total)
-            assert abs(limit - part / total) == pytest.approx(deviation, rel=1e-4)
 
 
 def test_bootstrap_of_two_stretches_by_hand() -> None:

@@ -19,11 +19,9 @@ from lidar_outlier_filter.tuning.search import (
     Goal,
     Model,
     fold_of_each,
-    levels,
     middle_of_best,
     tune,
 )
-from lidar_outlier_filter.tuning.search_space import searches
 from lidar_outlier_filter.tuning.training import Training, together
 from lidar_outlier_lab.results.tuner_proof import AIM, BAD_START, prove, run
 
@@ -235,14 +233,6 @@ def test_too_few_stretches_are_refused() -> None:
     for share in (0.0, 1.5):
         with pytest.raises(FilterError, match='must be more than 0, at most 1, got'):
             Goal(most_lost=share)
-
-
-def test_levels_by_hand() -> None:
-    """A point at exactly the critical value is kept, as a score of 1 is; an untested one always."""
-    (search,) = searches(chain('lof'), {'lof.threshold': [1.5, 2.0, 4.0]})
-    statistic = np.array([1.0, 1.5, 1.6, 2.0, 3.0, 4.0, 5.0, np.inf, np.nan])
-    level = levels(search.threshold, statistic)
-    np.testing.assert_array_equal(level, [0, 0, 1, 1, 2, 2, 3, 3, 0])
 
 
 @pytest.mark.parametrize(

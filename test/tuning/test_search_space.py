@@ -195,15 +195,6 @@ def test_refused_searches(wanted: dict[str, list[object]], kept: list[str], sent
     assert sentence in str(caught.value)
 
 
-def test_a_factor_of_one_is_that_of_good_points() -> None:
-    """Thresholds of LOF begin above 1, close to each other there; those of LOF2 above 0."""
-    parameters = FilterParameters().changed({'chain': ['lof']})
-    (search,) = searches(parameters)
-    assert search.threshold.values[:3] == (1.01, 1.011, 1.012)
-    (search,) = searches(parameters.changed({'lof.statistic': 'lof2'}))
-    assert search.threshold.values[:3] == (0.001, 0.0011, 0.0012)
-
-
 def test_decades() -> None:
     """Preferred numbers, both ends included, written as short as they are meant."""
     numbers = decades(-1, 1)

@@ -397,34 +397,3 @@ def test_input_is_not_changed() -> None:
 
 
 # What it is for -----------------------------------------------------------------------------------
-
-
-def straight_line(outlier: int) -> Points:
-    """50 points on a straight line but one, which is a metre off."""
-    xyz = np.stack([0.1 * np.arange(50), np.zeros(50), np.full(50, 2.0)], axis=1)
-    xyz[outlier, 2] += 1.0
-    return points(np.arange(50) * SHOT, xyz)
-
-
-@pytest.mark.parametrize('where', [12, 25, 30])
-@pytest.mark.parametrize('order', [1, 2])
-@pytest.mark.parametrize('sides', ['both', 'either'])
-def test_gross_outlier_is_rejected_alone(sides: str, order: int, where: int) -> None:
-    """It goes, its neighbours stay."""
-    answer = fast(straight_line(where), smoother(sides=sides, order=order))
-    assert np.flatnonzero(answer.rejected).tolist() == [where]
-    assert answer.passes == 2
-
-
-@pytest.mark.parametrize('order', [1, 2])
-@pytest.mark.parametrize('depth', [0.0, 5.0])
-def test_corner_is_an_outlier_to_both_sides_only(depth: float, order: int) -> None:
-    """Two walls at a right angle, or an edge with depth behind it: kept where one side agrees."""
-    t = np.arange(60) * SHOT
-    u = 0.1 * (np.arange(60) - 30)
-    xyz = np.stack([np.minimum(u, 0), np.maximum(u, 0), np.where(u > 0, depth, 0.0)], axis=1)
-    xyz += np.random.default_rng(61).uniform(-0.001, 0.001, size=xyz.shape)
-    either = fast(points(t, xyz), smoother(order=order, sides='either'))
-    assert not either.rejected.any()
-    both = fast(points(t, xyz), smoother(order=order, sides='both'))
-    assert both.rejected[28:34].any()

@@ -114,16 +114,6 @@ def test_equals_naive_on_degenerate_clouds(name: str, k: int) -> None:
 # Nothing but the points matters ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize('name', ['a grid', 'columns', 'hills'])
-def test_permutation(name: str) -> None:
-    """In another order the points get the same scores, but for roundings."""
-    xyz = hills(4, 3000) if name == 'hills' else DEGENERATE[name]
-    order = np.random.default_rng(1).permutation(len(xyz))
-    np.testing.assert_allclose(
-        detect(xyz, Elevation())[order], detect(xyz[order], Elevation()), rtol=1e-9, atol=1e-12
-    )
-
-
 def test_threads_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """However the work is cut up and shared out, scores are the same, bit for bit."""
     xyz = np.concatenate([hills(8, 40_000), flat(50, 50) + np.array([100.0, 0.0, 0.0])])

@@ -231,25 +231,6 @@ def test_windows_of_sections(section: int, monkeypatch: pytest.MonkeyPatch) -> N
 # What it promises ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('window', ['section', 'patch'])
-def test_any_number_of_threads(window: str) -> None:
-    """The answer is the same, bit for bit."""
-    rng = np.random.default_rng(5)
-    xyz = np.vstack([street(rng) + np.array([x, 0, 0]) for x in range(12)])
-    scores = [detect(xyz, threads=threads, window=window) for threads in (1, 2, 5)]
-    assert_array_equal(scores[0], scores[1])
-    assert_array_equal(scores[0], scores[2])
-
-
-@pytest.mark.parametrize('window', ['section', 'patch'])
-def test_any_order(window: str) -> None:
-    """Scores belong to points, in whatever order they are given."""
-    rng = np.random.default_rng(6)
-    xyz = np.unique(street(rng), axis=0)
-    order = rng.permutation(len(xyz))
-    assert_array_equal(detect(xyz[order], window=window), detect(xyz, window=window)[order])
-
-
 @pytest.mark.parametrize('kind', ['none', 'full'])
 @pytest.mark.parametrize('model', ['lowest', 'always'])
 @pytest.mark.parametrize('shape', surfaces.SURFACES)

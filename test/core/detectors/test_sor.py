@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from helpers.neighbour_clouds import CLOUDS, corner, grid, rotation, scattered, stacks
+from helpers.neighbour_clouds import CLOUDS, grid
 from naive import sor as naive
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -27,13 +27,10 @@ if TYPE_CHECKING:
 STATISTICS = ('sor', 'sor2', 'radius')
 
 
-def detect(
-    xyz: Floats, range_m: Floats | None = None, threads: int = 0, most: int = 0, **changed: Any
-) -> Floats:
+def detect(xyz: Floats, range_m: Floats | None = None, **changed: Any) -> Floats:
     """Score a cloud."""
     parameters = Sor(**changed)
-    most = most or parameters.list_length
-    return sor.detect(Neighbourhood(xyz, most, threads), parameters, range_m)
+    return sor.detect(Neighbourhood(xyz, parameters.list_length), parameters, range_m)
 
 
 @pytest.mark.parametrize('seed', range(2))
@@ -127,77 +124,6 @@ def test_coincident_points_are_kept() -> None:
     assert_array_equal(detect(xyz, statistic='radius', min_neighbors=5), 0)
 
 
-@pytest.mark.parametrize('statistic', STATISTICS)
-@pytest.mark.parametrize('cloud', CLOUDS)
-def test_the_order_of_the_points_does_not_matter(cloud: Cloud, statistic: str) -> None:
-    """Scores go with their points, and so do ranges."""
-    rng = np.random.default_rng(4)
-    xyz = cloud(rng)
-    range_m = rng.uniform(1, 20, len(xyz))
-    order = rng.permutation(len(xyz))
-    scores = detect(xyz, range_m, statistic=statistic, range_scaled=True)
-    mixed = detect(xyz[order], range_m[order], statistic=statistic, range_scaled=True)
-    assert_allclose(mixed, scores[order], rtol=1e-11, atol=1e-12)
-
-
-@pytest.mark.parametrize('statistic', STATISTICS)
-@pytest.mark.parametrize('cloud', [scattered, corner])
-def test_rigid_motion(cloud: Cloud, statistic: str) -> None:
-    """A cloud that is turned and moved has the same scores."""
-    rng = np.random.default_rng(5)
-    xyz = cloud(rng)
-    moved = xyz @ rotation(rng).T + [1000.0, -200.0, 30.0]
-    scores = detect(xyz, statistic=statistic)
-    assert_allclose(detect(moved, statistic=statistic), scores, rtol=1e-8, atol=1e-9)
-
-
-@pytest.mark.parametrize('cloud', CLOUDS)
-def test_scale(cloud: Cloud) -> None:
-    """The unit of length does not matter, where the limits are said in it too."""
-    xyz = cloud(np.random.default_rng(6))
-    small = xyz / 1024
-    assert_array_equal(detect(small), detect(xyz))
-    assert_array_equal(
-        detect(small, statistic='sor2', limit=0.5 / 1024), detect(xyz, statistic='sor2', limit=0.5)
-    )
-    assert_array_equal(
-        detect(small, statistic='radius', radius=2 / 1024),
-        detect(xyz, statistic='radius', radius=2.0),
-    )
-
-
-@pytest.mark.parametrize('statistic', STATISTICS)
-@pytest.mark.parametrize('threads', [1, 2, 5])
-def test_threads(threads: int, statistic: str) -> None:
-    """The number of threads does not change a bit."""
-    rng = np.random.default_rng(8)
-    xyz = np.concatenate([rng.normal(size=(9000, 3)), rng.integers(0, 9, (6000, 3))])
-    one = detect(xyz, threads=threads, statistic=statistic)
-    assert_array_equal(one, detect(xyz, threads=3, statistic=statistic))
-
-
-@pytest.mark.parametrize('statistic', STATISTICS)
-def test_longer_lists(statistic: str) -> None:
-    """Another detector of the chain may ask for more neighbours."""
-    xyz = stacks(np.random.default_rng(9))
-    longer = detect(xyz, most=50, statistic=statistic, k=12, min_neighbors=12)
-    assert_array_equal(longer, detect(xyz, statistic=statistic, k=12, min_neighbors=12))
-
-
-@pytest.mark.parametrize('statistic', STATISTICS)
-def test_the_points_are_not_changed(statistic: str) -> None:
-    """Neither those given nor those of the neighbourhood, which other detectors see too."""
-    xyz = scattered(np.random.default_rng(10))
-    range_m = np.linalg.norm(xyz, axis=1)
-    given = xyz.copy(), range_m.copy()
-    parameters = Sor(statistic=statistic, range_scaled=True)
-    neighbourhood = Neighbourhood(xyz, 20)
-    first = sor.detect(neighbourhood, parameters, range_m)
-    assert_array_equal(sor.detect(neighbourhood, parameters, range_m), first)
-    assert_array_equal(xyz, given[0])
-    assert_array_equal(range_m, given[1])
-
-
 def test_sparse_far_returns_are_kept_by_range() -> None:
     """Rings of a spinning sensor on the ground spread with the range: no fixed limit suits all."""
     rng = np.random.default_rng(11)
@@ -245,10 +171,3 @@ def test_ranges_that_make_no_sense(range_m: Floats | None, sentence: str, statis
     with pytest.raises(FilterError, match=f'^{sentence}$'):
         detect(xyz, range_m, statistic=statistic, range_scaled=True, k=2)
     assert detect(xyz, range_m, statistic=statistic, k=2).shape == (4,)
-
-
-def test_neighbours() -> None:
-    """The chain is said how long lists must be, by the statistic that is asked for."""
-    assert Sor(k=7, min_neighbors=3).list_length == 7
-    assert Sor(k=7, min_neighbors=3, statistic='sor2').list_length == 7
-    assert Sor(k=7, min_neighbors=3, statistic='radius').list_length == 3

@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: 2026 The lidar_outlier_filter authors
+# SPDX-License-Identifier: Apache-2.0
+"""Properties of every spatial detector: order, threads, frame and unit of the points."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.neighbour_clouds import CLOUDS, corner, rotation, scattered
+from numpy.testing import assert_allclose, assert_array_equal
+
+from lidar_outlier_filter.core.detectors.elevation import detector as elevation
+from lidar_outlier_filter.core.detectors.elevation.parameters import Elevation
+from lidar_outlier_filter.core.detectors.hierarchical import detector as hierarchical
+from lidar_outlier_filter.core.detectors.hierarchical.parameters import Hierarchical
+from lidar_outlier_filter.core.detectors.lof import detector as lof
+from lidar_outlier_filter.core.detectors.lof.parameters import Lof
+from lidar_outlier_filter.core.detectors.quadric import detector as quadric
+from lidar_outlier_filter.core.detectors.quadric.parameters import Quadric
+from lidar_outlier_filter.core.detectors.sor import detector as sor
+from lidar_outlier_filter.core.detectors.sor.parameters import Sor
+from lidar_outlier_filter.core.neighbours.neighbourhood import Neighbourhood
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from lidar_outlier_filter.annotations import Floats
+
+    Cloud = Callable[[np.random.Generator], Floats]
+
+LISTS: dict[str, Lof | Sor] = {  # those that score by lists of neighbours
+    'lof': Lof(min_pts=12),
+    'lof2': Lof(min_pts=12, statistic='lof2'),
+    'sor': Sor(k=12),
+    'sor2': Sor(k=12, statistic='sor2', limit=0.5),
+    'radius': Sor(min_neighbors=12, statistic='radius', radius=2.0),
+    'range': Sor(k=12, range_scaled=True),
+}
+DETECTORS = (
+    *LISTS,
+    'elevation',
+    'hierarchical',
+    pytest.param('section', marks=pytest.mark.slow),  # the kernels compile for a minute
+    pytest.param('patch', marks=pytest.mark.slow),
+)
+
+
+def detect(name: str, xyz: Floats, threads: int = 0, longer: int = 0) -> Floats:
+    """Score a cloud by a detector, by neighbour lists that are longer than it needs."""
+    if name == 'elevation':
+        return elevation.detect(xyz, Elevation(), threads)
+    if name == 'hierarchical':
+        return hierarchical.detect(xyz, Hierarchical(0.99, 0.95, 5), threads).score
+    if name not in LISTS:
+        surfaces = Quadric(window=name)
+        return quadric.detect(Neighbourhood(xyz, surfaces.list_length, threads), surfaces)
+    parameters, neighbourhood = LISTS[name], Neighbourhood(xyz, 12 + longer, threads)
+    if isinstance(parameters, Lof):
+        return lof.detect(neighbourhood, parameters)
+    return sor.detect(neighbourhood, parameters, np.linalg.norm(xyz, axis=1))
+
+
+@pytest.mark.parametrize('name', DETECTORS)
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_order_does_not_matter(cloud: Cloud, name: str) -> None:
+    """Scores belong to points, in whatever order these are given, which is not changed."""
+    rng = np.random.default_rng(4)
+    xyz = cloud(rng)
+    given, order = xyz.copy(), rng.permutation(len(xyz))
+    scores = detect(name, xyz)
+    assert_array_equal(xyz, given)
+    assert_allclose(detect(name, xyz[order]), scores[order], rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize('name', DETECTORS)
+def test_threads_do_not_matter(name: str) -> None:
+    """The number of threads does not change a bit."""
+    rng = np.random.default_rng(8)
+    xyz = np.concatenate([rng.normal(size=(3000, 3)), rng.integers(0, 9, (2000, 3))])
+    xyz[-200:] = xyz[0]
+    expected = detect(name, xyz, threads=1)
+    for threads in (2, 5):
+        assert_array_equal(detect(name, xyz, threads), expected)
+
+
+@pytest.mark.parametrize('name', ['lof', 'lof2', 'sor', 'sor2', 'radius', 'hierarchical'])
+@pytest.mark.parametrize('cloud', [scattered, corner])  # others have ties, which rounding breaks
+def test_rigid_motion(cloud: Cloud, name: str) -> None:
+    """A cloud that is turned and moved has the same scores."""
+    rng = np.random.default_rng(5)
+    xyz = cloud(rng)
+    moved = xyz @ rotation(rng).T + [1000.0, -200.0, 30.0]
+    assert_allclose(detect(name, moved), detect(name, xyz), rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize('name', ['lof', 'lof2', 'sor', 'hierarchical'])
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_unit_does_not_matter(cloud: Cloud, name: str) -> None:
+    """In a unit of a power of two not a bit changes."""
+    xyz = cloud(np.random.default_rng(6))
+    assert_array_equal(detect(name, xyz * 2.0**-20), detect(name, xyz))
+
+
+@pytest.mark.parametrize('name', LISTS)
+@pytest.mark.parametrize('cloud', CLOUDS)
+def test_longer_lists(cloud: Cloud, name: str) -> None:
+    """Another detector of the chain may ask for more neighbours."""
+    xyz = cloud(np.random.default_rng(9))
+    assert_array_equal(detect(name, xyz, longer=30), detect(name, xyz))
