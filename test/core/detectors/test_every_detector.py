@@ -38,11 +38,9 @@ LISTS: dict[str, Lof | Sor] = {  # those that score by lists of neighbours
     'radius': Sor(min_neighbors=12, statistic='radius', radius=2.0),
     'range': Sor(k=12, range_scaled=True),
 }
-DETECTORS = (
-    *LISTS,
-    'elevation',
-    'hierarchical',
-    pytest.param('section', marks=pytest.mark.slow),  # the kernels compile for a minute
+DETECTORS = (*LISTS, 'elevation', 'hierarchical')
+SURFACES = (  # slow: the kernels compile for a minute
+    pytest.param('section', marks=pytest.mark.slow),
     pytest.param('patch', marks=pytest.mark.slow),
 )
 
@@ -74,7 +72,13 @@ def test_order_does_not_matter(cloud: Cloud, name: str) -> None:
     assert_allclose(detect(name, xyz[order]), scores[order], rtol=1e-9, atol=1e-11)
 
 
-@pytest.mark.parametrize('name', DETECTORS)
+@pytest.mark.parametrize('name', SURFACES)
+def test_order_does_not_matter_to_surfaces(name: str) -> None:
+    """Nor to surfaces, where no neighbours of a patch tie."""
+    test_order_does_not_matter(corner, name)
+
+
+@pytest.mark.parametrize('name', [*DETECTORS, *SURFACES])
 def test_threads_do_not_matter(name: str) -> None:
     """The number of threads does not change a bit."""
     rng = np.random.default_rng(8)
