@@ -148,25 +148,6 @@ def read_recording(
     return _with_truth(Judged(**columns), codes)
 
 
-def read_points(
-    recording: Path, topic: str | None = None, number: int | None = None
-) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
-    """Read all points of the answers, cleaned and outliers, and whether each was rejected.
-
-    ``number`` is that of one cloud, from 0; None: of all.
-    """
-    points, rejected = [], []
-    for answer in answers(recording, topic):
-        if number not in {None, answer.number}:
-            continue
-        there = answer.points[is_return(_xyz(answer.points))]
-        points.append(there)
-        rejected.append(np.full(len(there), answer.rejected))
-    if not points:
-        raise RecordingError(f'the answers in {recording}', 'at least one point', 'none')
-    return np.concatenate(points), np.concatenate(rejected)
-
-
 def answers(
     recording: Path, topic: str | None, label: str = '', files: Sequence[Path] = ()
 ) -> Iterator[JoinedAnswer]:

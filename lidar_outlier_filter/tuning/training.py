@@ -15,7 +15,6 @@ from lidar_outlier_filter.core.engine.stream_cloud import StreamCloud
 from lidar_outlier_filter.core.engine.whole_cloud import with_rings
 from lidar_outlier_filter.core.verdict import Verdict
 from lidar_outlier_filter.errors import RecordingError
-from lidar_outlier_filter.evaluation.confusion import Curve, curve
 from lidar_outlier_filter.evaluation.labels import codes_of, read_codes_of
 from lidar_outlier_filter.files import points as file_points
 from lidar_outlier_filter.files.cloud_file import open_cloud
@@ -90,11 +89,6 @@ class Training:
         verdict = Verdict.untested(len(self))
         verdict.put(seen, result)
         return verdict
-
-    def curve(self, parameters: FilterParameters) -> Curve:
-        """Say what other thresholds would give, of the scores of one chain."""
-        counted = self.bad | self.good
-        return curve(self.bad[counted], self.judge(parameters).score[counted])
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,17 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from lidar_outlier_filter.core.points.points import is_return
 from lidar_outlier_filter.disk.new_files import replaced
 from lidar_outlier_filter.errors import RecordingError
 from lidar_outlier_filter.evaluation.confusion import Share
-from lidar_outlier_filter.evaluation.judged import CAUSES, read_points, read_recording
+from lidar_outlier_filter.evaluation.judged import CAUSES, answers, read_recording
 from lidar_outlier_filter.evaluation.report import evaluate, percent
+from lidar_outlier_filter.messages.cloud import AXES
 from lidar_outlier_filter.parameters.filter import FilterParameters
 from lidar_outlier_filter.parameters.yaml_files import write_yaml
 from lidar_outlier_filter.recordings.replay import replay
@@ -30,8 +33,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    from numpy.typing import NDArray
     from rich.console import Console
 
+    from lidar_outlier_filter.annotations import Bools
     from lidar_outlier_filter.evaluation.report import Evaluation
     from lidar_outlier_lab.simulation.world.drive import Drive
     from lidar_outlier_lab.simulation.world.recording import Truth
@@ -84,7 +89,7 @@ def _scan(folder: Path, drive: Drive, progress: Progress) -> tuple[Truth, dict[s
     task = progress.add_task('scoring and drawing', total=None)
     results = {form: evaluate(read_recording(folder / form), CAUSES) for form in FORMS}
     form = list(FORMS)[-1]
-    picture.draw(*read_points(folder / form), folder / PICTURE, form)
+    picture.draw(*_points(folder / form), folder / PICTURE, form)
     progress.update(task, total=1.0, completed=1.0)
     (folder / PARAMETERS).write_text(write_yaml(SENSOR), encoding='utf-8')
     _write_page(folder, progress)
@@ -111,10 +116,21 @@ def _turn(folder: Path, drive: Drive, progress: Progress) -> tuple[Truth, Evalua
     _filter(folder / SNOW, folder / SNOW_FILTERED, {}, progress)
     task = progress.add_task('scoring and drawing', total=None)
     result = evaluate(read_recording(folder / SNOW_FILTERED), CAUSES)
-    turn = read_points(folder / SNOW_FILTERED, number=drive.lines // 2)
+    turn = _points(folder / SNOW_FILTERED, number=drive.lines // 2)
     picture.draw_sweep(*turn, folder / SNOW_PICTURE, 'default, one turn')
     progress.update(task, total=1.0, completed=1.0)
     return truth, result
+
+
+def _points(recording: Path, number: int | None = None) -> tuple[NDArray[np.void], Bools]:
+    """Read the points of a cloud, or of all, and whether each was rejected."""
+    points, rejected = [], []
+    for answer in answers(recording, None):
+        if number in {None, answer.number}:
+            xyz = np.stack([answer.points[axis] for axis in AXES], axis=1).astype(np.float64)
+            points.append(answer.points[is_return(xyz)])
+            rejected.append(np.full(len(points[-1]), answer.rejected))
+    return np.concatenate(points), np.concatenate(rejected)
 
 
 def _filter(

@@ -83,26 +83,6 @@ def test_equal_to_scikit_learn(kind: str, seed: int) -> None:
     assert result.average_precision == pytest.approx(expected, abs=1e-12)
 
 
-def test_untested_points_are_kept_by_every_threshold() -> None:
-    """However low the threshold: what it rejects has a score."""
-    bad, score = scores('untested', 1)
-    result = curve(bad, score)
-    real = np.isfinite(result.threshold)
-    assert result.found[real][-1] == np.count_nonzero(bad & ~np.isnan(score))
-    assert result.lost[real][-1] == np.count_nonzero(~bad & ~np.isnan(score))
-    assert result.threshold[-1] == -np.inf
-
-
-@pytest.mark.parametrize('kind', KINDS)
-def test_order_of_the_points_does_not_matter(kind: str) -> None:
-    """Any other order gives the same curve."""
-    bad, score = scores(kind, 7)
-    order = np.random.default_rng(2).permutation(len(bad))
-    one, other = curve(bad, score), curve(bad[order], score[order])
-    for name in ('threshold', 'found', 'lost'):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-
-
 def test_thinned_curve_looks_the_same() -> None:
     """A thinned curve keeps both ends and lies on the whole one, nowhere far from it."""
     rng = np.random.default_rng(3)

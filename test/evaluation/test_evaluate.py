@@ -144,20 +144,6 @@ def test_refused_in_one_sentence(  # noqa: PLR0913  fixtures
     assert list(here.iterdir()) == []
 
 
-def test_label_files_by_their_numbers(tmp_path: Path, capsys: Capture) -> None:
-    """The label of cloud 10 is not that of cloud 2, which comes behind it by name."""
-    clouds = [rows(SCORED)] * 12
-    rejected = [np.arange(8) == number % 8 for number in range(12)]
-    bag = write(tmp_path / 'bag', {'/lidar': clouds, **answers(clouds, rejected)})
-    folder = tmp_path / 'labels'
-    folder.mkdir()
-    for number, mask in enumerate(rejected):
-        np.where(mask, 1, 40).astype('<u4').tofile(folder / f'cloud_{number}.label')
-    assert main(['evaluate', str(bag), '--labels', str(folder)]) == 0
-    (line,) = (line for line in printed(capsys) if line.startswith('outlier '))
-    assert line.startswith('outlier 12 12 100.00 %')
-
-
 def test_folders_of_labels(tmp_path: Path) -> None:
     """Files of a folder are taken by their numbers; folders and what is hidden are not."""
     (tmp_path / 'c').mkdir()

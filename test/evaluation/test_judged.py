@@ -15,7 +15,6 @@ from lidar_outlier_filter.errors import FilterError
 from lidar_outlier_filter.evaluation.judged import (
     CAUSES,
     Judged,
-    read_points,
     read_recording,
 )
 from lidar_outlier_filter.evaluation.labels import Codes
@@ -98,9 +97,6 @@ def test_missing_returns_and_holes_are_no_points(tmp_path: Path, *, keep_organiz
     points = by_index(read_recording(bag))
     np.testing.assert_array_equal(points.rejected, [True, True, False, False])
     np.testing.assert_array_equal(points.code, TRUTH[4:, 0])
-    read, rejected = read_points(bag)
-    assert sorted(read['x'][rejected]) == [41, 51]
-    assert sorted(read['x'][~rejected]) == [61, 71]
 
 
 def test_codes_say_what_is_an_outlier_and_what_counts(tmp_path: Path) -> None:
@@ -144,9 +140,8 @@ def test_refusals(tmp_path: Path) -> None:
         with pytest.raises(FilterError, match=match):
             read_recording(bag, topic)
     empty = write(tmp_path / 'empty', {'/l/cleaned': [EMPTY], '/l/outliers': []})
-    for read in (read_recording, read_points):
-        with pytest.raises(FilterError, match='must be at least one point, got none'):
-            read(empty)
+    with pytest.raises(FilterError, match='must be at least one point, got none'):
+        read_recording(empty)
     with pytest.raises(FilterError, match='readable'):
         read_recording(tmp_path / 'nowhere')
 

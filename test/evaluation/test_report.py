@@ -139,12 +139,6 @@ def test_tables() -> None:
     assert any(line.startswith('F1 66.67 % ') for line in printed)
 
 
-def test_tables_fit_a_terminal() -> None:
-    """In 80 columns nothing is cut off, not with a million points either."""
-    many = {field: np.repeat(getattr(POINTS, field), 150_000) for field in vars(POINTS)}
-    assert '…' not in text(*tables(evaluate(Judged(**many), CAUSES)))
-
-
 @pytest.mark.parametrize(
     ('ratio', 'printed'),
     [

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from naive import alpha_beta_gamma as naive
@@ -62,13 +62,6 @@ def test_shot_interval_is_the_median_of_the_positive_differences() -> None:
     assert naive.shot_interval([0, 10, 30]) == 15
 
 
-def test_shot_interval_of_a_line_without_positive_differences() -> None:
-    """Nothing, one point, and two at one time have no interval."""
-    assert naive.shot_interval([]) is None
-    assert naive.shot_interval([5]) is None
-    assert naive.shot_interval([5, 5]) is None
-
-
 def test_segment_ends_only_above_the_gap_factor() -> None:
     """Interval 10: a difference of exactly 1.5 × 10 does not end a segment, one of 16 does."""
     assert naive.segments([0, 10, 20, 35], [0] * 4, 1.5) == [0, 0, 0, 0]
@@ -79,11 +72,6 @@ def test_segments_end_with_their_lines() -> None:
     """Line 1 starts a segment; its interval of 100 is its own; line 4 has one instant only."""
     t = [0, 10, 20, 30, 130, 230, 8, 8]
     assert naive.segments(t, [0, 0, 0, 1, 1, 1, 4, 4], 1.5) == [0, 0, 0, 1, 1, 1, 2, 2]
-
-
-def test_segments_of_nothing() -> None:
-    """No points, no segments."""
-    assert naive.segments([], [], 1.5) == []
 
 
 def angle_lines(*degrees: float) -> list[int]:
@@ -139,16 +127,6 @@ def test_centred_window_is_shifted_inwards(p: int, m: int, window: list[int]) ->
     assert naive.centred_window(p, m, 2, 3) == window
 
 
-def test_one_sided_windows_are_cut_at_the_ends() -> None:
-    """2 in front, 3 behind, of ten."""
-    assert naive.before_window(4, 2) == [2, 3]
-    assert naive.before_window(1, 2) == [0]
-    assert naive.before_window(0, 2) == []
-    assert naive.after_window(4, 10, 3) == [5, 6, 7]
-    assert naive.after_window(8, 10, 3) == [9]
-    assert naive.after_window(9, 10, 3) == []
-
-
 # The smoother -----------------------------------------------------------------------------------
 
 
@@ -162,19 +140,6 @@ def test_weights_of_five_equidistant_points() -> None:
     assert_allclose(a, np.array([-3, 12, 17, 12, -3]) / 35, atol=1e-15)
     assert_allclose(b, np.array([-2, -1, 0, 1, 2]) / 10, atol=1e-15)
     assert_allclose(c, np.array([2, -1, -2, -1, 2]) / 7, atol=1e-15)
-
-
-def test_weights_without_acceleration() -> None:
-    """Order 1 on five equidistant points: the mean, and the slope."""
-    a, b = naive.smoother_weights(FIVE, ONES, 1)
-    assert_allclose(a, np.full(5, 1 / 5), atol=1e-15)
-    assert_allclose(b, np.array([-2, -1, 0, 1, 2]) / 10, atol=1e-15)
-
-
-def test_weights_do_not_depend_on_the_unit_of_variance() -> None:
-    """A variance common to all points cancels."""
-    same = naive.smoother_weights(FIVE, [0.0004] * 5, 2)
-    assert_allclose(same, naive.smoother_weights(FIVE, ONES, 2), rtol=1e-12, atol=1e-15)
 
 
 def test_state_of_a_fall_with_its_variances() -> None:
@@ -285,11 +250,6 @@ def test_robust_sigma() -> None:
         r[1] *= sqrt(1 + q)
     sigma = naive.robust_sigma(residuals, qs, 0.005)
     assert_allclose(sigma, [1.4826 * 3, 1.4826 * 7, 0.005])
-
-
-def test_robust_sigma_of_nine_residuals_is_unknown() -> None:
-    """Ten are the fewest."""
-    assert np.isnan(naive.robust_sigma([np.ones(3)] * 9, [0.0] * 9, 0.005)).all()
 
 
 # Passes -----------------------------------------------------------------------------------------
@@ -427,10 +387,3 @@ def test_own_sigma_goes_before_the_parameter() -> None:
     """σ = 1, 2, 3 and a window of one on each side: σ²_δz = 4 + (1 + 9) / 4."""
     scores, _, _ = run([0, 10, 0], own_sigma=[1.0, 2.0, 3.0], before=1, after=1, passes=1)
     assert scores[1] == pytest.approx(10 / sqrt(6.5) / NORMAL)
-
-
-def test_nothing_in_nothing_out() -> None:
-    """No points: one pass, no verdicts."""
-    scores, rejected, passes = run([])
-    assert_array_equal(scores, [])
-    assert (rejected, passes) == ([], 1)

@@ -279,19 +279,6 @@ def test_round_trip(tmp_path: Path) -> None:
     }
 
 
-def test_numbers_without_a_dot(tmp_path: Path) -> None:
-    """What ROS takes for a number is one: 1e-6 too, and 1 for 1.0."""
-    text = (
-        '/**:\n  ros__parameters: {block: 1, alpha_beta_gamma: {significance: 1e-6, sigma: 1E+1}}\n'
-    )
-    values = read(tmp_path, text)
-    assert values == {
-        'block': 1,
-        'alpha_beta_gamma.significance': 1e-6,
-        'alpha_beta_gamma.sigma': 10.0,
-    }
-
-
 def test_sections(tmp_path: Path) -> None:
     """Taken are the wildcards and this node in any namespace; others are not; the later wins."""
     text = f"""

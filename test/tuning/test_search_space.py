@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from lidar_outlier_filter.core.detectors.registry import DETECTORS
-from lidar_outlier_filter.core.detectors.thresholds import decades
 from lidar_outlier_filter.core.engine.chain import Chain
 from lidar_outlier_filter.core.points.points import Points
 from lidar_outlier_filter.errors import ParameterError
@@ -193,12 +192,3 @@ def test_refused_searches(wanted: dict[str, list[object]], kept: list[str], sent
     with pytest.raises(ParameterError) as caught:
         searches(SMOOTHER, wanted, kept)
     assert sentence in str(caught.value)
-
-
-def test_decades() -> None:
-    """Preferred numbers, both ends included, written as short as they are meant."""
-    numbers = decades(-1, 1)
-    assert (numbers[0], numbers[-1], len(numbers)) == (0.1, 10.0, 49)
-    assert 0.33 in numbers
-    ratios = np.array(numbers[1:]) / numbers[:-1]
-    assert ratios.max() < 1.16

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers.labelled import POINT, write
-from sklearn import metrics
 
 from lidar_outlier_filter.core.detectors.sor import detector as sor
 from lidar_outlier_filter.errors import FilterError, JudgingError
@@ -63,20 +62,6 @@ def test_verdicts_are_those_of_a_replay(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.sort(mine.score), np.sort(points.score))
     both = np.count_nonzero(mine.rejected & data.bad)
     assert both == np.count_nonzero(points.rejected & points.bad)
-
-
-def test_what_else_comes_on_the_topic(tmp_path: Path) -> None:
-    """A message of another type is no cloud, and one that cannot be read is a refused one."""
-    clouds = drive()
-    expected = from_recording(write(tmp_path / 'bag', {'/lidar': clouds}), DEFAULTS, CAUSES)
-    damaged = write(
-        tmp_path / 'damaged', {'/lidar': [*clouds, b'\0\1\0\0nothing']}, beside='/lidar'
-    )
-    data = from_recording(damaged, DEFAULTS, CAUSES)
-    report = replay(damaged, tmp_path / 'out')
-    assert data.refused == report.topics[0].refused == 1
-    np.testing.assert_array_equal(data.bad, expected.bad)
-    np.testing.assert_array_equal(data.judge(DEFAULTS).score, expected.judge(DEFAULTS).score)
 
 
 def test_truth_and_stretches(tmp_path: Path) -> None:
@@ -205,19 +190,6 @@ def test_several_recordings(tmp_path: Path) -> None:
     expected = np.concatenate([part.judge(DEFAULTS, part.good).score for part in parts])
     np.testing.assert_array_equal(data.judge(DEFAULTS, data.good).score, expected)
     assert together(parts[:1]) is parts[0]
-
-
-def test_curve_of_a_chain(tmp_path: Path) -> None:
-    """The curve is that of the scores of the points that count: as in scikit-learn."""
-    bag = write(tmp_path / 'bag', {'/lidar': drive()})
-    data = from_recording(bag, DEFAULTS, Codes(frozenset({int(Cause.EXHAUST)})))
-    score = np.nan_to_num(data.judge(DEFAULTS).score, nan=-1.0)
-    expected = metrics.roc_auc_score(data.bad, score)
-    assert data.curve(DEFAULTS).auc == pytest.approx(expected)
-    some = replace(data, good=data.good & (data.stretch > 9))
-    counted = some.bad | some.good
-    expected = metrics.roc_auc_score(data.bad[counted], score[counted])
-    assert some.curve(DEFAULTS).auc == pytest.approx(expected)
 
 
 def test_the_topic_is_found(tmp_path: Path) -> None:

@@ -165,18 +165,6 @@ def test_the_default_chain(bag: Path, tmp_path: Path, capsys: Capture, ros: Ros)
     assert ros.set(boosted_trees__threshold=2.9) == ['']
 
 
-@pytest.mark.slow
-def test_the_same_twice(tuned: tuple[Path, str], bag: Path, tmp_path: Path) -> None:
-    """File and figures are the same byte by byte, run after run."""
-    output, printed = tuned
-    again = tmp_path / 'tuned.yaml'
-    command = [*RUN, 'tune', str(bag)]
-    options = [*SETTINGS, *SEARCH, '--output', str(again)]
-    done = subprocess.run([*command, *options], capture_output=True, text=True, check=True)
-    assert again.read_bytes() == output.read_bytes()
-    assert done.stdout == printed.replace(str(output), str(again))
-
-
 def test_injected_outliers_and_default_output(tmp_path: Path, capsys: Capture) -> None:
     """A clean recording needs no labels; the file is beside it, and says what it comes from."""
     clean = [cloud[cloud['label'] == 0] for cloud in drive()]
@@ -269,13 +257,6 @@ def test_refused_in_one_sentence(
     assert printed.err.count('\n') == 1
     assert printed.out == ''
     assert sorted(bag.parent.iterdir()) == before
-
-
-def test_an_output_that_cannot_be_written(bag: Path, tmp_path: Path, capsys: Capture) -> None:
-    """A folder that is not there is said at the end of it all, in one sentence."""
-    output = str(tmp_path / 'no' / 'tuned.yaml')
-    assert main(['tune', str(bag), *SEARCH, '--output', output]) == 1
-    assert 'must be written in full, got "No such file or directory"' in capsys.readouterr().err
 
 
 # Lines for a running node -----------------------------------------------------------------------

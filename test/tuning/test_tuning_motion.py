@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers.moved_training import Recorded, WithoutFirstPoses
-from helpers.moving_bags import REPLAYED, write
+from helpers.moving_bags import REPLAYED
 from helpers.moving_sensor import Moving, rejected
 from helpers.profile_scanner import ANGLES, MAP, POSITION, Drive, pose
 from rclpy.expand_topic_name import expand_topic_name
@@ -26,7 +26,7 @@ from lidar_outlier_filter.parameters.yaml_files import read_yaml
 from lidar_outlier_filter.pipeline.topics import resolve
 from lidar_outlier_filter.recordings.replay import replay
 from lidar_outlier_filter.tuning.inject import Injection
-from lidar_outlier_filter.tuning.training import from_recording, together
+from lidar_outlier_filter.tuning.training import together
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,20 +67,6 @@ def test_clouds_without_poses_are_judged_apart(tmp_path: Path) -> None:
     score = data.judge(parameters, seen).score
     assert np.isnan(score[~seen]).all()
     assert not np.isnan(score[seen]).all()
-
-
-def test_a_cloud_that_is_refused_in_its_turn(recorded: Recorded, tmp_path: Path) -> None:
-    """A cloud that is late when its poses have come is not learnt from, nor are its labels."""
-    drive = recorded.drive
-    bag = write(tmp_path / 'drive', drive, late=drive.clouds(drive.own)[:1])
-    parameters = FilterParameters().changed(REPLAYED)
-    files = [*recorded.files, recorded.files[0]]
-    data = from_recording(bag, parameters, ALL_BUT_0, truth=files)
-    report = replay(bag, tmp_path / 'out', parameters=REPLAYED)
-    assert data.refused == report.topics[0].refused == 1
-    np.testing.assert_array_equal(data.bad, drive.wrong)
-    expected = recorded.training(REPLAYED).judge(parameters)
-    np.testing.assert_array_equal(data.judge(parameters).score, expected.score)
 
 
 def test_injected_points_keep_their_distance(recorded: Recorded) -> None:

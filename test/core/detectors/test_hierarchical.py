@@ -113,12 +113,6 @@ def test_equals_naive(seed: int) -> None:
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_equals_naive_with_float32_values(seed: int) -> None:
-    """Coordinates as sensors give them."""
-    assert_like_naive(scene(seed).astype(np.float32).astype(np.float64), settings(8, 0.8, 0.6))
-
-
-@pytest.mark.parametrize('seed', range(4))
 def test_equals_naive_far_from_the_origin(seed: int) -> None:
     """Coordinates of a map: differences lose ten digits, and are the same ones for both."""
     xyz = scene(seed) + np.array([382_250.0, 6_564_000.0, 120.0])
@@ -239,24 +233,7 @@ def test_spanning_tree_is_that_of_the_triangulation(seed: int) -> None:
     np.testing.assert_allclose(np.sort(tree.length), expected, rtol=1e-12)
 
 
-def test_gabriel_graph_is_part_of_the_triangulation() -> None:
-    """For points in general position, on thousands of them."""
-    xyz = street(7, 5000)
-    neighbourhood = Neighbourhood(xyz, 1)
-    edges = given(neighbourhood, gabriel.gabriel_graph(neighbourhood).ends)
-    assert edges < {(int(p), int(q)) for p, q in delaunay_edges(xyz)[0]}
-
-
 # Nothing but the points matters ----------------------------------------------------------------
-
-
-def test_every_point_twice() -> None:
-    """Clusters are twice as large, and nothing else changes."""
-    xyz = scene(1)
-    once, twice = detect(xyz, settings(10)), detect(np.repeat(xyz, 2, axis=0), settings(20))
-    np.testing.assert_array_equal(np.repeat(once.phase, 2), twice.phase)
-    np.testing.assert_array_equal(np.repeat(2 * once.cluster, 2), twice.cluster)
-    np.testing.assert_array_equal(np.repeat(once.score, 2), twice.score)
 
 
 def test_threads_and_chunks(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -74,14 +74,6 @@ def test_prediction_is_that_of_the_paper(name: str, order: int, *, unequal: bool
     assert_allclose(position, expected, rtol=0, atol=1e-6 * np.sqrt(spread))
 
 
-def test_five_equidistant_points() -> None:
-    """Weights (-1/6, 2/3, 2/3, -1/6) and variance 17/18, as worked out in test_naive."""
-    t = np.array([-2.0, -1.0, 1.0, 2.0])
-    position, q = filterpy_engine.predict(t, np.eye(4)[:, :3], np.ones(4), 2)
-    assert_allclose(position, [-1 / 6, 2 / 3, 2 / 3], rtol=1e-12)
-    assert q == pytest.approx(17 / 18, rel=1e-12)
-
-
 @pytest.mark.parametrize('order', [1, 2])
 def test_covariance_is_the_inverse_of_the_normal_matrix(order: int) -> None:
     """All of the covariance, not its diagonal only: (14) with δ² / 2 for the acceleration."""
@@ -92,17 +84,6 @@ def test_covariance_is_the_inverse_of_the_normal_matrix(order: int) -> None:
     _, covariance = filterpy_engine.states(t, z, variance, order, 0.0)
     scale = SHOT ** np.arange(order + 1)
     assert_allclose(covariance * np.outer(scale, scale), inverse, rtol=1e-9)
-
-
-@pytest.mark.parametrize('order', [1, 2])
-def test_order_of_the_points_does_not_matter(order: int) -> None:
-    """Points may come in any order."""
-    t, z, variance = window('irregular', unequal=True)
-    mixed = np.random.default_rng(1).permutation(len(t))
-    position, q = filterpy_engine.predict(t, z, variance, order)
-    again, again_q = filterpy_engine.predict(t[mixed], z[mixed], variance[mixed], order)
-    assert_allclose(again, position, rtol=1e-12)
-    assert again_q == pytest.approx(q, rel=1e-12)
 
 
 def test_state_at_another_time() -> None:

@@ -196,16 +196,6 @@ def test_odd_clouds_against_loops(
     assert_same(quadric.detect(neighbourhood, parameters)[order], expected)
 
 
-@pytest.mark.parametrize('section', [16, 50, 1000])
-def test_cores(section: int) -> None:
-    """Cores are the largest subtrees, in tree order, and divide the cloud."""
-    neighbourhood = Neighbourhood(street(np.random.default_rng(3)), 1)
-    tree = neighbourhood.tree
-    cores = quadric_windows.find_cores(tree, section)
-    ranges = list(zip(tree.first[cores].tolist(), tree.last[cores].tolist(), strict=True))
-    assert ranges == tree_ranges(neighbourhood, section)
-
-
 @pytest.mark.parametrize('section', [16, 40])
 def test_windows_of_sections(section: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """They are found in the tree as by looking at all points, the thinned rims of strays too."""
@@ -246,13 +236,6 @@ def test_any_frame_and_scale(shape: Shape, model: str, kind: str) -> None:
     moved = 10 * xyz @ turn.T + UTM
     again = judge_window(moved, variance, model=model, sigma_floor=0.05)
     assert_allclose(again, scores, rtol=1e-5, atol=1e-6)
-
-
-def test_far_from_the_origin() -> None:
-    """Coordinates of millions of metres cost no more than their own digits."""
-    xyz = np.round(street(np.random.default_rng(8)) * 2**20) / 2**20
-    far = xyz + np.array([2.0**19, -(2.0**22), 2.0**9])
-    assert_allclose(detect(far), detect(xyz), rtol=1e-6, atol=1e-9)
 
 
 def test_only_ratios_of_variances_count() -> None:
@@ -396,20 +379,6 @@ def test_few_points(n: int, window: str) -> None:
     assert_array_equal(scores, np.full(n, np.nan))
 
 
-def test_exact_planes() -> None:
-    """What is measured without noise is judged by the floor."""
-    x, y = (part.ravel() / 10 for part in np.mgrid[:8, :8])
-    xyz = np.column_stack([x, y, 0 * x])
-    xyz[20, 2], xyz[40, 2] = 0.02, 0.2
-    scores = detect(xyz)
-    critical = quadric.tables(1e-6)[0]
-    # A point that is kept pulls the plane: (1 - lever), from its place in the grid.
-    near, far = 1 - (1 / 64 + 0.025 / 3.36), 1 - (1 / 64 + 0.145 / 3.36)
-    assert_allclose(scores[[20, 40]], [4 * near / critical[60], 40 / critical[60]], rtol=5e-3)
-    assert_allclose(np.delete(scores, [20, 40]), 0, atol=0.1)
-    assert_allclose(detect(xyz, sigma_floor=0.05)[40], 4 * far / critical[60], rtol=5e-3)
-
-
 def test_foot_of_a_wall_is_acquitted() -> None:
     """Too few beside the road to be a surface, its points lie on one in the window above."""
     rng = np.random.default_rng(15)
@@ -436,6 +405,3 @@ def test_foot_of_a_wall_is_acquitted() -> None:
     rejected = quadric.detect(neighbourhood, parameters) > 1
     assert not rejected.any()
     assert (own > 1).sum() > 2
-
-
-# Real clouds --------------------------------------------------------------------------------------
